@@ -1,12 +1,12 @@
 """Constrained dynamics, A(q) dq = 0: rows of constraints, forces, and derivatives. Modern Robotics section 8.7.
 
-Two kinds of constraints, both data. A :class:`Closure` holds a frame {b} on a frame {c}, which is fixed to {a}: with
-T_cb = (R, p), its six rows are the turning of {b} seen from {c} and the rate of p,
+Two kinds of constraints, both plain data. A :class:`Closure` attaches a frame {b} to a frame {c}, which is fixed in {a}.
+With T_cb = (R, p), its six rows are the angular velocity of {b} relative to {c} and the rate of p,
 
     V_cb = (w, dp/dt),   [w] = (dR/dt) R',
 
-and the chosen ones are zero. A :class:`Rolling` sets chosen rows of one frame's Jacobian to zero, whether or not a
-position goes with them. λ is what the robot applies: {b} to {a} at the origin of {b}, axes of {c}, like the book's F_tip.
+of which the chosen ones are zero. A :class:`Rolling` sets chosen rows of one frame's Jacobian to zero; such rows may be
+nonholonomic. λ is the wrench that the robot exerts: {b} on {a}, at the origin of {b}, axes of {c}, like the book's F_tip.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ GROUND = "ground"
 
 @dataclass(frozen=True)
 class Closure:
-    """{b} held on {c}, whose pose in {a} is ``pose``, in the chosen rows of their relative twist, axes of {c}."""
+    """{b} attached to {c}, whose pose in {a} is ``pose``, in the chosen rows of their relative twist, axes of {c}."""
 
     frame_a: str
     frame_b: str
@@ -43,7 +43,7 @@ class Closure:
 
     @property
     def name(self) -> str:
-        """The two frames."""
+        """Names of the two frames."""
         return f"{self.frame_a}–{self.frame_b}"
 
     @cached_property
@@ -59,7 +59,7 @@ class Closure:
 
 @dataclass(frozen=True)
 class Rolling:
-    """Chosen rows of a frame's twist held at zero; ``kind`` as for the Jacobian."""
+    """Chosen rows of a frame's twist are zero; ``kind`` is that of the Jacobian."""
 
     frame: str
     rows: tuple[int, ...]
@@ -67,7 +67,7 @@ class Rolling:
 
     @property
     def name(self) -> str:
-        """The frame."""
+        """Name of the frame."""
         return self.frame
 
 
@@ -75,24 +75,24 @@ Constraint = Closure | Rolling
 
 
 def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
-    """Name of each constraint, its frames; with a number if several have one name."""
+    """Name of each constraint, made of its frames; repeated names get a number."""
     plain = [c.name for c in constraints]
     before = [plain[:n].count(name) for n, name in enumerate(plain)]
     return tuple(f"{name} #{n + 1}" if n else name for name, n in zip(plain, before, strict=True))
 
 
 def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
-    """A name for each row of A: the constraint's and that of the row of a twist."""
+    """Name of each row of A: the constraint's name and the name of the twist's row."""
     return tuple(f"{name} {TWIST[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
 
 
 def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
-    """True for each row of A of a closure, which has a position."""
+    """True for each row of A that belongs to a closure: these rows have a position error (gap)."""
     return [isinstance(c, Closure) for c in constraints for _ in c.rows]
 
 
 def independent_constraints(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
-    """The constraints with the rows of A of those numbers alone, without constraints that keep none."""
+    """Constraints reduced to the rows of A with the given numbers; constraints without any of these rows are dropped."""
     some, first = [], 0
     for c in constraints:
         rows = tuple(row for n, row in enumerate(c.rows) if first + n in independent)
@@ -103,7 +103,7 @@ def independent_constraints(constraints: Sequence[Constraint], independent: Sequ
 
 
 def place_of(model: Model, frame: str) -> Frame:
-    """Frame of that name, or the base's for ``"ground"``."""
+    """Frame of that name; ``"ground"`` gives the base frame."""
     return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.all_frames else model.frame(frame)
 
 
@@ -111,9 +111,9 @@ def place_of(model: Model, frame: str) -> Frame:
 
 
 def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
-    """The joints between {c} and {b} in that order, (body, T_c,body, sign), and T_cb.
+    """Joints on the path from {c} to {b}, in that order, as (body, T_c,body, sign); and T_cb.
 
-    Down from the nearest common ancestor joints count as they turn; up from {c} to it, the other way.
+    The sign is -1 from {c} up to the nearest common ancestor, where a joint moves {c}, and 1 from there down to {b}.
     """
     a, b = place_of(model, closure.frame_a), place_of(model, closure.frame_b)
     T = joint_poses(model, q)
@@ -132,13 +132,13 @@ def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Ar
 
 
 def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
-    """(body, contribution of its joint to the twist of {b} in {c}, (k, 6)) in the order of the walk, and p of {b} in {c}."""
+    """(body, contribution of its joint to the twist of {b} in {c}, (k, 6)) along the path, and the position p of {b} in {c}."""
     walk, T_cb = _walk(model, q, closure)
     return [(b, sign * b.ratio * (Ad(X) @ b.joint.axes)) for b, X, sign in walk], T_cb[:3, 3]
 
 
 def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
-    """V_cb = J dq, with J; (6, nv)."""
+    """Jacobian J with V_cb = J dq; (6, nv)."""
     J = zeros(6, model.nv)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
@@ -148,24 +148,24 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
 
 
 def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array:
-    """dV_cb/dt at ddq = 0; (6,). A joint's axes turn with what is before it on the walk: d(axis)/dt = [V, axis]."""
+    """dV_cb/dt at ddq = 0; (6,). A joint's axes move with the joints before it on the path: d(axis)/dt = [V, axis]."""
     V, dV = zeros(6), zeros(6)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
         mine = dq[body.places[1]] @ axes
-        dV = dV + ad(V) @ mine  # or with what is after it, for [mine, mine] = 0
+        dV = dV + ad(V) @ mine  # V before or after this joint gives the same: [mine, mine] = 0
         V = V + mine
     dp = _at_point(p, V)[3:]
     return np.concatenate([dV[:3], _at_point(p, dV)[3:] + so3.cross(V[:3], dp)])
 
 
 def _at_point(p: Array, V: Array) -> Array:
-    """(w, v + w × p): the velocity of the point p in place of that at the origin."""
+    """(w, v + w × p): twist with the velocity of the point p in place of that of the origin."""
     return np.concatenate([V[:3], V[3:] + so3.cross(V[:3], p)])
 
 
 def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
-    """T_cb of every closure; (n, 4, 4)."""
+    """T_cb of each closure; (n, 4, 4)."""
     return np.array([_walk(model, q, c)[1] for c in constraints if isinstance(c, Closure)]).reshape(-1, 4, 4)
 
 
@@ -173,7 +173,7 @@ def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -
 
 
 def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
-    """A, with A dq = 0; (k, nv). MR section 8.7."""
+    """A in A dq = 0; (k, nv). MR section 8.7."""
     rows = []
     for c in constraints:
         J = _relative_jacobian(model, q, c) if isinstance(c, Closure) else jacobian(model, q, c.frame, c.kind)
@@ -215,16 +215,17 @@ def constrained_dynamics(
 # ── Constraint forces with zero torques at passive joints, τ = f + A'λ. Floats, batches
 
 SINGULAR = 1e-9
-"""Share of the largest effect on a joint, rows of A in their usual sizes, below which a direction of λ has none."""
+"""Singular value, relative to the norm of A' with rows of usual size, below which a direction of λ has no effect on joints."""
 UNBALANCED = 1e-6
-"""Torques left at joints without motors, as a part of the largest: beyond it no motors make the motion. Configurations and
-velocities may be as far from the constraints as integrators leave them."""
+"""Residual torques at joints without motors, relative to the largest torque. Above this value, no motor torques produce the
+motion. The value allows for the constraint errors that integrators leave in configurations and velocities."""
 
 
 def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Array]:
-    """λ (..., k) with least torques f + A'λ at the ``driven`` joints among those with least at the others; the remainder there.
+    """λ (..., k) and the residual torques f + A'λ at the joints without motors, by two least-squares problems in sequence.
 
-    f (..., nv) is M q̈ + h, ``driven`` (nv,) true where there is a motor.
+    λ minimises the residual at the joints without motors, then the torques at the ``driven`` ones. f (..., nv) is M q̈ + h;
+    ``driven`` (nv,) is true where there is a motor.
     """
     At = np.swapaxes(A, -1, -2) / sizes  # A'λ = (A'W⁻¹)(W λ), columns of one size
     f = f[..., None]
@@ -232,13 +233,13 @@ def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Arr
     floor = SINGULAR * np.linalg.norm(At, axis=(-2, -1))
     inverse = _pseudoinverse(loose, floor)
     x = -inverse @ f[..., ~driven, :]
-    free = np.eye(len(sizes)) - inverse @ loose  # changes of λ that no motorless joint feels
+    free = np.eye(len(sizes)) - inverse @ loose  # changes of λ without effect on joints without motors
     x = x - free @ _pseudoinverse(held @ free, floor) @ (f[..., driven, :] + held @ x)
     return x[..., 0] / sizes, (f[..., ~driven, :] + loose @ x)[..., 0]
 
 
 def _pseudoinverse(X: Array, floor: Array) -> Array:
-    """Moore–Penrose inverse, singular values up to ``floor`` (...) taken as zero."""
+    """Moore–Penrose inverse; singular values up to ``floor`` (...) count as zero."""
     if 0 in X.shape[-2:]:
         return np.swapaxes(X, -1, -2)
     U, sigma, Vt = np.linalg.svd(X, full_matrices=False)
@@ -251,7 +252,7 @@ def _pseudoinverse(X: Array, floor: Array) -> Array:
 
 
 class ConstrainedMotion(NamedTuple):
-    """Accelerations q̈ (..., nv), and λ (..., k), N m and N."""
+    """Accelerations q̈ (..., nv) and constraint forces λ (..., k) [N m, N]."""
 
     ddq: Array
     """Accelerations (..., nv), rad/s² or m/s²."""
@@ -260,7 +261,7 @@ class ConstrainedMotion(NamedTuple):
 
 
 class ConstrainedTorques(NamedTuple):
-    """Torques τ (..., nv), zero at joints without a motor, and λ (..., k), N m and N."""
+    """Torques τ (..., nv), zero at joints without a motor, and constraint forces λ (..., k) [N m, N]."""
 
     tau: Array
     """Joint torques (..., nv), N m or N, zero at joints without a motor."""
@@ -269,19 +270,19 @@ class ConstrainedTorques(NamedTuple):
 
 
 class MotionForceSplit(NamedTuple):
-    """Torques that move the robot, Pτ, and torques that only press on its constraints, (1 - P)τ; (..., nv) each."""
+    """Torques that move the robot, Pτ, and torques that only load its constraints, (1 - P)τ; (..., nv) each."""
 
     motion: Array
     """Torques that move the robot, Pτ; (..., nv), N m or N."""
     force: Array
-    """Torques that only press on the constraints, (1 - P)τ; (..., nv), N m or N."""
+    """Torques that only load the constraints, (1 - P)τ; (..., nv), N m or N."""
 
 
 class ConstrainedDerivatives(NamedTuple):
-    """Derivatives of the torques of the independent joints along motions that keep to the constraints; (..., m, m) each."""
+    """Derivatives of the torques of the independent joints along motions that satisfy the constraints; (..., m, m) each."""
 
     tau_by_q: Array
-    """Derivative with respect to the independent coordinates; the others follow."""
+    """Derivative with respect to the independent coordinates; the dependent ones follow by the constraints."""
     tau_by_dq: Array
     """Derivative with respect to the independent velocities."""
     tau_by_ddq: Array
@@ -303,7 +304,7 @@ class ConstrainedDerivatives(NamedTuple):
 #     (6)  ∂f = (df/dq) N + (df/ddq) ∂dq + M ∂q̈
 #     (7)  A_d' ∂λ = -(∂f_d + ∂A_d' λ),   ∂τ = ∂f_u + ∂A_u' λ + A_u' ∂λ
 #
-# where d/ddq stands for the derivative by dq. By u, N takes the place of ∂dq and ∂A is zero.
+# where d/ddq is the derivative with respect to dq. For derivatives by u, N replaces ∂dq, and ∂A is zero.
 
 
 class Slopes(NamedTuple):
@@ -351,7 +352,7 @@ def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) ->
 
 
 def _whole(others: Array, driven: Array, own: Array) -> Array:
-    """Columns of all velocities from those of the others and of the driven ones; (..., nv, m)."""
+    """Columns for all velocities, assembled from those of the dependent and of the driven ones; (..., nv, m)."""
     found = np.zeros((*others.shape[:-2], len(driven), own.shape[-1]))
     found[..., ~driven, :], found[..., driven, :] = others, own
     return found

@@ -1,25 +1,25 @@
 """Velocity step with implicit friction, torque limits and damping, and compliant contact forces.
 
-For the velocities v after a step of length h, with what else acts known at its beginning:
+The velocities v after a step of length h satisfy the following equations; all other terms are evaluated at its beginning:
 
     (1)  M (v - dq) / h = τ - c - g - V v - φ
-    (2)  τ_i = τ0_i - kd_i (v_i - dq_i), or the limit that this is beyond
-    (3)  φ_i = sign(v_i) F_i where v_i is not 0, and there what holds the joint, in [-F_i, F_i]
+    (2)  τ_i = τ0_i - kd_i (v_i - dq_i), clipped to the torque limit
+    (3)  φ_i = sign(v_i) F_i if v_i is not 0; otherwise the force that holds the joint, in [-F_i, F_i]
 
-V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose torque at dq is τ0. g is that at q, and c
-that at the velocities dq, or with friction at the mean of dq and a first v: taken halfway along a step, steps are then
-symmetric but for what brakes, and gain no energy to speak of.
+V is viscous friction, F dry friction, and kd the rate gain of a control law whose torque at dq is τ0. g is evaluated at q.
+c is evaluated at dq; with friction, at the mean of dq and a first estimate of v. This midpoint makes steps symmetric except
+for dissipation, so that energy gain is negligible.
 
-What is linear in v is added to M. Two cases a joint remain: it sticks or slides, and its torque is within the limits or at one.
-A guess at the case is two numbers, s, which is 0 for a joint that sticks and else sign(v), and t, which is 0 within the limits
-and else the sign of the limit. With a guess the equations are linear:
+Terms linear in v are added to M. Two discrete choices remain for each joint: it sticks or slides, and its torque is within
+the limits or at one. A guess of this state is a pair of numbers: s is 0 for a joint that sticks and otherwise sign(v); t is
+0 within the limits and otherwise the sign of the limit. For a given guess the equations are linear:
 
     (4)  K = M + h V + h (1 - t²) kd
-    (5)  K v = K dq + h (τ used - c - g - V dq) - h φ        rows with s = 0 mean v = 0
-    (6)  h φ = s h F where a joint slides, else what is left of (5)
+    (5)  K v = K dq + h (clipped τ - c - g - V dq) - h φ     rows with s = 0 are replaced by v = 0
+    (6)  h φ = s h F if a joint slides, otherwise the residual of (5)
 
-The next guess follows from its solution: a semismooth Newton method, which ends where a guess confirms itself. A joint that
-sticks has v = 0 exactly.
+The solution gives the next guess. This is a semismooth Newton method, which has converged when a guess reproduces itself.
+A joint that sticks has exactly v = 0.
 
 Sources: Moreau, "Unilateral contact and dry friction in finite freedom dynamics", 1988, and Stewart and Trinkle, "An implicit
 time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb friction", Int. J. Num. Meth. Eng. 39, 1996,
@@ -46,14 +46,14 @@ from .operational_space import clipped
 from .recursion import zeros
 
 ROUNDS, WITH_LIMITS = 4, 6
-"""Guesses, and guesses where torques of a law may be at their limits. Of the steps of falling arms, hands and humanoids, 98 in
-100 are right at the first or second, all but some in 10⁵ by the fourth. One that is not right in the end errs for one step: a
-joint is held with more than its friction, or slides against it."""
+"""Number of guesses, without and with torque limits on a control law. In steps of falling arms, hands and humanoids, 98 %
+converge within two guesses, and all but a few in 10⁵ within four. Without convergence the error lasts one step: a joint is
+held by more than its friction, or slides against it."""
 SOFT = 0.01
-"""Inertia of a joint that slides the wrong way, as a share of M_ii. With more than the others leave of M_ii, guesses may cycle;
-this small share costs one more guess where a joint turns back within a step."""
+"""Inertia of a joint that slides the wrong way, as a fraction of M_ii. Guesses may cycle if it exceeds the part of M_ii that
+the other joints leave. This small fraction costs one more guess if a joint reverses within a step."""
 LARGEST = 1e30
-"""Stands for no limit [N m or N]; finite in float32."""
+"""Represents the absence of a limit [N m or N]; finite in float32."""
 
 
 def velocity_step(
@@ -61,9 +61,9 @@ def velocity_step(
     gains: Array | None = None, limits: Array | None = None, friction: bool = False,
     push: Array | None = None, wrenches: Wrenches | None = None,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Velocities after the step, the torques applied in it, and those of friction; (nv,) each.
+    """Velocities after the step, the torques applied in it, and the friction torques; (nv,) each.
 
-    ``tau`` is the torque of the law at dq, ``gains`` its -∂τ/∂dq joint by joint, ``push`` what else acts on the joints.
+    ``tau`` is the torque of the control law at dq, ``gains`` its -∂τ/∂dq per joint, ``push`` additional joint torques.
     """
     if limits is not None and gains is None:
         tau, limits = clipped(tau, limits), None
@@ -84,7 +84,7 @@ def velocity_step(
 
 
 class _Corners:
-    """Equations (4) to (6) of a step, and the guesses s and t."""
+    """Equations (4) to (6) of a step, for guesses s and t."""
 
     def __init__(
         self, model: Model, q: Array, dq: Array, h: Any, tau: Array, gains: Array | None, limits: Array | None, viscous: Array,
@@ -106,11 +106,11 @@ class _Corners:
         self.back, self.forth = h * back, h * forth
 
     def solved(self) -> tuple[Array, Array, Array]:
-        """v, τ and the torques of friction, by the last guess; torques are within their limits for any guess."""
+        """v, τ and the friction torques of the last guess; torques are within their limits for any guess."""
         s, t = zeros(len(self.dq)) + 1.0, zeros(len(self.dq))
         moving = signs(self.dq)
         for i in self.dry:
-            s[i] = moving[i]  # what slides goes on, what rests stays
+            s[i] = moving[i]  # moving joints slide on, resting joints stick
         self.rest = self.known - bias_forces(self.model, self.q, self.dq, self.wrenches)
         v, taken, tau = self._by(s, t)
         for _ in range((WITH_LIMITS if self.limited else ROUNDS) - 1):
@@ -122,11 +122,11 @@ class _Corners:
         if self.limited:
             used = self._used(t, tau)
             tau = clipped(used, self.limits)
-            v = v + self._answer(self.A, s * s, self.h * (tau - used))  # nothing, where the guess was right
+            v = v + self._answer(self.A, s * s, self.h * (tau - used))  # zero if the guess was right
         return v, tau, -self.viscous * v - taken / self.h
 
     def _by(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
-        """v, the impulse that friction takes, and the torque of the law, with a guess."""
+        """v, friction impulse, and torque of the control law for a guess."""
         slides, within = s * s, 1.0 - t * t
         K = widened(self.A, self.h * within * self.gains)  # (4)
         impulse = self.h * (self.rest + self._used(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
@@ -137,7 +137,7 @@ class _Corners:
         return v, taken, self.tau - self.gains * (v - self.dq)  # (2)
 
     def _sliding(self, s: Array, v: Array, taken: Array) -> Array:
-        """Better guess at the sliding joints: a joint against its friction sticks, one beyond its friction slides."""
+        """Improved guess of sliding joints: a joint moving against its friction sticks, one beyond its bound slides."""
         s = s.copy()
         for i in self.dry:
             x = self.soft[i] * v[i] + taken[i]
@@ -145,7 +145,7 @@ class _Corners:
         return s
 
     def _at_limits(self, t: Array, tau: Array) -> Array:
-        """Better guess at the torques at their limits: the torque of the law returns within its limit, or exceeds it."""
+        """Improved guess of torques at their limits: the law's torque returns within its limit, or exceeds it."""
         t = t.copy()
         for i in self.limited:
             L, stiff = self.limits[i], self.h * self.gains[i] / self.soft[i]
@@ -155,7 +155,7 @@ class _Corners:
         return t
 
     def _used(self, t: Array, tau: Array) -> Array:
-        """Torques, or their limits where the guess has them at the limit."""
+        """Torques, replaced by their limits where the guess has them at the limit."""
         used = tau.copy()
         for i in self.limited:
             used[i] = (1.0 - t[i] * t[i]) * tau[i] + t[i] * self.limits[i]
@@ -170,7 +170,7 @@ class _Corners:
         return found
 
     def _answer(self, K: Array, slides: Array, impulse: Array) -> Array:
-        """Velocities of the sliding joints due to impulses, while the others hold; exactly 0 for these."""
+        """Velocities of the sliding joints due to impulses while the others stick; exactly 0 for sticking joints."""
         lower = K.copy()
         for i in range(len(K)):
             for j in range(i):
@@ -180,19 +180,19 @@ class _Corners:
 
 # ── Compliant contact forces, law of Hunt and Crossley: points on a plane, joints at their stops
 
-# Where a point is a depth d > 0 inside, and sinks in at the rate d', it is pushed out with f = k dⁿ max(0, 1 + c d').
+# A point at a depth d > 0 inside, which penetrates at the rate d', is pushed out with f = k dⁿ max(0, 1 + c d').
 
 _LEAST = 1e-300
-"""Least length [m] with a logarithm, for powers other than halves."""
+"""Least length [m] with a finite logarithm, for exponents that are not multiples of 1/2."""
 
 
 def largest(values: Iterable[Any]) -> Any:
-    """The largest of some symbols."""
+    """Maximum of several symbols."""
     return reduce(lambda a, b: a.clip(b, np.inf), values)
 
 
 def pushed(depth: Any, sinking: Any, k: Any, n: float, c: Any) -> Any:
-    """f = k dⁿ max(0, 1 + c d'), of one point; exactly 0 where d is not above 0."""
+    """f = k dⁿ max(0, 1 + c d') of one point; exactly 0 if d ≤ 0."""
     inside = depth.clip(0.0, np.inf)
     power = inside**n if 2 * n == int(2 * n) else inside.sign() * depth.clip(_LEAST, np.inf) ** n
     return k * power * (1.0 + c * sinking).clip(0.0, np.inf)
@@ -201,9 +201,9 @@ def pushed(depth: Any, sinking: Any, k: Any, n: float, c: Any) -> Any:
 def plane_contact(
     model: Model, q: Array, dq: Array, frame: str, exponent: float, points: Array, normal: Array, law: Array
 ) -> tuple[Array, Array]:
-    """Torques J'F of a plane on points (n, 3) of a frame, (nv,), and the depth of each point, (n,).
+    """Torques J'F of a plane's contact forces on points (n, 3) of a frame, (nv,), and the depth of each point, (n,).
 
-    ``law`` is (height, k, c, μ, slip): along the plane a point at v is held back by μ f v / √(|v|² + slip²).
+    ``law`` is (height, k, c, μ, slip). The friction force on a point with tangential velocity v is μ f v / √(|v|² + slip²).
     """
     height, k, c, mu, slip = law
     T, V = forward_kinematics(model, q, frame), frame_velocity(model, q, dq, frame)
@@ -211,12 +211,12 @@ def plane_contact(
     F, depths = zeros(6), zeros(len(points))
     for i, p in enumerate(points):
         depths[i] = height - n @ (R @ p + T[:3, 3])
-        v = R @ (V[3:] + so3.cross(V[:3], p))  # of the point, in the base frame
+        v = R @ (V[3:] + so3.cross(V[:3], p))  # velocity of the point, in the base frame
         sinking = -(n @ v)
         f = pushed(depths[i], sinking, k, exponent, c)
         slide = v + sinking * n
         held = mu * f / (slide @ slide + slip * slip).sqrt()
-        force = R.T @ (f * n - held * slide)  # on the point, in the frame
+        force = R.T @ (f * n - held * slide)  # force on the point, in the frame
         F = F + np.concatenate([so3.cross(p, force), force])
     return wrench_torques(model, q, F, frame), depths
 
@@ -224,7 +224,7 @@ def plane_contact(
 def stop_contact(
     q: Array, dq: Array, places: Sequence[tuple[int, int]], exponent: float, lower: Array, upper: Array, law: Array
 ) -> tuple[Array, Array]:
-    """Torques of stops on joints at ``places`` in q and in dq, (nv,), and the excess over the nearer stop, (m,).
+    """Torques of stops on joints at ``places`` in q and in dq, (nv,), and the penetration of the nearer stop, (m,).
 
     ``law`` is (k, c).
     """

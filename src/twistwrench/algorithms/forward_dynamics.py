@@ -1,15 +1,15 @@
-"""Forward dynamics by articulated bodies (RBDA chapter 7) and with M (MR section 8.5); derivatives; factors of long robots.
+"""Forward dynamics by articulated bodies (RBDA chapter 7) and by M (MR section 8.5); derivatives; factors for long robots.
 
-The work of articulated bodies grows with the number of bodies, not its cube. The wrench F that gives a body the
-acceleration dV, while all that it carries is free to move, is  F = A dV + p. Its articulated inertia A is symmetric
-but no rigid body's: a body is heavier across a joint than along it. Bodies are watched as in
-:mod:`.inverse_dynamics`: from the inertial frame that at this instant moves with the body's own origin. Outward, with
-λ the parent and R, r its pose, then inward, then outward again, RBDA, table 7.1:
+The cost of the articulated-body algorithm grows linearly with the number of bodies, not cubically. F = A dV + p is the
+wrench that gives a body the acceleration dV while all bodies it carries move freely. The articulated inertia A is symmetric,
+but not that of a rigid body: a body is heavier across a joint than along it. The reference frame is that of
+:mod:`.inverse_dynamics`: inertial, and at this instant moving with the body's own origin. λ is the parent and R, r the pose
+in it. An outward pass evaluates (1), an inward pass (2) and (3), an outward pass (4); RBDA, table 7.1:
 
     (1)  w = R'w_λ + w_J,   c = (w × w_J, R'(w_λ × (w_λ × r)) + (2w - w_J) × v_J)
-    (2)  U = A S,   D = S'U + J,   u = τ - S'p                      J: of rotors
-    (3)  A_λ += A - U D⁻¹ U',   p_λ += p + (A - U D⁻¹ U') c + U D⁻¹ u,   both seen from λ
-    (4)  q̈ = D⁻¹ u - (U D⁻¹)'(dV_λ + c),   dV = dV_λ + c + S q̈         dV_λ seen from the body
+    (2)  U = A S,   D = S'U + J,   u = τ - S'p                      J: rotor inertia
+    (3)  A_λ += A - U D⁻¹ U',   p_λ += p + (A - U D⁻¹ U') c + U D⁻¹ u,   both transformed to λ
+    (4)  q̈ = D⁻¹ u - (U D⁻¹)'(dV_λ + c),   dV = dV_λ + c + S q̈         dV_λ transformed to the body
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class _Articulated:
         )
 
     def in_frame(self, T: Array) -> _Articulated:
-        """Seen from {a}, if this is in {b} and T is T_ab."""
+        """Operator expressed in {a}, given one in {b} and T = T_ab."""
         R, P = T[:3, :3], so3.hat(T[:3, 3])
         I, H, M = _mirrored(R @ self.I @ R.T), R @ self.H @ R.T, _mirrored(R @ self.M @ R.T)
         PH = P @ H.T
@@ -87,14 +87,14 @@ class _Articulated:
 
 
 def _mirrored(X: Array) -> Array:
-    """The lower triangle, twice: the other half of a symmetric matrix is not computed."""
+    """Symmetric matrix from the lower triangle; the upper one is not computed."""
     return np.array([[X[max(i, j), min(i, j)] for j in range(3)] for i in range(3)])
 
 
 def articulated_dynamics(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None, added: Array | None = None
 ) -> Array:
-    """q̈ (nv,); robots whose joints share neither coordinates nor motors. ``added`` (nv,) is inertia, as that of a rotor."""
+    """q̈ (nv,) if joints share neither coordinates nor motors. ``added`` (nv,) is additional inertia, like a rotor's."""
     T, Adq = joint_poses(model, q), spread(model, dq)
     tau = tau - spring_forces(model, q) - armature_forces(model, dq, zeros(model.nv))
     drives = model.armature if added is None else added + model.armature
@@ -134,8 +134,8 @@ def articulated_dynamics(
 def articulated_pays(model: Model) -> bool:
     """True if this takes fewer multiplications than M and its factors; never if joints share a coordinate or a motor.
 
-    Counted on chains, a quadruped and a humanoid: 190 a body here; there 60 a velocity, 14 for each body that carries it,
-    and the triangle of a factor over the velocities before it. The two meet at chains of some fifteen joints.
+    Counted on chains, a quadruped and a humanoid: 190 per body here. M takes 60 per velocity, 14 for each body that carries it,
+    and its factorisation the triangle of preceding velocities. The costs are equal for chains of about fifteen joints.
     """
     if model.couplings or any(body.follows for body in model.bodies):
         return False
@@ -161,7 +161,7 @@ def forward_dynamics(
 ) -> Array:
     """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR section 8.5.
 
-    ``added`` (nv,) is inertia on top, on the diagonal of M; ``friction`` takes off τ what the joints' friction costs.
+    ``added`` (nv,) is additional inertia on the diagonal of M. ``friction`` subtracts the joints' friction from τ.
     """
     if friction:
         tau = torque_past_friction(model, dq, tau)
@@ -172,27 +172,27 @@ def forward_dynamics(
     return solved(L, D, tau - bias_forces(model, q, dq, wrenches))
 
 
-# ── Derivatives by recursion: ∂τ/∂(q, dq) and ∂ddq/∂(q, dq, τ). Analytic, exact to round-off
+# ── Derivatives by recursion: ∂τ/∂(q, dq) and ∂ddq/∂(q, dq, τ). Analytic, exact to rounding
 
-# Turning coordinate j moves all it carries by S_j. In frames that move along, body k then has (λ the parent of j's body)
+# Coordinate j moves all bodies it carries along S_j. In frames that move along, body k has (λ the parent of j's body)
 #
 #     (1)  P_j = [V_λ, S_j]                                 ∂V_k/∂q_j = P_j
 #     (2)  Q_j = [dV_λ, S_j] + [V_λ, P_j]                   ∂dV_k/∂q_j = Q_j - [V_k, P_j]
 #     (3)  R_j = P_j + [V_j, S_j]
 #
-# with everything seen from body k. The bracket with V_k goes to the velocity products, which together are 2 B P_j, where B is
-# the operator of the Coriolis matrix: it adds up over bodies as the inertia G does. So with G, B and F of all that i carries,
-# for j before i, or j = i in (4) and (6),
+# with everything expressed in body k. The bracket with V_k is combined with the velocity products, which give 2 B P_j. B is
+# the operator of the Coriolis matrix and adds up over bodies like the inertia G. With G, B and F of all bodies that i
+# carries, for j before i, or j = i in (4) and (6),
 #
 #     (4)  ∂τ_i/∂q_j = P_j·(2B)'S_i + Q_j·G S_i             (5)  ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)
 #     (6)  ∂τ_i/∂dq_j = S_j·(2B)'S_i + R_j·G S_i            (7)  ∂τ_j/∂dq_i = S_j·(2B S_i + G R_i)
 #
-# Four wrenches of each joint travel to the base. Derivatives by q are along robot.add, on planar and floating joints too.
+# Four wrenches of each joint propagate to the base. Derivatives by q are along robot.add, also for planar and floating joints.
 # Sources: Carpentier and Mansard, RSS 2018; Singh, Russell and Wensing, IEEE RA-L 7(2), 2022.
 
 
 class _Column(NamedTuple):
-    """One velocity of one joint, seen from its body: its axis, and (1) to (3)."""
+    """One velocity of one joint, in its body's frame: the axis S, and P, Q, R of (1) to (3)."""
 
     S: Array
     P: Array
@@ -230,7 +230,7 @@ def inverse_dynamics_derivatives(
 def carried(
     model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
 ) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
-    """2 B and F of all that each body carries, and the columns of its joint."""
+    """2 B and F summed over all bodies that each body carries, and the columns of its joint."""
     B, columns = [BodyCoriolis.from_twist(body.inertia, 2.0 * V[i]) for i, body in enumerate(model.bodies)], []
     Adq, Addq = spread(model, dq), spread(model, ddq)
     F: list[Array] = []
@@ -255,7 +255,7 @@ def carried(
 def _add_felt(
     matrix: Array, model: Model, columns: list[list[_Column]], up: list[Ad], i: int, b: int, F: Array
 ) -> None:
-    """Add the effect of a wrench on body i on the joints before it: their rows of its column."""
+    """Add the effect of a wrench on body i on the joints before it, to their rows of its column."""
     F = up[i] @ F
     for j in ancestors(model, i):
         if j == i:
@@ -266,14 +266,14 @@ def _add_felt(
 
 
 def turns(body: Body) -> bool:
-    """True if the joint's coordinate changes the mechanics; that of a body of revolution does not."""
+    """True if the joint's coordinate changes the dynamics; the coordinate of a body of revolution does not."""
     return body.joint.moves_body
 
 
 def forward_dynamics_derivatives(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array, Array]:
-    """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nv, nv) each. By  M ∂ddq/∂x = -∂τ/∂x  at the ddq that τ gives."""
+    """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nv, nv) each. From M ∂ddq/∂x = -∂τ/∂x at the ddq that τ produces."""
     by_q, by_dq, inverse, W, D = torque_derivatives_and_factors(model, q, dq, tau, wrenches)
     return accelerations(W, D, by_q), accelerations(W, D, by_dq), inverse
 
@@ -281,46 +281,46 @@ def forward_dynamics_derivatives(
 def torque_derivatives_and_factors(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """∂τ/∂q and ∂τ/∂dq at the ddq that τ gives, M⁻¹, and its factors W (nv, nv) and D (nv,): M⁻¹ = W D W'."""
+    """∂τ/∂q and ∂τ/∂dq at the ddq that τ produces, M⁻¹, and its factors W (nv, nv) and D (nv,): M⁻¹ = W D W'."""
     L, D = factored(mass_matrix(model, q))
     ddq = solved(L, D, tau - bias_forces(model, q, dq, wrenches))
     by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)
-    W = inverse_factor(L)  # keeps the zeros between branches, which M⁻¹ does not
+    W = inverse_factor(L)  # keeps the zeros between branches, unlike M⁻¹
     return by_q, by_dq, symmetric_product(W, D), W, D
 
 
 def accelerations(W: Array, D: Array, X: Array) -> Array:
-    """-M⁻¹ X, of one column (nv,) or several (nv, m)."""
+    """-M⁻¹ X for one column (nv,) or several (nv, m)."""
     return -(W @ (D * (W.T @ X).T).T)
 
 
-# ── Factors of the matrices of long robots: one vector a joint velocity, in base coordinates
+# ── Factors of the matrices of long robots: one vector per joint velocity, in base coordinates
 
 # M_ji = S_j·(G S_i),
 #     ∂τ_i/∂q_j = P_j·(B' S_i) + Q_j·(G S_i),         ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)     for j before i,
 #
-# and so on: the equations of :mod:`.mass_matrix` and those above, in which a wrench travels to the base joint by joint.
-# From the base nothing has to travel, so that an entry is one dot product; what is far from the base loses some digits by it,
-# about as many as it is body lengths away. B' S is a pure couple wherever it is seen from.
+# and so on: the equations of :mod:`.mass_matrix` and those above, where a wrench is transformed to the base joint by joint.
+# In base coordinates no transformation is needed, so that an entry is one dot product. Bodies far from the base lose digits,
+# about as many as their distance in body lengths. B' S is a pure couple in every frame.
 
 
 class Relations(NamedTuple):
     """Relations between the velocities of joints."""
 
     carries: Array
-    """(nv, nv) of bool: the row's joint carries the column's, or is the same."""
+    """(nv, nv) of bool: the row's joint carries the column's joint, or is the same."""
     bodies: Array
-    """(nv,): whose they are."""
+    """(nv,) index of the body of each velocity."""
 
 
 def applies(model: Model) -> bool:
-    """True if every velocity is one joint's own, and motor's, and only the bodies make the matrices depend on dq."""
+    """True if no velocity is shared between joints or motors, and the matrices depend on dq only through the bodies."""
     shared = model.couplings or any(body.follows for body in model.bodies)
     return not shared and not any(True for _ in armature_symbols(model))
 
 
 def relations(model: Model) -> Relations:
-    """Table of joints that carry each other."""
+    """Table of which joints carry which."""
     bodies = np.zeros(model.nv, int)
     for k, body in enumerate(model.bodies):
         bodies[body.places[1]] = k

@@ -1,4 +1,4 @@
-"""Joint friction (Modern Robotics section 8.9.4, with Stribeck's exponential), and the smooth switches it is made of."""
+"""Joint friction (Modern Robotics section 8.9.4, with Stribeck's exponential), and branch-free switching functions."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ..typing import Array
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
-    """The torques that overcome friction at dq, where each joint carries the torque ``load``; (nv,)."""
+    """Torques that overcome friction at dq for joints that transmit the torque ``load``; (nv,)."""
     u = motor_velocities(model, dq)
     lost = _drive_friction(model, u, None if load is None else motor_torques(model, load))
     return np.asarray(joint_torques(model, lost))
 
 
 def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
-    """The law at the velocities u of the drives, which carry ``load``; (nv,)."""
+    """Friction law at the velocities u of drives that transmit ``load``; (nv,)."""
     f, s = model.friction, signs(u)
     tau = f.viscous * u + s * _dry(model, u)
     return np.asarray(tau if load is None else tau + s * f.load * (signs(load) * load))
 
 
 def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
-    """Part of the torques tau that friction leaves; (nv,).
+    """Part of the torques tau that remains after friction; (nv,).
 
-    The joint carries x, of which friction takes its part too: x + sign(dq) load |x| = y, with y what the other laws
-    leave. As load < 1, x has the sign of y.
+    The transmitted torque x solves x + sign(dq) load |x| = y, where y is the torque after the load-independent friction. As
+    load < 1, x has the sign of y.
     """
     u = motor_velocities(model, dq)
     y = motor_torques(model, tau) - _drive_friction(model, u)
@@ -38,7 +38,7 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
 
 
 def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:
-    """The same where dry friction is made continuous at rest: its part is multiplied by ``share``, :func:`eased`; (nv,)."""
+    """Like :func:`torque_past_friction`, but dry friction is multiplied by ``share`` of :func:`eased`; (nv,)."""
     u = motor_velocities(model, dq)
     damping = model.friction.viscous * u
     y = motor_torques(model, tau) - damping - share * (_drive_friction(model, u) - damping)
@@ -46,9 +46,9 @@ def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array
 
 
 def eased(dq: Array, creep: Array) -> Array:
-    """tanh(|dq| / creep), the share of dry friction that is left at low speeds; (nv,).
+    """tanh(|dq| / creep), the fraction of dry friction at low speeds; (nv,).
 
-    Of symbols by the exponential, which near rest is good to 1e-16 and not to as many digits.
+    Symbols use the exponential. Near rest its error is 1e-16 absolute; the relative error is larger.
     """
     if dq.dtype != object:
         return np.asarray(np.tanh(np.abs(dq) / creep))
@@ -56,16 +56,16 @@ def eased(dq: Array, creep: Array) -> Array:
 
 
 def rubbing(model: Model) -> list[int]:
-    """The velocities that dry friction acts on."""
+    """Indices of the velocities with dry friction."""
     f = model.friction
     laws = zip(f.coulomb, f.static, f.load, strict=True)
     return [k for k, law in enumerate(laws) if not all(map(is_zero, law))]
 
 
 def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
-    """Largest dry friction of joints that slide back and that slide forth, at the speeds dq; (nv,) each.
+    """Largest dry friction of joints that slide backward and forward, at the speeds dq; (nv,) each.
 
-    The two differ where friction grows with the load: what the joint carries of the torque tau is what friction leaves.
+    The two differ if friction grows with the load: the transmitted torque is the part of tau that friction leaves.
     """
     dry, load = _dry(model, dq), model.friction.load
     back, forth = dry.copy(), dry.copy()
@@ -79,7 +79,7 @@ def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
 
 
 def _dry(model: Model, dq: Array) -> Array:
-    """Coulomb friction, and the static friction that remains at this speed; (nv,)."""
+    """Coulomb friction plus the static friction that remains at this speed; (nv,)."""
     f = model.friction
     dry = [
         c if _same(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))
@@ -89,12 +89,12 @@ def _dry(model: Model, dq: Array) -> Array:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """True if two numbers are equal; symbols differ from all but themselves."""
+    """True if two numbers are equal; a symbol equals only itself."""
     return a is b or (isinstance(a, float) and isinstance(b, float) and a == b)
 
 
 def is_zero(x: Any) -> bool:
-    """True if this is the number 0 and not a symbol."""
+    """True for the number 0; False for symbols."""
     return isinstance(x, float) and x == 0.0
 
 
@@ -103,33 +103,33 @@ def _exp(x: Any) -> Any:
 
 
 def signs(x: Array) -> Array:
-    """-1, 0 or 1, of symbols and of numbers."""
+    """-1, 0 or 1, for symbols and numbers."""
     return np.array([e.sign() if hasattr(e, "sign") else np.sign(e) for e in x], object).reshape(x.shape)
 
 
-# ── Branch-free switching functions, on numbers and on symbols
+# ── Branch-free switching functions, for numbers and symbols
 
 
 def positive(x: Any) -> Any:
-    """1 where a number is above 0, else 0."""
+    """1 if a number is above 0, else 0."""
     s = signs(np.array([x], object))[0]
     return 0.5 * (s + s * s)
 
 
 def either(which: Any, a: Any, b: Any) -> Any:
-    """a where ``which`` is 1, b where it is 0: to the bit, for numbers that are finite."""
+    """a if ``which`` is 1, b if it is 0; bit-exact for finite numbers."""
     return which * a + (1.0 - which) * b
 
 
 def largest(numbers: Iterable[Any], least: Any) -> Any:
-    """The largest size among numbers, ``least`` at least; NaN where one is."""
+    """Largest absolute value, at least ``least``; NaN if any number is NaN."""
     for x in numbers:
         least = abs(x).clip(least, np.inf) if hasattr(x, "clip") else max(abs(x), least)
     return least
 
 
 def smallest(numbers: Iterable[Any], most: Any) -> Any:
-    """The smallest of numbers, ``most`` at most; NaN where one is."""
+    """Smallest number, at most ``most``; NaN if any number is NaN."""
     for x in numbers:
         most = x.clip(-np.inf, most) if hasattr(x, "clip") else min(x, most)
     return most

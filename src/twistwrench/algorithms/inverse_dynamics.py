@@ -1,8 +1,8 @@
 """Newton–Euler inverse dynamics on trees (MR section 8.3), its regressor, motor torques, powers, and closed form (8.4).
 
-The laws of Newton and Euler hold in every inertial frame. So each body is watched from the one that at this instant moves
-with the body's own origin: there v = 0, the linear part of dV is the plain acceleration ``a`` of the origin, and
-(8.51)–(8.53) lose a third of their terms. What a body point at r does is then ``a + U r`` with
+The laws of Newton and Euler hold in every inertial frame. For each body, the frame is the one that at this instant moves
+with the body's own origin: there v = 0, the linear part of dV is the ordinary acceleration ``a`` of the origin, and
+(8.51)–(8.53) lose a third of their terms. The acceleration of a body point at r is then ``a + U r`` with
 
     U = [dw] + [w]²,      the upper left block of  T⁻¹ T̈ = [dV] + [V]².
 """
@@ -31,7 +31,7 @@ Wrenches = Mapping[str, Array]
 
 @dataclass
 class BodyMotion:
-    """Rotation of a body, in its own frame, and the acceleration of its origin."""
+    """Angular velocity and acceleration of a body, in its own frame, and the acceleration of its origin."""
 
     w: Array
     dw: Array
@@ -47,14 +47,14 @@ class BodyMotion:
 def body_motions(
     model: Model, T: Sequence[Array], dq: Array, ddq: Array, gravity: bool = True
 ) -> Iterator[tuple[int, BodyMotion]]:
-    """(body, its motion) from the base outward; under gravity the base accelerates upward."""
+    """(body, its motion) from the base outward; with gravity, the base accelerates upward."""
     Adq, Addq = spread(model, dq), spread(model, ddq)
     motion = {BASE: BodyMotion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))}
     for i, p in outward(model):
         R, r, up = T[i][:3, :3], T[i][:3, 3], motion[p]
         wJ, vJ, dwJ, dvJ = Adq[i][:3], Adq[i][3:], Addq[i][:3], Addq[i][3:]
         w = R.T @ up.w + wJ  # (8.51)
-        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), turning
+        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), angular part
         a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
         motion[i] = BodyMotion(w, dw, a)
         yield i, motion[i]
@@ -63,9 +63,9 @@ def body_motions(
 def joint_wrenches(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, gravity: bool = True
 ) -> Array:
-    """The wrench that each body receives through its joint, in its own frame; (nbodies, 6).
+    """Wrench that each body receives through its joint, in its own frame; (nbodies, 6).
 
-    ``wrenches`` are applied by the robot, at the frames that name them and expressed in those frames.
+    ``wrenches`` are exerted by the robot, at the named frames and in their axes.
     """
     T = joint_poses(model, q)
     F: dict[int, Array] = {}
@@ -80,7 +80,7 @@ def joint_wrenches(
 
 
 def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[int, Array]]:
-    """(body, wrench in its frame) of the robot's wrenches at frames; those of the base move nothing."""
+    """(body, wrench in its frame) for the robot's wrenches at frames; wrenches at the base have no effect and are skipped."""
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
@@ -88,10 +88,10 @@ def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[
 
 
 def inertial_wrench(G: SpatialInertia, motion: BodyMotion) -> Array:
-    """G dV - ad(V)' G V for V = (w, 0), dV = (dw, a): Newton and Euler, products of inertia included.
+    """G dV - ad(V)' G V for V = (w, 0), dV = (dw, a): the Newton–Euler equations with products of inertia.
 
-    I dw + w × I w is written with the entries of U, which are there already; without products of inertia its rows are
-    Euler's equations, ``m_x = I_xx dw_x + (I_zz - I_yy) w_y w_z``.
+    I dw + w × I w uses entries of U, which are already computed. Without products of inertia its rows are Euler's equations,
+    ``m_x = I_xx dw_x + (I_zz - I_yy) w_y w_z``.
     """
     m, h, I = G.mass, G.first_moment, G.moment_about_origin
     w, dw, a, U = motion.w, motion.dw, motion.a, motion.U
@@ -108,14 +108,14 @@ def inertial_wrench(G: SpatialInertia, motion: BodyMotion) -> Array:
 def inverse_dynamics(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, friction: bool = False
 ) -> Array:
-    """Joint torques τ = M q̈ + h + Σ J'F_by, and friction on request; (nv,). MR eq. 8.54."""
+    """Joint torques τ = M q̈ + h + Σ J'F_by, with friction on request; (nv,). MR eq. 8.54."""
     tau = collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + armature_forces(model, dq, ddq)
     tau = tau + spring_forces(model, q)
     return tau + friction_forces(model, dq, load=tau) if friction else tau
 
 
 def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
-    """h = c + g, and the torques against springs; (nv,). MR section 8.4."""
+    """h = c + g plus spring torques; (nv,). MR section 8.4."""
     return inverse_dynamics(model, q, dq, zeros(model.nv), wrenches)
 
 
@@ -126,20 +126,20 @@ def coriolis_forces(model: Model, q: Array, dq: Array) -> Array:
 
 
 def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
-    """g, with Σ J'F_by where wrenches are given; (nv,)."""
+    """g, plus Σ J'F_by if wrenches are given; (nv,)."""
     still = zeros(model.nv)
     return collect(model, joint_wrenches(model, q, still, still, wrenches))
 
 
 def holding_torques(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
-    """Torques that hold the robot at rest: g, the torques against springs, and Σ J'F_by; (nv,)."""
+    """Torques that hold the robot at rest: g, spring torques, and Σ J'F_by; (nv,)."""
     return bias_forces(model, q, zeros(model.nv), wrenches)
 
 
 def drive_torques(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array]:
-    """Torques of gears and of rotors at the joints; they add up to τ; (nv,) each. MR section 8.9.3."""
+    """Torques of gears and of rotors at the joints, which add up to τ; (nv,) each. MR section 8.9.3."""
     F = joint_wrenches(model, q, dq, ddq, wrenches)
     spins = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
     rotors = collect(model, spins * F) + armature_forces(model, dq, ddq)
@@ -150,31 +150,31 @@ def drive_torques(
 
 
 class MotorLoads(NamedTuple):
-    """One entry in the last axis per actuator, in the order of ``robot.actuators``; NaN where no motor is described."""
+    """One entry per actuator in the last axis, in the order of ``robot.actuators``; NaN if the motor is not described."""
 
     torque: Array
-    """N m, at the rotor."""
+    """Torque at the rotor [N m]."""
     speed: Array
-    """rad/s, of the rotor on its stator."""
+    """Speed of the rotor relative to its stator [rad/s]."""
     current: Array
-    """A."""
+    """Motor current [A]."""
     voltage: Array
-    """Voltage of the windings [V], without that of a changing current."""
+    """Voltage of the windings [V], without the inductive part."""
     power: Array
-    """W, electrical, into the motor; negative where it feeds back."""
+    """Electrical power into the motor [W]; negative when it regenerates."""
     heat: Array
-    """W, lost in the windings."""
+    """Heat loss in the windings [W]."""
 
 
 def driven_velocities(model: Model) -> list[int]:
-    """Index of each actuator in the velocities and torques of drives, in the order of ``model.actuators``."""
+    """Index of each actuator among the drives' velocities and torques, in the order of ``model.actuators``."""
     return [model.drive_names.index(name) for name in model.actuators]
 
 
 def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorLoads:
-    """Loads of motors from the torques of gears and of rotors, both at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
+    """Motor loads from the gear and rotor torques, both at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
 
-    A gear of efficiency η lets through η of the power that enters it, from whichever side that is.
+    A gear of efficiency η transmits the fraction η of the power that enters it, in either direction.
     """
     at, actuators = driven_velocities(model), list(model.actuators.values())
     dq, carried, rotor = motor_velocities(model, dq), motor_torques(model, carried), motor_torques(model, rotor)
@@ -201,7 +201,7 @@ _UNITS = [SpatialInertia.from_parameters(e) for e in np.eye(10)]
 
 
 def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Y with τ = Y π, π the ten parameters of each body in turn; springs and armature apart; (nv, 10 nbodies)."""
+    """Y in τ = Y π, π the ten parameters of each body in turn, without springs and armature; (nv, 10 nbodies)."""
     T = joint_poses(model, q)
     up = [Ad(X).inverse.T for X in T]
     Y = zeros(model.nv, 10 * len(model.bodies))
@@ -220,16 +220,16 @@ def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 class PowerBalance(NamedTuple):
-    """Powers into the mechanism, W; powers out of it are negative, and all add up to zero."""
+    """Powers into the mechanism [W]; powers out of it are negative. The sum is zero."""
 
     joints: Array
-    """τ'dq, from the joints."""
+    """Power of the joints, τ'dq."""
     motion: Array
-    """Into motion: minus the rate of kinetic and potential energy, springs' included."""
+    """Minus the rate of kinetic and potential energy, including springs."""
     wrenches: Array
-    """Power at the wrenches: minus that of the robot on the world."""
+    """Minus the power that the robot delivers through the wrenches."""
     friction: Array
-    """Lost in the joints."""
+    """Minus the friction loss in the joints."""
 
     def __str__(self) -> str:
         if np.ndim(self.joints):
@@ -239,19 +239,19 @@ class PowerBalance(NamedTuple):
 
 
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
-    """Power balance from τ and its parts M ddq + h, Σ J'F, and friction; (..., nv) each."""
+    """Power balance from τ and its parts M ddq + h, Σ J'F and friction; (..., nv) each."""
     return PowerBalance(*(np.sum(x * dq, axis=-1) for x in (tau, -moving, -pushing, -lost)))
 
 
-# ── The dynamics in block matrices, Modern Robotics section 8.4: slow, plain, and independent of the recursions
+# ── Dynamics in block matrices, Modern Robotics section 8.4: slow, simple, and independent of the recursions
 
-# Stack the bodies: 𝒱 = ℒ(𝒜 q̇), with ℒ = (1 - 𝒲)⁻¹ and 𝒲 holding Ad(T_i,p) where body i hangs on body p. Then
+# The bodies are stacked: 𝒱 = ℒ(𝒜 q̇), with ℒ = (1 - 𝒲)⁻¹ and 𝒲 with Ad(T_i,p) where body p is the parent of body i.
 # M = 𝒜'ℒ'𝒢ℒ𝒜, and c, g and the wrenches' part follow without a recursion. Floats only.
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """τ = M q̈ + c + g + J'F, its terms, and the block matrices they are products of: body after body, six rows each.
+    """τ = M q̈ + c + g + J'F, its terms, and the block matrices that produce them, with six rows per body.
 
     Examples
     --------
@@ -266,31 +266,31 @@ class ClosedForm:
     """
 
     M: Array
-    """Mass matrix 𝒜'ℒ'𝒢ℒ𝒜, and on its diagonal the armature of the drives, if there is any; (nv, nv)."""
+    """Mass matrix 𝒜'ℒ'𝒢ℒ𝒜, plus the armature of the drives on its diagonal; (nv, nv)."""
     c: Array
     """Coriolis and centripetal torques; (nv,)."""
     g: Array
-    """Gravity torques, with those that hold the springs, if there are any; (nv,)."""
+    """Gravity torques plus spring torques; (nv,)."""
     wrench_torques: Array
-    """J'F, torques of the wrenches that the robot applies; (nv,)."""
+    """J'F, torques of the wrenches that the robot exerts; (nv,)."""
     A: Array
-    """𝒜, the joints' screw axes in the frames of their bodies; (6n, nv)."""
+    """𝒜, joint screw axes in the frames of their bodies; (6n, nv)."""
     G: Array
-    """𝒢, the spatial inertias; (6n, 6n)."""
+    """𝒢, spatial inertias; (6n, 6n)."""
     W: Array
     """𝒲, Ad(T_ip) in the rows of body i and the columns of its parent p; (6n, 6n)."""
     L: Array
-    """ℒ = (1 - 𝒲)⁻¹, Ad(T_ij) wherever body i hangs on body j; (6n, 6n)."""
+    """ℒ = (1 - 𝒲)⁻¹, with Ad(T_ij) if body j carries body i; (6n, 6n)."""
     V: Array
-    """𝒱 = ℒ𝒜 q̇, the twists; (6n,)."""
+    """𝒱 = ℒ𝒜 q̇, body twists; (6n,)."""
     ad_V: Array
-    """[ad 𝒱], block by block; (6n, 6n)."""
+    """[ad 𝒱], block diagonal; (6n, 6n)."""
     ad_Adq: Array
-    """[ad 𝒜q̇]; (6n, 6n)."""
+    """[ad 𝒜q̇], block diagonal; (6n, 6n)."""
     dV_base: Array
-    """𝒱̇_base, the base's acceleration -gravity in the rows of the bodies on it; (6n,)."""
+    """𝒱̇_base, the base acceleration -gravity in the rows of the bodies attached to it; (6n,)."""
     F_by: Array
-    """ℱ, the wrenches that the robot applies; (6n,)."""
+    """ℱ, wrenches that the robot exerts; (6n,)."""
 
     def inverse_dynamics(self, ddq: Array) -> Array:
         """Inverse dynamics by the block matrices: joint torques of the accelerations.
@@ -319,7 +319,7 @@ class ClosedForm:
         return self.L @ (self.A @ ddq - self.ad_Adq @ (self.W @ self.V) + self.dV_base)
 
     def wrenches(self, ddq: Array) -> Array:
-        """Wrenches across the joints ℱ = ℒ'(𝒢𝒱̇ - [ad 𝒱]'𝒢𝒱 + ℱ_by), what each body receives through its joint.
+        """Wrenches through the joints, ℱ = ℒ'(𝒢𝒱̇ - [ad 𝒱]'𝒢𝒱 + ℱ_by), which each body receives from its parent.
 
         Parameters
         ----------
@@ -333,7 +333,7 @@ class ClosedForm:
 
 
 def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> ClosedForm:
-    """All terms at one state, by block matrices of size 6n. MR section 8.4."""
+    """All terms at one state, from block matrices of size 6n. MR section 8.4."""
     n, nv = len(model.bodies), model.nv
     T = [np.asarray(X, float) for X in joint_poses(model, np.asarray(q, float))]
     A, G, W = np.zeros((6 * n, nv)), np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
@@ -364,7 +364,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
 
 
 def _armature_products(model: Model, dq: Array) -> Array:
-    """Part of c due to the armature of each joint: -S [V, ·]' S' A u, with V = S' u its own twist; (nv,)."""
+    """Part of c due to the armature of each joint: -S [V, ·]' S' A u, with V = S' u the joint's own twist; (nv,)."""
     c = np.zeros(model.nv)
     for body in model.leaders:
         mine, S = body.places[1], body.joint.axes

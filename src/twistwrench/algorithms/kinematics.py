@@ -16,7 +16,7 @@ from .recursion import ancestors, base_poses, joint_poses, zeros
 
 
 def forward_kinematics(model: Model, q: Array, frame: str) -> Array:
-    """T_s,frame; (4, 4)."""
+    """Pose of the frame in the base frame, T_s,frame; (4, 4)."""
     place = model.frame(frame)
     T = joint_poses(model, q)
     X = place.pose
@@ -26,14 +26,14 @@ def forward_kinematics(model: Model, q: Array, frame: str) -> Array:
 
 
 def link_poses(model: Model, q: Array) -> Array:
-    """T_s,link of every link, in the order of the model's frames; (nlinks, 4, 4)."""
+    """Pose of every link, T_s,link, in the order of the model's frames; (nlinks, 4, 4)."""
     T_s = base_poses(model, joint_poses(model, q))
     return np.stack([f.pose if f.body == BASE else T_s[f.body] @ f.pose for f in model.frames.values()])
 
 
 # ── Jacobians of a frame and their rates. Modern Robotics section 5.1
 
-# ``kind`` says which twist the Jacobian gives: ``"body"``, V_b in the frame itself; ``"space"``, V_s at the base origin;
+# ``kind`` selects the twist: ``"body"``, V_b in the frame itself; ``"space"``, V_s at the base origin;
 # ``"world_aligned"``, at the frame's origin with the axes of {s}.
 
 KINDS = ("body", "space", "world_aligned")
@@ -42,7 +42,7 @@ PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_al
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
-    """(body, its joint's screw axes (k, 6) seen from the observer) from the base to the frame. MR eq. 5.11, 5.18."""
+    """(body, its joint's screw axes (k, 6) in the frame of ``kind``) from the base to the frame. MR eq. 5.11, 5.18."""
     place, T = model.frame(frame), joint_poses(model, q)
     path = list(ancestors(model, place.body))
     seen: dict[int, Array] = {}
@@ -61,7 +61,7 @@ def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Bo
 
 
 def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
-    """J of the frame; (6, nv)."""
+    """Jacobian J of the frame; (6, nv)."""
     J = zeros(6, model.nv)
     for body, axes in _columns(model, q, frame, kind):
         _add(J, body, axes)
@@ -69,7 +69,7 @@ def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
 
 
 def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "body") -> Array:
-    """dJ/dt; (6, nv). Each column turns with its body, as the observer sees it: dJ_i = [V_i - V_observer, J_i]."""
+    """dJ/dt; (6, nv). Each column moves with its body relative to the observing frame: dJ_i = [V_i - V_observer, J_i]."""
     return _rate(model, list(_columns(model, q, frame, kind)), dq, kind)
 
 
@@ -86,7 +86,7 @@ def _rate(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str)
 
 
 def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
-    """∂J/∂q; (6, nv, nv), the last axis along robot.add. dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit rate."""
+    """∂J/∂q; (6, nv, nv), last axis along robot.add. dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit velocity."""
     columns, units = list(_columns(model, q, frame, kind)), np.eye(model.nv).astype(object)
     D = zeros(6, model.nv, model.nv)
     for body, axes in columns:
@@ -111,7 +111,7 @@ def frame_acceleration(model: Model, q: Array, dq: Array, ddq: Array, frame: str
 
 
 def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
-    """J_b' F: the torques for a wrench (6,) that the robot applies at the frame, in the frame; (nv,). MR eq. 5.26."""
+    """J_b' F: torques for a wrench (6,) that the robot exerts at the frame, in its axes; (nv,). MR eq. 5.26."""
     place, T = model.frame(frame), joint_poses(model, q)
     tau = zeros(model.nv)
     F = Ad(place.pose).inverse.T @ F
@@ -123,18 +123,18 @@ def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
     return tau
 
 
-# ── Coordinate rates: derivatives of q ⊕ v by v at v = 0, and brackets of motions
+# ── Coordinate rates: derivatives of q ⊕ v with respect to v at v = 0, and Lie brackets of joint axes
 
-# Along robot.add the pose of each joint goes as T exp([A v]), so with dR = R [w] and dp = R v
+# Along robot.add the pose of each joint is T exp([A v]). With dR = R [w] and dp = R v
 #
 #     dq = N(q) v,      N of a quaternion Q:  dQ = ½ Q (0, w),
 #
-# which is along Q's own direction-free part: functions that do not depend on its length have the derivative of robot.add's
-# normalised one. Modern Robotics sections 3.2.2 and 3.3.2; quaternions: Appendix B.3.
+# which leaves the length of Q unchanged. Functions that do not depend on this length have the same derivative as along
+# robot.add, which normalises Q. Modern Robotics sections 3.2.2 and 3.3.2; quaternions: Appendix B.3.
 
 
 def coordinate_rates(model: Model, q: Array) -> Array:
-    """N with dq/dt = N dq along robot.add; (nq, nv)."""
+    """N in dq/dt = N dq along robot.add; (nq, nv)."""
     N = zeros(model.nq, model.nv)
     for body in model.leaders:
         rows, columns = body.places
@@ -143,22 +143,22 @@ def coordinate_rates(model: Model, q: Array) -> Array:
 
 
 def velocity_map(model: Model, q: Array) -> Array:
-    """B with dq = B dq/dt, the other way; (nv, nq). Rates that stretch a quaternion give no velocity.
+    """B in dq = B dq/dt, the inverse of N; (nv, nq). Rates that change a quaternion's length give no velocity.
 
-    The columns of N are at right angles, so the rows of B are these, scaled.
+    The columns of N are orthogonal, so the rows of B are the scaled columns.
     """
     return np.stack([column / (column @ column) for column in coordinate_rates(model, q).T])
 
 
 def rates_of_coordinates(model: Model, q: Array, dq: Array) -> Array:
-    """dq/dt = N dq of the coordinates; (nq,)."""
+    """Coordinate rates dq/dt = N dq; (nq,)."""
     return np.asarray(coordinate_rates(model, q) @ dq)
 
 
 def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
-    """(x, its derivative along each velocity (*x.shape, nv)) of q, and of each rotation by a quaternion.
+    """(x, its derivative along each velocity (*x.shape, nv)) for q, and for each rotation that a quaternion describes.
 
-    dR = R [w] is short, and half of it zeros; through the quaternion it is neither.
+    dR = R [w] is short and half zeros, unlike the derivative through the quaternion.
     """
     yield q, coordinate_rates(model, q)
     for body in model.leaders:
@@ -170,7 +170,7 @@ def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def brackets(model: Model) -> Array:
-    """c with [S_a, S_b] = Σ c_abd S_d for the screw axes of one joint, which make a group; (nv, nv, nv)."""
+    """Structure constants c of each joint's screw axes, [S_a, S_b] = Σ c_abd S_d, which form a Lie algebra; (nv, nv, nv)."""
     c = np.zeros((model.nv, model.nv, model.nv))
     for body in model.leaders:
         mine = body.places[1]
@@ -180,7 +180,7 @@ def brackets(model: Model) -> Array:
     return c
 
 
-# ── Integration on symbols: q ⊕ v without a branch, and quaternion normalisation
+# ── Integration on symbols: branch-free q ⊕ v, and quaternion normalisation
 
 
 def add(model: Model, q: Array, dv: Array) -> Array:
@@ -191,7 +191,7 @@ def add(model: Model, q: Array, dv: Array) -> Array:
 def moved(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     """q ⊕ dv, each joint along its constant twist for unit time; (nq,). :meth:`twistwrench.Robot.add` on symbols.
 
-    ``angles`` are q again, for sines, cosines and rotations.
+    ``angles`` are the values of q to use in sines, cosines and rotations.
     """
     found = q.copy()
     for body in model.leaders:
@@ -210,7 +210,7 @@ def subtract(model: Model, q1: Array, q0: Array) -> Array:
 
 
 def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
-    """q ⊕ dv/2, (nq,), whose angles need no look at their size: of sums, sines are taken part by part."""
+    """q ⊕ dv/2; (nq,). Sines of its angles need no range reduction: they come from the angle-sum formulas."""
     found, turn = moved(model, q, 0.5 * dv, angles), 0.5 * dv
     for body in model.leaders:
         if body.joint.angle is not None:
@@ -220,7 +220,7 @@ def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
 
 
 def normalised(model: Model, q: Array, share: Any = 1.0) -> Array:
-    """q with its quaternions of unit length, or by a ``share`` of the way there; (nq,)."""
+    """q with its quaternions normalised, or moved towards unit length by the fraction ``share``; (nq,)."""
     found = q.copy()
     for mine in model.quaternions:
         Q = q[mine]

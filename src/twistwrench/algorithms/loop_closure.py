@@ -1,13 +1,13 @@
 """Closed loops: projection of states onto the constraints, reachable rows, and closing configurations.
 
-Projection: with M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the least changes in the kinetic metric are
+Projection: with M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the smallest changes in the kinetic metric are
 
-    (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q),  g the gaps of the loops
+    (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q),  g the gaps (closure errors) of the loops
     (2)  dq ← dq - M⁻¹A'S⁻¹ A dq
 
-(1) is taken twice with the matrices of the first q, Newton's method simplified: gaps of a step are small, and each time
-shrink by the square of what was moved. (2) is exact at the q found. Source: Hairer, Lubich and Wanner, Geometric
-Numerical Integration, section IV.4, projection methods; in the metric of M the projection is the same in any coordinates.
+(1) is applied twice with the matrices of the first q (simplified Newton method): the gaps after an integration step are
+small, and each iteration reduces them quadratically. (2) is exact at the resulting q. Source: Hairer, Lubich and Wanner,
+Geometric Numerical Integration, section IV.4, projection methods. The metric M makes the projection independent of coordinates.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from .mass_matrix import factored, lowered, mass_matrix, raised, solved
 from .recursion import zeros
 
 ROUNDS = 2
-"""Rounds of (1): a gap of 1e-5 of the robot's size becomes one of 1e-10, then rounding."""
+"""Iterations of (1): they reduce a gap of 1e-5 of the robot's size to 1e-10, then to rounding error."""
 
 
 _OPPOSITE = 1e-30
-"""Avoids a division by zero for a turn by π, whose sine is zero; beside any other cosine it is nothing."""
+"""Avoids a division by zero for a rotation by π, whose sine is zero; negligible for any other angle."""
 
 
 @dataclass(frozen=True)
 class LoopRows:
-    """The rows of closures that have a position and depend on no others, to be brought to zero."""
+    """Independent rows of closures that have a gap; the projection brings these gaps to zero."""
 
     constraints: tuple[Constraint, ...]
     independent: tuple[int, ...]
-    """Numbers of the rows of A that do not depend on earlier ones."""
+    """Numbers of the rows of A that are independent of earlier rows."""
 
     @property
     def places(self) -> tuple[list[int], list[int]]:
-        """The numbers of the rows among those of :func:`small_gaps`, and among those of A."""
+        """Numbers of these rows in :func:`small_gaps`, and in A."""
         with_gap = [k for k, has in enumerate(with_gaps(self.constraints)) if has]
         closing = [n for n, k in enumerate(with_gap) if k in self.independent]
         return closing, [with_gap[n] for n in closing]
@@ -54,7 +54,7 @@ class LoopRows:
         return small_gaps(model, q, self.constraints)[self.places[0]]
 
     def jacobian(self, model: Model, q: Array) -> Array:
-        """Their rows of A."""
+        """Rows of A that belong to these gaps."""
         return constraint_jacobian(model, q, self.constraints)[self.places[1]]
 
 
@@ -63,8 +63,8 @@ def projected(
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """q and dq on the constraints, the gaps and the rates A dq before, the gaps after, and the pivots of A M⁻¹ A'.
 
-    (nq,), (nv,), (rows of closures,), (independent rows,), (rows of closures,), (independent rows,). ``independent`` are the
-    numbers of the rows of A that do not depend on earlier ones.
+    (nq,), (nv,), (rows of closures,), (independent rows,), (rows of closures,), (independent rows,). ``independent`` holds the
+    numbers of the rows of A that are independent of earlier rows.
     """
     closing, rows = LoopRows(tuple(constraints), tuple(independent)).places
     before = after = small_gaps(model, q, constraints)
@@ -84,9 +84,9 @@ def projected(
 
 
 def small_gaps(model: Model, q: Array, constraints: Sequence[Constraint]) -> Array:
-    """The gaps of the closures' rows, rad and m, right to the third order; zero where :func:`.loop_closure.closure_gaps` are.
+    """Gaps of the closures' rows [rad, m], accurate to third order; zero exactly where :func:`closure_gaps` is zero.
 
-    Twice the sine of half an angle stands for it.
+    An angle is replaced by twice the sine of its half.
     """
     closures = [c for c in constraints if isinstance(c, Closure)]
     if not closures:
@@ -112,48 +112,47 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
 
 # ── Projection onto constraints with singular A M⁻¹ A'. Floats, batches
 
-# With M = L L' and W the usual size of each row, the singular values of B = W⁻¹ A L⁻ᵀ are pure numbers, 1 for a row that
-# moves as easily as it usually does, and the same for any choice of coordinates of the joints. So one number says which of
-# them count.
+# With M = L L' and W the usual size of each row, the singular values of B = W⁻¹ A L⁻ᵀ are dimensionless: 1 for a row of usual
+# mobility. They do not depend on the joint coordinates, so one threshold separates significant from zero values.
 
 TOLERANCE = 1.5e-8
-"""Singular values below it are zero. Coordinates good to the rounding of doubles, ε, may be √ε from a singular
-configuration, and singular values grow with the distance from it; so what is smaller than √ε counts as zero."""
+"""Singular values below it count as zero. Coordinates accurate to the rounding of doubles, ε, may be √ε away from a singular
+configuration, and singular values grow with that distance."""
 SAFE = 1e-6
-"""Pivot of B B' above which its inverse by elimination is good to some ε/SAFE = 1e-10; below, the
-singular values of B replace it, which are the roots of those of B B'."""
+"""Smallest pivot of B B' for elimination, whose error is then about ε/SAFE = 1e-10. Below it, the singular values of B are
+used instead; those of B B' are their squares."""
 SAFE_SINGLE = 1e-2
-"""The same for float32."""
+"""The same threshold for float32."""
 NEGLIGIBLE = 1e-9
-"""Rad against m, and m against rad: turning about levers shorter than a nanometre, or sliding on circles of a gigametre."""
+"""Negligible rad relative to m, and m relative to rad: lever arms below a nanometre, or radii above a gigametre."""
 
 GENERIC = 1e-6
-"""A row that is nearer to the span of others than this part of its usual size, at every configuration looked at, depends on
-them: those configurations are consistent to 1e-12 only, and loops of special geometry are redundant nowhere else."""
+"""Distance of a row from the span of others, as a fraction of its usual size. A row that is nearer at every sampled
+configuration is dependent: samples are consistent to 1e-12 only, and redundancy of special geometry holds everywhere."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintProjector:
-    """B = W⁻¹ A L⁻ᵀ = U σ V' by singular values, those that count; any leading batch shape.
+    """B = W⁻¹ A L⁻ᵀ = U σ V', reduced to its significant singular values; any leading batch shape.
 
-    In the coordinates y = L'q̈, B y is what the rows see, and no length of y is larger than another of the same energy. So
-    what constrains is V, what is free is the rest, and no number is divided by σ² on its way to q̈.
+    In the coordinates y = L'q̈ the rows act as B y, and the norm of y is that of the kinetic metric. V spans the constrained
+    directions, its complement the free ones, and q̈ is computed without a division by σ².
     """
 
     sizes: Array
-    """The diagonal of W; (k,)."""
+    """Diagonal of W; (k,)."""
     L: Array
-    """(..., nv, nv)."""
+    """Cholesky factor of M; (..., nv, nv)."""
     U: Array
-    """Its columns beyond the rank are zero, as are those of V, and 1/σ; (..., k, m)."""
+    """Left singular vectors; (..., k, m). Columns beyond the rank are zero, likewise in V and 1/σ."""
     V: Array
-    """(..., nv, m)."""
+    """Right singular vectors; (..., nv, m)."""
     inverse_sigma: Array
-    """(..., m)."""
+    """1/σ; (..., m)."""
 
     @classmethod
     def from_rows(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> ConstraintProjector:
-        """A (..., k, nv), M (..., nv, nv), sizes (k,); ``most`` directions where more are known to be rounding."""
+        """A (..., k, nv), M (..., nv, nv), sizes (k,); at most ``most`` directions, if more are known to be rounding errors."""
         L = _factor(M)
         B = _through(A, L) / sizes[:, None]
         if 0 in B.shape[-2:]:
@@ -171,7 +170,7 @@ class ConstraintProjector:
 
     @property
     def directions(self) -> Array:
-        """Orthonormal columns: first a basis of the range of A, then the rest; (..., k, k)."""
+        """Orthonormal columns: first a basis of the range of A, then one of its complement; (..., k, k)."""
         basis = self.sizes[:, None] * self.U
         if basis.shape[-1] == 0:
             return np.broadcast_to(np.eye(len(self.sizes)), (*basis.shape[:-1], len(self.sizes)))
@@ -179,7 +178,7 @@ class ConstraintProjector:
 
     @property
     def lost(self) -> Array:
-        """Orthonormal rows that span the rest, as many as the sample with most has, zero after its own; (..., n, k)."""
+        """Orthonormal rows that span the complement of the range of A, zero-padded to the largest number; (..., n, k)."""
         k, rank = len(self.sizes), np.asarray(self.rank)[..., None]
         place = rank + np.arange(k - rank.min(initial=k))
         columns = np.take_along_axis(self.directions, np.minimum(place, k - 1)[..., None, :], axis=-1)
@@ -204,12 +203,12 @@ class ConstraintProjector:
         return np.asarray(self.L @ np.swapaxes(np.linalg.solve(np.swapaxes(self.L, -1, -2), free), -1, -2))
 
     def nearest(self, v: Array, missing: Array, damped: Array | float = 1.0) -> Array:
-        """v less the least in the kinetic metric that A makes ``missing`` of, its directions ``damped`` (..., m)."""
+        """v minus the smallest change in the kinetic metric that A maps to ``missing``, its directions ``damped`` (..., m)."""
         y = self.V @ (damped * self.inverse_sigma * self._seen(missing))[..., None]
         return np.asarray(v - self._back(y))
 
     def constrained(self, force: Array, b: Array) -> tuple[Array, Array]:
-        """q̈ and λ of M q̈ + A'λ = force, A q̈ + b = 0, λ of least norm; (..., nv), (..., k)."""
+        """q̈ and λ of M q̈ + A'λ = force, A q̈ + b = 0, with λ of minimum norm; (..., nv), (..., k)."""
         w = np.linalg.solve(self.L, force[..., None])
         taken = (np.swapaxes(self.V, -1, -2) @ w)[..., 0] + self.inverse_sigma * self._seen(b)
         lam = (self.U @ (self.inverse_sigma * taken)[..., None])[..., 0] / self.sizes
@@ -243,9 +242,9 @@ def _through(A: Array, L: Array) -> Array:
 
 
 def usual_sizes(J: Array, M: Array) -> Array:
-    """The size of turning and of moving rows of A L⁻ᵀ over samples; J (n, 6, nv), M (n, nv, nv) → (6,).
+    """RMS size of the angular and of the linear rows of A L⁻ᵀ over samples; J (n, 6, nv), M (n, nv, nv) → (6,).
 
-    One size for the three rows of a kind, so that a row that hardly moves beside the others is seen to.
+    The three rows of a kind share one size, so that a row that hardly moves compared with the others is recognised.
     """
     rows = np.sqrt((through(J, M) ** 2).sum(axis=-1).mean(axis=0))
     turning, moving = float(rows[:3].max(initial=0.0)), float(rows[3:].max(initial=0.0))
@@ -254,21 +253,21 @@ def usual_sizes(J: Array, M: Array) -> Array:
 
 
 def doubtful(pivots: Array, sizes: Array) -> Array:
-    """True if elimination with these pivots (..., k) of A M⁻¹ A' is repeated by singular values; (...)."""
+    """True if elimination with these pivots (..., k) of A M⁻¹ A' is too inaccurate and singular values are needed; (...)."""
     safe = SAFE_SINGLE if pivots.dtype == np.float32 else SAFE
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(~(pivots >= safe * sizes**2).all(axis=-1))
 
 
 def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
-    """Numbers of the rows of A that do not depend on earlier ones, where most of them do not; A (n, k, nv), M (n, nv, nv)."""
+    """Numbers of the rows of A independent of earlier ones, at the sample of largest rank; A (n, k, nv), M (n, nv, nv)."""
     best: tuple[int, ...] = ()
     for B in through(A, M) / sizes[:, None]:
         kept: list[int] = []
         Q = np.zeros((0, A.shape[-1]))
         for i, row in enumerate(B):
             rest = row - Q.T @ (Q @ row)
-            rest = rest - Q.T @ (Q @ rest)  # once more, for what rounding left
+            rest = rest - Q.T @ (Q @ rest)  # repeated against rounding errors
             if np.linalg.norm(rest) > GENERIC:
                 kept.append(i)
                 Q = np.vstack([Q, rest / np.linalg.norm(rest)])
@@ -278,16 +277,16 @@ def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
 
 # ── Closure errors and closing configurations. Floats, batches
 
-# A gap is zero where {b} lies on {c} in the closure's rows, and near there its rate is that of the same rows of V_cb:
-# moving rows are those of p; three turning rows those of log R; two are the smallest turn that takes the third axis of {b}
-# to that of {c}, so that the free turning may be any; one is the angle of a plane motion.
+# A gap is zero if {b} coincides with {c} in the closure's rows; near there its rate is that of the same rows of V_cb. Linear
+# rows are those of p. Three angular rows are those of log R. Two are the smallest rotation that takes the third axis of {b} to
+# that of {c}, for any free rotation about it. One is the angle of a planar motion.
 
 ITERATIONS = 100
-"""Most iterations of the Levenberg–Marquardt method. Near a solution digits double each time; a hundred is for far starts."""
+"""Maximum number of Levenberg–Marquardt iterations. Convergence is quadratic near a solution; distant starts need more."""
 
 
 def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:
-    """The gaps of the closures' rows, rad and m, from T_cb of each; (..., n, 4, 4) → (..., rows)."""
+    """Gaps of the closures' rows [rad, m], from T_cb of each; (..., n, 4, 4) → (..., rows)."""
     closures = [c for c in constraints if isinstance(c, Closure)]
     gaps = [_gap(closure.rows, T[..., n, :3, :3], T[..., n, :3, 3]) for n, closure in enumerate(closures)]
     return np.concatenate([np.zeros((*T.shape[:-3], 0)), *gaps], axis=-1)
@@ -309,7 +308,7 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
 
 
 def _between_axes(R: Array, k: int) -> Array:
-    """The rotation vector, across axis k of {c}, that takes it to axis k of {b}; any of those by π where they are opposite."""
+    """Smallest rotation vector that takes axis k of {c} to axis k of {b}; if they are opposite, one of those by π."""
     there = R[..., :, k]
     across = np.cross(np.eye(3)[k], there)
     sine, cosine = np.linalg.norm(across, axis=-1), there[..., k]
@@ -328,11 +327,11 @@ def settled(
     units: Array,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """Configurations near q (n, nq) without gaps, and the largest gap left at each (n,), over its row's unit.
+    """Configurations near q (n, nq) without gaps, and the largest remaining gap of each (n,), divided by the unit of its row.
 
-    Steps are the least in the kinetic metric, Levenberg and Marquardt's with the square of the gap for a parameter, halved
-    while they do not help: Fan and Yuan, Computing 74, 2005, quadratic also where the solution is singular.
-    ``slopes`` gives A of the gaps and M.
+    Levenberg–Marquardt steps, smallest in the kinetic metric, with the squared gap as damping parameter; a step is halved while
+    it does not reduce the gap. Fan and Yuan, Computing 74, 2005: quadratic convergence also at singular solutions.
+    ``slopes`` returns A of the gaps and M.
     """
     q, gap = q.copy(), gaps(q)
     left = np.abs(gap / units).max(axis=-1, initial=0.0)
@@ -358,7 +357,7 @@ def settled(
 
 
 def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
-    """Step dv, least in the kinetic metric, that closes the gaps up to damping; (n, nv)."""
+    """Smallest step dv in the kinetic metric that closes the gaps, up to damping; (n, nv)."""
     projector = ConstraintProjector.from_rows(A, M, sizes)
     damped = 1.0 / (1.0 + damping[:, None] * projector.inverse_sigma**2)  # σ²/(σ² + damping)
     return projector.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)

@@ -31,8 +31,8 @@ from .recursion import (
 def factored(M: Array) -> tuple[Array, Array]:
     """L, unit lower triangular, and 1/D with M = L' D L, from the last row up; Featherstone, RBDA (2008), 6.5.
 
-    Leaves come after their ancestors in M, so eliminating from the end keeps the zeros between branches zero, and a
-    trace drops them. Only the lower triangle is read. Unrolled: no pivots, M positive definite.
+    Leaves come after their ancestors in M, so elimination from the end keeps the zeros between branches, and tracing omits
+    them. Only the lower triangle is read. Unrolled and without pivoting: M is positive definite.
     """
     n = len(M)
     H, L, inverse = M.copy(), M.copy(), M.diagonal().copy()
@@ -70,12 +70,12 @@ def raised(L: Array, b: Array) -> Array:
 
 
 def inverse_factor(L: Array) -> Array:
-    """W with W L = 1: unit lower triangular, with the zeros of L, and M⁻¹ = W D⁻¹ W'."""
+    """W with W L = 1: unit lower triangular, with the zeros of L; M⁻¹ = W D⁻¹ W'."""
     return np.array([raised(L, e) for e in np.eye(len(L)).astype(object)]).reshape(L.shape).T
 
 
 def symmetric_product(W: Array, inverse: Array) -> Array:
-    """W D⁻¹ W', each pair of mirror images computed once."""
+    """W D⁻¹ W', each symmetric pair computed once."""
     n = len(W)
     scaled, product = W * inverse, W.copy()
     for i in range(n):
@@ -85,7 +85,7 @@ def symmetric_product(W: Array, inverse: Array) -> Array:
 
 
 def widened(M: Array, diagonal: Array) -> Array:
-    """M with more on its diagonal."""
+    """M with ``diagonal`` added to its diagonal."""
     found = M.astype(object)
     for i, x in enumerate(diagonal):
         found[i, i] = found[i, i] + x
@@ -94,11 +94,11 @@ def widened(M: Array, diagonal: Array) -> Array:
 
 # ── Mass matrix by composite bodies. Featherstone, RBDA (2008), 6.2
 
-# M = Σ J_i' G_i J_i (MR eq. 8.57) summed so that every body is moved to its parent once; and the drives' armature.
+# M = Σ J_i' G_i J_i (MR eq. 8.57), with each body's inertia moved to its parent once; plus the drives' armature.
 
 
 def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
-    """Inertia of each body together with everything it carries, in the body's frame."""
+    """Inertia of each body together with all bodies it carries, in the body's frame."""
     G = [body.inertia for body in model.bodies]
     coordinates = joint_coordinates(model, q)
     for i, p in inward(model):
@@ -115,7 +115,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     M = zeros(model.nv, model.nv)
     for i, G in enumerate(composite_inertias(model, q)):
         for b, S in enumerate(model.bodies[i].joint.axes):
-            F = G @ S  # momentum of all it carries, for unit rate
+            F = G @ S  # momentum of all carried bodies at unit rate
             for j in ancestors(model, i):
                 for a, S_j in enumerate(model.bodies[j].joint.axes):
                     if i != j or a <= b:
@@ -123,13 +123,13 @@ def mass_matrix(model: Model, q: Array) -> Array:
                 F = up[j] @ F
     drives = armature_matrix(model)
     M = widened(M, drives.diagonal())
-    for i, j in zip(*np.nonzero(drives - np.diag(drives.diagonal())), strict=True):  # of coupled motors
+    for i, j in zip(*np.nonzero(drives - np.diag(drives.diagonal())), strict=True):  # coupled motors
         M[i, j] = M[i, j] + drives[i, j]
     return M
 
 
 def _add_symmetric(M: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    """Add an entry and its mirror image; joints that share a coordinate may bring two entries to one place."""
+    """Add an entry and its mirror image. Joints that share a coordinate may add several values to one entry."""
     r, c = row.v_index + a, column.v_index + b
     value = row.ratio * column.ratio * value
     M[r, c] = M[r, c] + value
@@ -141,7 +141,7 @@ def _add_symmetric(M: Array, row: Body, a: int, column: Body, b: int, value: Any
 
 
 def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
-    """V_i, the twist of each body in its own frame; (6,) each. MR eq. 8.51."""
+    """Twist V_i of each body in its own frame; (6,) each. MR eq. 8.51."""
     Adq = spread(model, dq)
     V: list[Array] = []
     for i, p in outward(model):
@@ -150,7 +150,7 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
 
 
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
-    """½ Σ V' G V, and that of the drives' armature; J. MR section 8.1.2."""
+    """½ Σ V' G V plus the energy of the drives' armature [J]. MR section 8.1.2."""
     V = body_velocities(model, joint_poses(model, q), dq)
     u = motor_velocities(model, dq)
     drives = 0.5 * (u @ (model.armature * u))
@@ -167,23 +167,23 @@ def _first_moments(model: Model, q: Array) -> tuple[float, Array]:
 
 
 def potential_energy(model: Model, q: Array) -> Any:
-    """- Σ m g·c, zero with every centre of mass at the base origin, and the energy of springs; J."""
+    """-Σ m g·c, zero with every centre of mass at the base origin, plus the energy of springs [J]."""
     return -(model.gravity @ _first_moments(model, q)[1]) + spring_energy(model, q)
 
 
 def center_of_mass(model: Model, q: Array) -> Array:
-    """Centre of mass of the moving bodies in the base frame, NaN where they have no mass; (3,)."""
+    """Centre of mass of the moving bodies in the base frame, NaN if their mass is zero; (3,)."""
     mass, h = _first_moments(model, q)
     return h * _per(mass)
 
 
 def _per(mass: Any) -> Any:
-    """1 / mass, NaN of none; a mass that is a symbol is taken to be some."""
+    """1 / mass, NaN for zero mass; symbolic masses count as nonzero."""
     return np.nan if isinstance(mass, int | float) and mass == 0 else 1.0 / mass
 
 
 def com_jacobian(model: Model, q: Array) -> Array:
-    """J with d(center_of_mass)/dt = J dq; (3, nv). Each joint moves the composite it carries."""
+    """J with d(center_of_mass)/dt = J dq; (3, nv). Each joint moves the composite body that it carries."""
     T = joint_poses(model, q)
     T_s, G = base_poses(model, T), composite_inertias(model, q)
     J = zeros(3, model.nv)
@@ -196,7 +196,7 @@ def com_jacobian(model: Model, q: Array) -> Array:
 
 
 def momentum(model: Model, q: Array, dq: Array) -> Array:
-    """P, spatial momentum of the moving bodies at the base origin; (6,)."""
+    """Spatial momentum P of the moving bodies at the base origin; (6,)."""
     T = joint_poses(model, q)
     V, T_s = body_velocities(model, T, dq), base_poses(model, T)
     P = zeros(6)
@@ -206,7 +206,7 @@ def momentum(model: Model, q: Array, dq: Array) -> Array:
 
 
 def momentum_about_com(model: Model, q: Array, dq: Array) -> Array:
-    """The same momentum about the centre of mass, axes of {s}: the centroidal momentum; (6,)."""
+    """Centroidal momentum: the spatial momentum about the centre of mass, axes of {s}; (6,)."""
     P = momentum(model, q, dq)
     return np.concatenate([P[:3] - so3.cross(center_of_mass(model, q), P[3:]), P[3:]])
 
@@ -218,14 +218,14 @@ def momentum_about_com(model: Model, q: Array, dq: Array) -> Array:
 #     B V' = ((tr K 1 - K) w', w' × p)
 #
 # is the factor with  C = Σ J_i' (G_i dJ_i + B_i J_i),  C dq = c  and  dM/dt - 2C  skew. K and p add up like inertias. With the
-# sums G and B over all that joint i carries, and S_j seen from body i,
+# sums G and B over all bodies that joint i carries, and S_j expressed in body i,
 #
 #     (1)  C_ji = S_j·(G dS_i + B S_i)                      j is i, or before it
 #     (2)  C_ij = dS_j·G S_i + S_j·B'S_i,   dS = [V, S]     j before i
 
 
 class BodyCoriolis:
-    """The operator B of one body or of several joined, by its K (3, 3) and p (3,)."""
+    """The operator B of one body or of several joined ones, given by K (3, 3) and p (3,)."""
 
     def __init__(self, K: Array, p: Array) -> None:
         self.K, self.p = K, p
@@ -240,7 +240,7 @@ class BodyCoriolis:
         return BodyCoriolis(self.K + other.K, self.p + other.p)
 
     def in_frame(self, T: Array) -> BodyCoriolis:
-        """Seen from {a}, if this is in {b} and T is T_ab."""
+        """Operator expressed in {a}, given one in {b} and T = T_ab."""
         R, r = T[:3, :3], T[:3, 3]
         p = R @ self.p
         return BodyCoriolis(R @ self.K @ R.T + np.outer(p, r), p)
@@ -256,7 +256,7 @@ class BodyCoriolis:
 
 
 def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
-    """C with C dq = c and dM/dt - 2C skew; the Christoffel one on one-degree joints; (nv, nv)."""
+    """C with C dq = c and dM/dt - 2C skew; the Christoffel form for one-degree joints; (nv, nv)."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     B = [BodyCoriolis.from_twist(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
@@ -282,7 +282,7 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
 
 
 def christoffel(model: Model, q: Array) -> Array:
-    """Γ_ijk, first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR section 8.1.2."""
+    """Γ_ijk of the first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR section 8.1.2."""
     gamma = zeros(model.nv, model.nv, model.nv)
     for k, e in enumerate(np.eye(model.nv).astype(object)):
         gamma[:, :, k] = coriolis_matrix(model, q, e)

@@ -1,14 +1,14 @@
-"""One damped Newton step of inverse kinematics without branches, for batches in compiled code.
+"""Damped Newton step of inverse kinematics without branches, for batches in compiled code.
 
     (1)  T(q) exp([V]) = T_d                                MR section 6.2.2
     (2)  dq = F' (F F' + λ 1)⁻¹ V,   λ = |V|²/2             Sugihara, IEEE T-RO 27(5), 2011
-    (3)  q ← q ⊕ dq, inside the limits
+    (3)  q ← q ⊕ dq, clipped to the limits
     (4)  dq = z + F' (F F' + λ 1)⁻¹ (V - F z)               Siciliano et al., Robotics (2009), eq. 3.54
 
-(4) takes the place of (2) where z, the way to a posture, is to be gone as far as the poses let.
+(4) replaces (2) if a posture is given: z is the displacement to it, which is followed as far as the poses allow.
 
-V is scaled so that a metre counts as much as a radian moves the frame; F are the columns of the Jacobian, scaled alike, of the
-joints that their limits do not hold back. What is there, or gets no nearer, stays where it is.
+V is scaled so that a metre weighs as much as the displacement of the frame by a radian. F are the equally scaled Jacobian
+columns of the joints that are not held at a limit. A configuration that has converged, or stopped improving, is not moved.
 """
 
 from __future__ import annotations
@@ -31,43 +31,43 @@ from .mass_matrix import factored, solved
 from .recursion import zeros
 
 PATIENCE, NEARER = 6, 0.99
-"""Steps that may pass without getting nearer than this part of the least distance so far."""
+"""Number of steps allowed without progress, and the factor on the least residual that counts as progress."""
 FAR = 1e300
 """Residual before the first evaluation."""
 _POSE = 2e-7
-"""Gap of a matrix that is certainly a pose; :mod:`..core.arguments` allows five times as much, and more."""
+"""Largest error of a matrix that is certainly a pose; :mod:`..core.arguments` allows at least five times as much."""
 _LONGEST_WAY, _STILL = 0.2, 1e-7
-"""Longest step towards a posture, and the length of a step that counts as none [rad or m]."""
+"""Longest step towards a posture, and the step length below which the search has converged [rad or m]."""
 _HESITATION, _SHORTER = 0.25, 0.9
-"""Increase of the divisor of steps towards a posture after a step longer than this share of the one before."""
+"""Increase of the divisor of steps towards a posture, after a step longer than this fraction of the previous one."""
 _STIFFER = 1e-2
-"""Damping of loops as a part of the damping of poses, beside that of their own gaps: the search follows the loops."""
+"""Damping of loops as a fraction of that of poses, in addition to that of their own gaps, so that the search follows loops."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class NewtonStep:
-    """The steps of frames of one robot towards poses, or towards some rows of them."""
+    """Inverse-kinematics steps of one robot towards poses of frames, or towards some rows of the poses."""
 
     model: Model
     frames: tuple[tuple[str, tuple[int, ...]], ...]
-    """Each with the rows of its twist, 0 to 5."""
+    """Name and twist rows (0 to 5) of each frame."""
     scale: Array
-    """Weight of an entry of each row, frame by frame."""
+    """Weight of each row, frame by frame."""
     low: Array
-    """(nv,) least coordinates of joints of one degree of freedom; -inf of all others."""
+    """(nv,) lower limits of joints of one degree of freedom; -inf for all others."""
     high: Array
-    """(nv,) largest ones."""
+    """(nv,) upper limits, inf for all others."""
     coordinates: tuple[int, ...]
-    """(nv,) the coordinate of each such joint; -1 of all others."""
+    """(nv,) coordinate of each such joint; -1 for all others."""
     posture: bool = False
-    """True if the search also approaches a posture, given behind the poses, as far as they allow."""
+    """True if the search also approaches a posture as far as the poses allow; the posture follows the poses in ``given``."""
     loops: LoopRows | None = None
-    """Rows of closed loops, which are to be closed at the poses."""
+    """Rows of closed loops that have to close at the poses."""
     gaps: tuple[float, ...] = ()
     """Tolerance of each gap, rad or m."""
     rounds: int = 3
-    """Rounds of finding the joints at their limits; with 1, joints that meet a limit stop there."""
+    """Rounds that determine the joints at their limits; with 1, the search stops when a joint reaches a limit."""
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -76,20 +76,20 @@ class NewtonStep:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Sizes of the values that :meth:`__call__` passes on beside the next q."""
+        """Sizes of the values that :meth:`__call__` passes on with the next q."""
         return self.model.nq, 2, len(self.scale), self.model.nv, 2
 
     @property
     def begins(self) -> tuple[float, ...]:
-        """Values passed to the first step, behind q."""
+        """Values passed to the first step, after q."""
         return (0.0, FAR, *[0.0] * (len(self.scale) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """Next q, and the values passed to the next step, of :attr:`sizes`.
 
-        Passed on: the best q so far; whether it is there (-1 if a T_d is not a pose), and its |V|; the twist it leaves; which
-        joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: the
-        poses T_d, the posture if there is one, and what may be left, the squares of rad and m.
+        Passed on: the best q so far; its status (1 converged, -1 if a T_d is not a pose) and its |V|; its residual twist; the
+        held joints; the number of steps without progress, and 1 while the search continues. ``angles`` are q for sines and
+        cosines. ``given``: the poses T_d, the posture if there is one, and the squared tolerances [rad², m²].
         """
         best, (arrived, cost), least, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
         poses = 16 * len(self.frames)
@@ -100,7 +100,7 @@ class NewtonStep:
         there = self.there(e, ways, allowed)
         odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
         now = np.sqrt(V @ V)
-        if self.posture:  # as many steps as there are, the last is the best, and shorter ones where they get no shorter
+        if self.posture:  # the last step counts as best; steps that do not get shorter are divided by more
             there = there * (1.0 - positive(dq @ dq - _STILL * _STILL))
             now = np.sqrt(dq @ dq) * (1.0 + idle)
             nearer, idle = runs, idle + _HESITATION * positive(now - _SHORTER * cost)
@@ -118,7 +118,7 @@ class NewtonStep:
         return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
 
     def are_poses(self, targets: Array) -> Any:
-        """1 where all targets (k, 4, 4) are surely poses."""
+        """1 if all targets (k, 4, 4) are certainly poses."""
         fine: Any = 1.0
         for M in targets:
             off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
@@ -126,9 +126,9 @@ class NewtonStep:
         return fine
 
     def left(self, angles: Array, targets: Array) -> tuple[Array, Array]:
-        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself; then gaps of loops.
+        """Body twists V of (1), frame by frame, then the loops' gaps; and the displacements between origins, requested rows.
 
-        And the ways between the origins, in the requested rows.
+        If only some rows of a frame are requested, its angular and linear parts are evaluated separately.
         """
         parts, ways = [], [np.zeros(0)]
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
@@ -155,7 +155,7 @@ class NewtonStep:
         return fine
 
     def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
-        """dq of (2), or of (4) with less of z, without joints that their limits hold; which these are; 1 if there are some."""
+        """dq of (2) or (4), without joints that their limits hold; which joints these are; 1 if there are any."""
         each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
         each += [self.loops.jacobian(self.model, angles)] if self.loops is not None else []
         J = self.scale[:, None] * np.concatenate(each)
@@ -177,7 +177,7 @@ class NewtonStep:
         return dq * (longest / largest(dq, longest)), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
-        """1 for each joint at its lower limit, and for each at its upper one."""
+        """1 for each joint at its lower limit, and 1 for each joint at its upper limit."""
         low, high = zeros(self.model.nv), zeros(self.model.nv)
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]):
@@ -187,7 +187,7 @@ class NewtonStep:
         return low, high
 
     def inside(self, q: Array) -> Array:
-        """q with the joints of one degree of freedom moved into their limits."""
+        """q with the joints of one degree of freedom clipped to their limits."""
         found = q.copy()
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]) or np.isfinite(self.high[k]):
@@ -204,6 +204,6 @@ def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
 
 
 def _leaving(dq: Array, low: Array, high: Array) -> Array:
-    """1 for each joint that is at a limit and would go beyond."""
+    """1 for each joint at a limit that the step would exceed."""
     each = zip(low, high, dq, strict=True)
     return np.array([a * positive(-x - _PUSHES) + b * positive(x - _PUSHES) for a, b, x in each])

@@ -1,8 +1,8 @@
 """Operational-space dynamics, F = Λ dV + η (MR section 8.6), and joint control laws (MR section 11.4).
 
 With Y = L⁻ᵀJ' and M = L'DL, J M⁻¹ J' is Y'D⁻¹Y: M is factored once, and the zeros between branches stay zeros. The
-pivots of J M⁻¹ J' come out beside the result: the square of what a row has left of its own once the later rows are
-taken out of it, so one near zero is a direction the hand cannot be moved in.
+pivots of J M⁻¹ J' are returned too. Each is the squared part of a row that is independent of the later rows; a value near
+zero marks a direction in which the hand cannot move.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .recursion import zeros
 
 
 def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
-    """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for J that is not square."""
+    """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for non-square J."""
     L, D = factored(mass_matrix(model, q))
     Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
     R, E = factored(Y.T @ (D[:, None] * Y))
@@ -81,19 +81,19 @@ def _row_number(row: object) -> int:
 
 
 def undriven(model: Model) -> tuple[str, ...]:
-    """The joints of several degrees of freedom, which no law of one joint drives: ball, planar and floating ones."""
+    """Joints of several degrees of freedom (ball, planar, floating), which single-joint control laws do not drive."""
     return tuple(body.joint.name for body in model.leaders if body.joint.nv > 1)
 
 
 def clipped(tau: Array, limits: Array) -> Array:
-    """The torques, or the limits they are beyond; (nv,). On symbols; a torque that is a plain number is the 0 of no law."""
+    """Torques clipped to their limits; (nv,). For symbols; a plain number is the 0 of a joint without control law."""
     return np.array([x.clip(-y, y) if hasattr(x, "clip") else x for x, y in zip(tau, limits, strict=True)], object)
 
 
 def proportional_derivative(
     model: Model, q: Array, dq: Array, q_des: Array, dq_des: Array, kp: Array, kd: Array
 ) -> Array:
-    """Kp e + Kd ė of every joint of one degree of freedom, 0 for others; (nv,). MR section 11.4."""
+    """Kp e + Kd ė for every joint of one degree of freedom, 0 for others; (nv,). MR section 11.4."""
     u = zeros(model.nv)
     for body in model.leaders:
         if body.joint.nv == 1:
@@ -103,9 +103,9 @@ def proportional_derivative(
 
 
 def computed_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """τ = M q̈ + h, for the acceleration that is wanted; (nv,). MR eq. 11.35.
+    """τ = M q̈ + h for the desired acceleration; (nv,). MR eq. 11.35.
 
-    M and h are those that forward dynamics needs, where it goes by M.
+    If forward dynamics uses M, this reuses its M and h.
     """
     if articulated_pays(model):
         return inverse_dynamics(model, q, dq, ddq)

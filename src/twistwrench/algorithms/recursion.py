@@ -1,7 +1,7 @@
-"""Outward and inward passes over the tree, between robot and body coordinates; armature and springs of joints.
+"""Outward and inward passes over the kinematic tree; maps between robot and body coordinates; armature and springs of joints.
 
-An algorithm is the body of ``for i, p in outward(model)`` and of ``for i, p in inward(model)``; ``p`` is the parent's
-number, ``BASE`` for bodies on the base. Parents come before children, so the passes are a count up and a count down.
+An algorithm is a loop ``for i, p in outward(model)`` or ``for i, p in inward(model)``; ``p`` is the parent's number,
+``BASE`` for bodies on the base. Parents come before children, so the passes count up and down.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ def inward(model: Model) -> Iterator[tuple[int, int]]:
 
 
 def ancestors(model: Model, i: int) -> Iterator[int]:
-    """Body itself, its parent, and so on up to the base, which is left out."""
+    """The body itself, its parent, and so on up to the base, excluded."""
     while i != BASE:
         yield i
         i = model.bodies[i].parent
 
 
 def joint_coordinates(model: Model, q: Array) -> list[Array]:
-    """The coordinates of each body's joint, (nq,) of that joint; a follower's from its leader's."""
+    """Coordinates of each body's joint, (nq,) of that joint; those of a follower come from its leader."""
     mine = [q[body.places[0]] for body in model.bodies]
     return [body.ratio * x + body.offset if body.follows else x for body, x in zip(model.bodies, mine, strict=True)]
 
@@ -47,7 +47,7 @@ def joint_poses(model: Model, q: Array) -> list[Array]:
 
 
 def spread(model: Model, dq: Array) -> list[Array]:
-    """The twist of each joint in its body's frame, A dq; (6,) each. Also its derivative, given ddq: A is constant."""
+    """Twist A dq of each joint in its body's frame; (6,) each. Given ddq, its derivative, as A is constant."""
     twists = []
     for body in model.bodies:
         mine = dq[body.places[1]]
@@ -56,7 +56,7 @@ def spread(model: Model, dq: Array) -> list[Array]:
 
 
 def collect(model: Model, wrenches: Array) -> Array:
-    """Joint torques (nv,) from the wrench on each body through its joint: A' F, summed over joints that share a coordinate."""
+    """Joint torques A' F (nv,) from the wrench on each body through its joint, summed over joints that share a coordinate."""
     tau = zeros(model.nv)
     for body, F in zip(model.bodies, wrenches, strict=True):
         torque = body.joint.axes @ F
@@ -66,18 +66,18 @@ def collect(model: Model, wrenches: Array) -> Array:
 
 
 def add_entry(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    """Add an entry for velocities a of one joint and b of another; for followers, by their ratios."""
+    """Add an entry for velocity a of one joint and b of another, scaled by the ratios of followers."""
     r, c = row.v_index + a, column.v_index + b
     matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
 
 
 def zeros(*shape: int) -> Array:
-    """An array of zeros that can hold symbols."""
+    """Array of zeros that can hold symbols."""
     return np.full(shape, 0.0, object)
 
 
 def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
-    """T_s,i: pose of every body in the base frame, from the poses in the parents' frames."""
+    """T_s,i: pose of each body in the base frame, from the poses in the parents' frames."""
     poses: list[Array] = []
     for i, p in outward(model):
         poses.append(T[i] if p == BASE else poses[p] @ T[i])
@@ -86,18 +86,18 @@ def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
 
 # ── Armature: inertia A = diag(a) of drives, with kinetic energy ½ u' A u in the joint velocities u
 
-# The velocities of planar, ball and floating joints are not rates of coordinates, but the joint's own twist V by its axes S_k.
-# So Lagrange's equations are those of Hamel, and an armature has products of velocities as any inertia of that twist has:
+# The velocities of planar, ball and floating joints are not coordinate rates, but components of the joint's twist V along its
+# axes S_k. Lagrange's equations become Hamel's, and an armature has velocity products like any inertia of that twist:
 #
 #     τ = A du/dt - [V, ·]' A u = A du/dt + C u,     C = L u,     L_abc = a_c S_c·[S_a, S_b]     (axes of unit length).
 #
-# C is skew, as it has to be where dM/dt = 0. L is zero for joints of one degree. Of a ball joint with equal
-# armatures C u is zero; of a floating one what is left is a (ω × v), the acceleration of an origin whose velocity is that of a
-# moving frame. Source: Hamel, "Die Lagrange-Eulerschen Gleichungen der Mechanik", 1904; Modern Robotics section 8.2.2.
+# C is skew, as required by dM/dt = 0. L is zero for joints of one degree of freedom. For a ball joint with equal armatures C u
+# is zero. For a floating joint a (ω × v) remains: the velocity of its origin is expressed in a moving frame.
+# Source: Hamel, "Die Lagrange-Eulerschen Gleichungen der Mechanik", 1904; Modern Robotics section 8.2.2.
 
 
 def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
-    """(place in dq, L) of each joint with several velocities and an armature, (n, n, n) for the n of the joint."""
+    """(place in dq, L (n, n, n)) of each joint that has n > 1 velocities and an armature."""
     for body in model.leaders:
         mine, S = body.places[1], body.joint.axes
         a = model.armature[mine]
@@ -106,11 +106,11 @@ def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
 
 
 def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
-    """Torques of the armature, A ddq + C dq; (..., nv)."""
+    """Torques of the armature, A ddq + C u with u = dq; (..., nv)."""
     tau = joint_torques(model, model.armature * motor_velocities(model, ddq))
     for mine, L in armature_symbols(model):
         u = dq[..., mine]
-        pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; those of one with itself are zero
+        pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; squares have zero coefficients
         products = u[..., None, :, None] * u[..., None, None, :]
         tau[..., mine] = tau[..., mine] + (pairs * products).sum(axis=(-2, -1))
     return tau
@@ -120,13 +120,13 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
 
 
 def spring_energy(model: Model, q: Array) -> Any:
-    """½ Σ k x², with x the stretch of each spring; J."""
+    """½ Σ k x² with the elongation x of each spring [J]."""
     stretched = [(spring.stiffness, _stretch(model, spring, q)) for spring in model.springs]
     return sum((0.5 * stiffness * (x * x) for stiffness, x in stretched), start=0.0)
 
 
 def spring_forces(model: Model, q: Array) -> Array:
-    """The torques that hold the springs, the gradient of their energy; (nv,)."""
+    """Torques that hold the springs, the gradient of their energy; (nv,)."""
     tau = zeros(model.nv)
     for spring in model.springs:
         force = spring.stiffness * _stretch(model, spring, q)
@@ -136,7 +136,7 @@ def spring_forces(model: Model, q: Array) -> Array:
 
 
 def spring_stiffness(model: Model) -> Array:
-    """The second derivative of their energy; (nv, nv)."""
+    """Second derivative of the springs' energy; (nv, nv)."""
     K = zeros(model.nv, model.nv)
     for spring in model.springs:
         for one, a in _ends(model, spring):

@@ -1,4 +1,4 @@
-"""Time scalings s(t) from rest to rest, and the pose paths they time. Modern Robotics section 9.2."""
+"""Time scalings s(t) between states of rest, and pose paths for them. Modern Robotics section 9.2."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _UNIFORM = (0.0, 1.0)
 
 @dataclass(frozen=True)
 class Polynomial:
-    """Polynomial time scaling: s(t), a polynomial of t / T; made by :func:`cubic`, :func:`quintic` and :func:`uniform`."""
+    """Polynomial time scaling s(t) in t / T; see :func:`cubic`, :func:`quintic` and :func:`uniform`."""
 
     name: str
     """Name of the shape."""
@@ -33,7 +33,7 @@ class Polynomial:
     """Coefficients of 1, x, x², … with x = t / T."""
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
         x = np.clip(t / self.duration, 0.0, 1.0)
         moving = (t >= 0) & (t <= self.duration) | np.isnan(t)
@@ -75,7 +75,7 @@ class Polynomial:
 
 
 def horner(coefficients: tuple[float, ...], x: Array) -> Array:
-    """The polynomial with coefficients of 1, x, x², … at x (...)."""
+    """Polynomial with coefficients of 1, x, x², … at x (...)."""
     p = np.zeros_like(x)
     for c in reversed(coefficients):
         p = p * x + c
@@ -83,17 +83,17 @@ def horner(coefficients: tuple[float, ...], x: Array) -> Array:
 
 
 def differentiated(coefficients: tuple[float, ...]) -> tuple[float, ...]:
-    """The coefficients of the polynomial's derivative."""
+    """Coefficients of the polynomial's derivative."""
     return tuple(k * c for k, c in enumerate(coefficients))[1:]
 
 
 def cubic_share(x: Any) -> Any:
-    """3 x² - 2 x³ of the share x = t/T of the time; a number or an array. MR eq. 9.10."""
+    """3 x² - 2 x³ with x = t/T; a number or an array. MR eq. 9.10."""
     return x * x * (3.0 - 2.0 * x)
 
 
 def quintic_share(x: Any) -> Any:
-    """10 x³ - 15 x⁴ + 6 x⁵ of the share x = t/T of the time; a number or an array. MR section 9.2.1."""
+    """10 x³ - 15 x⁴ + 6 x⁵ with x = t/T; a number or an array. MR section 9.2.1."""
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
 
@@ -110,7 +110,7 @@ def cubic(duration: float) -> Polynomial:
 
 
 def quintic(duration: float) -> Polynomial:
-    """Quintic time scaling s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: accelerations are zero at both ends too.
+    """Quintic time scaling s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: velocities and accelerations are zero at both ends.
 
     MR section 9.2.2.1.
 
@@ -126,7 +126,7 @@ def quintic(duration: float) -> Polynomial:
 def uniform(duration: float) -> Polynomial:
     """Uniform time scaling s = t/T.
 
-    For paths whose parameter is time already, such as splines through waypoints at given times.
+    For paths with time as their parameter, such as splines through waypoints at given times.
 
     Examples
     --------
@@ -138,15 +138,15 @@ def uniform(duration: float) -> Polynomial:
 
 @dataclass(frozen=True)
 class Trapezoid:
-    """Trapezoidal time scaling: s(t) that speeds up at ``a``, coasts at ``v``, and slows down at ``a``.
+    """Trapezoidal time scaling s(t): accelerates at ``a``, coasts at ``v``, and decelerates at ``a``.
 
     Made by :func:`trapezoid`.
     """
 
     v: float
-    """1/s, the rate of coasting, or the peak where there is no coasting."""
+    """Coasting rate [1/s]; the peak rate if there is no coasting."""
     a: float
-    """1/s²."""
+    """Acceleration [1/s²]."""
     name: str = "trapezoidal"
     """Name of the shape."""
 
@@ -161,7 +161,7 @@ class Trapezoid:
         return 1.0 / self.v + self.ramp
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
         T, ta, v, a = self.duration, self.ramp, self.v, self.a
         up, down = np.clip(t, 0.0, ta), np.clip(T - t, 0.0, ta)
@@ -187,8 +187,8 @@ class Trapezoid:
 def trapezoid(*, v: float | None = None, a: float | None = None, duration: float | None = None) -> Trapezoid:
     """Trapezoidal time scaling from two of the three: rate, acceleration, duration (MR section 9.2.2.2).
 
-    With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T, 1 < v T ≤ 2 is needed;
-    with a and T, a T² ≥ 4.
+    With v and a: if v² > a, the scaling has no coasting, and its peak rate √a is below v. With v and duration T,
+    1 < v T ≤ 2 is required; with a and T, a T² ≥ 4.
 
     Parameters
     ----------
@@ -230,24 +230,24 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """Time scaling averaged over two windows of time; its derivatives up to the third are exact.
+    """Time scaling, averaged over two time windows in turn; its derivatives up to the third are exact.
 
-    The scaling that is averaged has a rate of constant slope in time between places. Uniform motion so becomes a double S
-    (:func:`s_curve`), and a motion with jumps of acceleration one of bounded jerk on the same path.
+    The rate of the original scaling is piecewise linear in time. Uniform motion becomes a double S (:func:`s_curve`), and a
+    motion with acceleration jumps becomes one of bounded jerk on the same path.
     """
 
     places: Array
-    """(n,) s from 0 to 1, rising."""
+    """(n,) knots s from 0 to 1, increasing."""
     rates: Array
-    """(n,) ds/dt there before the averaging [1/s]."""
+    """(n,) ds/dt at the knots before averaging [1/s]."""
     windows: tuple[float, float]
-    """Durations over which s(t) is averaged, one after the other [s]."""
+    """Lengths of the two averaging windows [s]."""
     name: str
     """Name of the shape."""
 
     @cached_property
     def _twice(self) -> tuple[Any, Array]:
-        """Second integral of the scaling before the averaging, and the times of its places, those outside included."""
+        """Second integral of the scaling before averaging, extended beyond both ends, and the times of its knots."""
         from scipy.interpolate import PPoly
 
         steps = 2.0 * np.diff(self.places) / (self.rates[1:] + self.rates[:-1])
@@ -278,7 +278,7 @@ class Averaged:
         )
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
         before, after = t <= 0, t >= self.duration
         s, ds, dds = (self._derivative(t, order) for order in range(3))
@@ -317,15 +317,15 @@ class Averaged:
 
 
 def s_curve(duration: float, *, alpha: float = 1 / 3, beta: float = 1 / 3) -> Averaged:
-    """Double-S time scaling: trapezoidal rate whose accelerations rise and fall at constant jerk.
+    """Double-S time scaling: a trapezoidal rate whose accelerations rise and fall at constant jerk.
 
     Source: Biagiotti & Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section 3.4. The rate peaks
     at v = 1/((1 - α) T), the acceleration at v/(α (1 - β) T), the jerk at v/(α² β (1 - β) T²).
 
     Parameters
     ----------
-    alpha : float, share T_a/T of the time in which it speeds up, and of that in which it slows down; above 0, at most 1/2
-    beta : float, share T_j/T_a of that time in which the acceleration rises, and in which it falls; above 0, at most 1/2
+    alpha : float, acceleration time T_a/T, equal to the deceleration time; above 0, at most 1/2
+    beta : float, time T_j/T_a in which the acceleration rises, equal to that in which it falls; above 0, at most 1/2
 
     Examples
     --------
@@ -355,10 +355,7 @@ def _positive(x: Any, name: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """Path of poses T(s) from s = 0 to 1, by a constant screw, or with the origin on a line.
-
-    The rotation is then about a constant axis.
-    """
+    """Path of poses T(s), s = 0 to 1: a constant screw, or the origin on a line with rotation about a constant axis."""
 
     start: Array
     """Pose at s = 0 (4, 4)."""
@@ -367,7 +364,7 @@ class PosePath:
     straight: bool
     """True if the origin moves on a straight line."""
     twist: Array
-    """(6,) the body twist dT/ds = T [V] of the screw; of a straight path (omega in the frame, v along the base's axes)."""
+    """(6,) body twist dT/ds = T [V] of the screw; for a straight path, omega in the frame and v in base axes."""
 
     def __call__(self, s: ArrayLike) -> Array:
         """T(s); (...) → (..., 4, 4).
@@ -419,7 +416,7 @@ def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 
 
 def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
-    """Straight path: the origin on a line, the rotation by itself about a constant axis (MR eq. 9.24, 9.25).
+    """Straight path: the origin on a line, with an independent rotation about a constant axis (MR eq. 9.24, 9.25).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Physical consistency of inertias: checks, nearest consistent inertia, and parametrisations of the ten numbers."""
+"""Physical consistency of inertias: checks, nearest consistent inertia, and parametrisations of the ten parameters."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 
 def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
-    """Physical consistency: why no real body has this inertia, in words with amounts.
+    """Physical consistency: the reasons, with amounts, why no real body has this inertia.
 
     Parameters
     ----------
-    size : float, moments [kg m²] that these came from, where they are differences of larger ones
-        Their rounding, such as after a change of frame, is not a defect.
+    size : float, size of the moments [kg m²] of which this inertia is a difference
+        Rounding errors of that size, such as after a change of frame, are not defects.
 
     Returns
     -------
-    reasons : list of str, empty when a real body can have it
+    reasons : list of str, empty if a real body can have this inertia
 
     Notes
     -----
-    Conditions: finite, mass ≥ 0, and about the centre of mass positive semidefinite with principal moments that
-    obey the triangle inequality, to 1e-6 of their sum, whatever the scale.
+    Conditions: finite; mass ≥ 0; about the centre of mass positive semidefinite; principal moments obey the triangle
+    inequality. The tolerance is 1e-6 of the sum of the moments.
     """
     if not np.isfinite(G.parameters).all():
         return ["has a value that is not a finite number"]
@@ -46,7 +46,7 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
             return ["zero mass but nonzero inertia or first moment"]
         return []
     A, B, C = (float(x) for x in G.principal()[0])
-    # Moments about a far origin lose digits on their way to the centre of mass.
+    # Rounding error of moments about a distant origin, when moved to the centre of mass.
     slack = 1e-6 * abs(A + B + C) + 2e-15 * max(size, abs(float(G.moment_about_origin.trace())))
     found = []
     if -slack > A:
@@ -69,7 +69,7 @@ def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
     Raises
     ------
     InertiaError
-        The mass is negative; that has no near neighbour.
+        The mass is negative; no consistent inertia is near.
 
     Examples
     --------
@@ -122,23 +122,23 @@ class Repair:
     """
 
     before: SpatialInertia
-    """The inertia as it was."""
+    """Inertia before the repair."""
     after: SpatialInertia
-    """The nearest inertia that a real body can have."""
+    """Nearest inertia that a real body can have."""
 
     @property
     def reasons(self) -> list[str]:
-        """The conditions that were violated."""
+        """Violated conditions."""
         return self.before.defects()
 
     @property
     def moved(self) -> Array:
-        """Change of the moment about the centre of mass (3, 3) [kg m²]; mass and centre of mass stay."""
+        """Change of the moment about the centre of mass (3, 3) [kg m²]; mass and centre of mass are kept."""
         return self.after.moment_about_com - self.before.moment_about_com
 
     @property
     def largest(self) -> float:
-        """The largest change of a moment, over the largest moment before."""
+        """Largest change of a moment, relative to the largest moment before."""
         size = float(np.abs(self.before.principal()[0]).max())
         return float(np.abs(np.linalg.eigvalsh(self.moved)).max()) / size if size else 0.0
 
@@ -156,21 +156,21 @@ class Repair:
         )
 
 
-# ── Parametrisations of the ten numbers
+# ── Parametrisations of the ten parameters
 
-# The pseudo-inertia J = ∫ [r; 1] [r; 1]' dm is positive definite exactly when a real body has the inertia (Wensing, Kim and
-# Slotine, 2018). Its Cholesky factor with logarithms on the diagonal gives ten numbers of which *every* choice is a real body,
-# for optimisers and estimators (Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 7(2), 2022).
+# The pseudo-inertia J = ∫ [r; 1] [r; 1]' dm is positive definite exactly if a real body has the inertia (Wensing, Kim and
+# Slotine, 2018). Its Cholesky factor with logarithms on the diagonal has ten parameters, and *every* choice is a real body, as
+# optimisers and estimators need (Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 7(2), 2022).
 
 _GIANT = 100.0
-"""m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
-below a centimetre, which cannot be seen from the matrix of a ball or cube."""
+"""Radius of gyration [m] above which a matrix is taken to have its linear part first, of a body below a centimetre. The
+matrix of a ball or cube alone does not show the order."""
 
 
 def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     """Spatial inertia from the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]].
 
-    MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
+    MR eq. 8.32. A radius of gyration above 100 m is rejected.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     Raises
     ------
     InertiaError
-        The matrix has not that form; each block is judged by its own size, to a millionth.
+        The matrix does not have that form, within a relative tolerance of 1e-6 for each block.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
     I = 0.5 * (G[:3, :3] + G[:3, :3].T)
     found = cls.from_parameters(ten_parameters(G[3:, 3:].trace() / 3, h, I))
-    # kg m² beside kg m² and kg beside kg: a body of a millimetre has a millionth of the one in the other.
+    # Tolerances per unit: kg m² and kg differ by a factor of a million for a body of a millimetre.
     moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
     root = np.sqrt(np.repeat([moment, mass], 3))
     gap = np.abs(found.matrix - G)
@@ -236,7 +236,7 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
 def log_cholesky(G: SpatialInertia) -> Array:
     """Log-Cholesky parameters of an inertia, ten numbers with J = U U' for the pseudo-inertia J.
 
-    U as in Rucker and Wensing eq. 9.
+    U is that of Rucker and Wensing eq. 9.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def log_cholesky(G: SpatialInertia) -> Array:
     Raises
     ------
     InertiaError
-        The body is impossible, or not of full dimension (a point, a rod, a plate without thickness).
+        The body is impossible, or has no extent in some direction (a point, a rod, a plate without thickness).
 
     Examples
     --------
@@ -268,11 +268,11 @@ def log_cholesky(G: SpatialInertia) -> Array:
 
 
 def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialInertia:
-    """Spatial inertia from log-Cholesky parameters; any finite ten numbers give a physically consistent body.
+    """Spatial inertia from log-Cholesky parameters; any ten finite numbers give a physically consistent body.
 
     Parameters
     ----------
-    theta : (10,) array_like, as :meth:`SpatialInertia.log_cholesky` gives them
+    theta : (10,) array_like, in the order of :meth:`SpatialInertia.log_cholesky`
 
     Examples
     --------
@@ -294,9 +294,9 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
 
 
 def aligned_axes(moments: Array, axes: Array) -> Array:
-    """Principal axes (3, 3) as a rotation, with the freedom that repeated moments leave spent on following the frame's axes.
+    """Principal axes (3, 3) as a rotation; axes of repeated moments are aligned with the frame's axes.
 
-    Moments count as repeated when they differ by no more than their rounding, 8 eps of their sum.
+    Moments count as repeated if they differ by at most their rounding error, 8 eps of their sum.
     """
     close = np.diff(moments) <= 8 * np.finfo(float).eps * abs(moments.sum())
     if close.all():
@@ -306,7 +306,7 @@ def aligned_axes(moments: Array, axes: Array) -> Array:
         alone = 2 if close[0] else 0
         n = axes[:, alone]
         n *= np.copysign(1.0, n[np.argmax(np.abs(n))])
-        e = np.eye(3)[np.argmin(np.abs(n))]  # the coordinate axis most nearly across the single one
+        e = np.eye(3)[np.argmin(np.abs(n))]  # the coordinate axis nearest to perpendicular to the single axis
         e = e - (e @ n) * n
         axes[:, (alone + 1) % 3] = e / np.linalg.norm(e)
         axes[:, (alone + 2) % 3] = so3.cross(n, axes[:, (alone + 1) % 3])

@@ -21,7 +21,7 @@ from .inertia import COMPOSITIONS, Quat, SpatialInertia, SplitRotor, Vec
 from .rigid_body import common_frame
 
 WrenchLaw = Callable[[float, Array, Array], ArrayLike]
-"""A wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,), which are plain arrays."""
+"""Function that returns a wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,), plain arrays."""
 
 
 def steps(duration: float, dt: float, every: int) -> int:
@@ -40,21 +40,21 @@ def steps(duration: float, dt: float, every: int) -> int:
 
 
 def six(name: str, x: ArrayLike) -> Array:
-    """Six finite numbers. Raises ShapeError, ValueRangeError."""
+    """Return six finite numbers. Raises ShapeError, ValueRangeError."""
     return arguments.finite(arguments.one(x, name, 6), name, 6)
 
 
 def constant(wrench: ArrayLike) -> WrenchLaw:
-    """A wrench (6,) as a law."""
+    """Return a constant wrench (6,) as a function of the state."""
     F = six("wrench", wrench)
     return lambda _t, _T, _V: F
 
 
 def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
-    """Function checked to take three arguments; its values must be in one frame, the first that is named."""
+    """Function checked to take three arguments; all its labelled values must be in one frame."""
     try:
         taken = signature(wrench)
-    except (TypeError, ValueError):  # some of C say nothing
+    except (TypeError, ValueError):  # some C functions have no signature
         taken = None
     if taken is not None:
         try:
@@ -77,7 +77,7 @@ def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
 # ── Quadrature error of the impulse of a time-dependent wrench
 
 _REMARKED = 0.05
-"""Share of the momentum from which it is remarked on."""
+"""Fraction of the momentum above which a quadrature error is reported."""
 
 State = tuple[Array, Array, Array, Array]
 Push = Callable[..., Array]
@@ -85,7 +85,7 @@ Push = Callable[..., Array]
 
 
 class Unseen:
-    """The impulses left out so far, signs aside, and where most of them are."""
+    """Estimate of the impulses missed so far (absolute values), and the time of the largest."""
 
     def __init__(self, fractions: Sequence[float], h: float, spacing: float) -> None:
         b = np.array(fractions)
@@ -111,7 +111,7 @@ class Unseen:
             self.worst, self.when = float(missing.max()), t + self.h * float(shares[int(far.argmax())])
 
     def remark(self, linear: float, angular: float) -> str:
-        """Remark if it is a large part of the largest linear [N s] and angular momentum [N m s]; else empty."""
+        """Remark if the missed impulse is a large part of the largest linear [N s] or angular momentum [N m s]; else empty."""
         if not (self.sum[3:].max() > _REMARKED * linear or self.sum[:3].max() > _REMARKED * angular):
             return ""
         return (
@@ -125,7 +125,7 @@ class Unseen:
 
 @dataclass(frozen=True, eq=False)
 class FreeBody:
-    """The body in its principal frame {c} at the centre of mass, and the way to {b}."""
+    """Body in its principal frame {c} at the centre of mass, with the transform to {b}."""
 
     mass: float
     moments: Array
@@ -133,12 +133,12 @@ class FreeBody:
 
     @cached_property
     def T_cb(self) -> Array:
-        """Pose of the link's frame in the principal one."""
+        """Pose of the body's frame {b} in {c}."""
         return np.asarray(se3.inverse(self.T_bc))
 
     @cached_property
     def Ad_bc(self) -> Array:
-        """Takes twists from {c} to {b}; its transpose, wrenches from {b} to {c}."""
+        """Adjoint that takes twists from {c} to {b}; its transpose takes wrenches from {b} to {c}."""
         return np.asarray(se3.Ad(self.T_bc))
 
     def state(self, T_sb: Array, V_b: Array) -> tuple[Array, Array, Array, Array]:
@@ -155,7 +155,7 @@ class FreeBody:
         return se3.pose(R, p) @ self.T_cb, np.concatenate([w, v], axis=-1) @ self.Ad_bc.T
 
     def push(self, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array) -> tuple[Array, float]:
-        """The wrench (6,) on the body about its centre of mass in the axes of {s}, and its power [W]; of one state."""
+        """Wrench (6,) on the body about its centre of mass in the axes of {s}, and its power [W], for one state."""
         w, x, y, z = q.tolist()
         R = np.array(quaternion.entries(w, x, y, z, 2.0 / (w * w + x * x + y * y + z * z))).reshape(3, 3)
         V = self.Ad_bc @ np.concatenate([(l @ R) / self.moments, (f @ R) / self.mass])
@@ -173,7 +173,7 @@ Rows = tuple[Array, Array, Array, Array, Array, Array]
 def torque_free(
     body: FreeBody, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...]
 ) -> Rows:
-    """Steps of rotation alone, by the composition of split rotors whose fractions are given."""
+    """Record of torque-free motion: rotation steps are composed of split rotors with the given fractions."""
     q0, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
     turns, last = rotor.schedule(h, fractions)
@@ -202,7 +202,7 @@ def pushed(
     law: WrenchLaw,
     unseen: Unseen,
 ) -> Rows:
-    """Each fraction of a step: half of it free, the impulse of all of it, the other half free."""
+    """Record of motion under a wrench. Each fraction of a step: half of it free, the whole impulse, the other half free."""
     q, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
     halves = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
@@ -227,7 +227,7 @@ def pushed(
 
 
 def _countable(l: Array, t: float) -> None:
-    """Refuse an angular momentum whose turns per step cannot be counted."""
+    """Raise ValueRangeError if the angular momentum is too large to compute the rotation per step."""
     if not np.abs(l).max() < 1e100:
         raise ValueRangeError(
             f"at t = {printed(t)} s the angular momentum is {l.tolist()} N m s. Take a smaller V0 or wrench."
@@ -237,14 +237,14 @@ def _countable(l: Array, t: float) -> None:
 def _midpoint(
     body: FreeBody, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array, h: float
 ) -> tuple[Array, float]:
-    """The wrench of an impulse of length ``h``, taken at the mean of the momenta before and after it."""
+    """Wrench of an impulse of duration ``h`` at the mean of the momenta before and after it, by fixed-point iteration."""
     F, power = body.push(law, t, q, p, l, f)
     change = np.inf
     for _ in range(60):
         old, before, size = F, change, np.abs(F).max()
         F, power = body.push(law, t, q, p, l + 0.5 * h * old[:3], f + 0.5 * h * old[3:])
         change = np.abs(F - old).max()
-        if change <= 1e-15 * size or before <= change <= 1e-12 * size:  # settled, or down to rounding
+        if change <= 1e-15 * size or before <= change <= 1e-12 * size:  # converged, or down to rounding errors
             return F, power
         if change > 2.0 * before:
             break
@@ -257,7 +257,7 @@ def _midpoint(
 def adaptive(
     body: FreeBody, start: tuple[Array, ...], times: Array, law: WrenchLaw | None, tolerance: float, longest: float
 ) -> Rows:
-    """SciPy's DOP853 of pose and momentum, to a relative error per step."""
+    """Record integrated by SciPy's DOP853 in pose and momentum, to a relative error per step."""
     from scipy.integrate import solve_ivp
 
     q, p, l, f = start
@@ -270,6 +270,7 @@ def adaptive(
         return np.concatenate([dq, f / body.mass, F, F[:3] + so3.cross(p, F[3:]), F[3:], [power]])
 
     # Absolute tolerances in units of the body: its radius of gyration, and one radius or radian per flight.
+
     T, m, r = times[-1], body.mass, float(np.sqrt(body.moments[2] / body.mass))
     speed = r / T + np.linalg.norm(f) / m + np.linalg.norm(l) / (m * r)
     sizes = [1.0] * 4 + [r] * 3 + [m * r * speed] * 3 + [m * speed] * 3 + [m * r * speed] * 3 + [m * speed] * 3
@@ -293,23 +294,23 @@ def _quat(x: Array) -> Quat:
 # ── Recorded motion and drift of its invariants
 
 _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
-"""rad a step, and share of the energy, from which flights of a box were seen to go astray within some turns."""
+"""Rotation per step [rad] and fraction of the energy above which simulated boxes became wrong within some turns."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift of the invariants of a flight: momentum less impulse, energy less work. All relative; 0 is exact."""
+    """Drift of the invariants of a flight: momentum minus impulse, energy minus work. All relative; 0 is exact."""
 
     momentum: float
-    """Largest change of the spatial momentum about the origin of {s}, over the largest of the terms it is made of."""
+    """Largest change of the spatial momentum about the origin of {s}, relative to its largest terms."""
     energy: float
-    """Largest change of the kinetic energy, over its largest value."""
+    """Largest change of the kinetic energy, relative to its largest value."""
     energy_trend: float
-    """The part of that which grows: the slope of the straight line through it, times the duration."""
+    """Growing part of the energy change: the slope of its regression line, times the duration."""
     rotation: float
     """Largest entry of RᵀR − 1 over all poses."""
     remarks: tuple[str, ...] = ()
-    """Steps too large to be trusted, or different from the requested ones, in words; see :func:`fly`."""
+    """Steps that are too large, or differ from the requested ones, as text; see :func:`fly`."""
 
     def __str__(self) -> str:
         return "; note: ".join(
@@ -323,36 +324,36 @@ class Drift:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """A recorded free motion: n + 1 states, the first at time 0. ``print`` it for the number of states and the drift."""
+    """Recorded free motion: n + 1 states, the first at time 0. ``print`` shows the number of states and the drift."""
 
     times: Array
-    """(n + 1,) [s]."""
+    """Times (n + 1,) [s]."""
     poses: Array
-    """(n + 1, 4, 4), T_sb."""
+    """Poses T_sb (n + 1, 4, 4)."""
     twists: Array
-    """(n + 1, 6), of the body in {b}, angular part first [rad/s, m/s]."""
+    """Body twists (n + 1, 6) in {b}, angular part first [rad/s, m/s]."""
     momentum: Array
-    """(n + 1, 6), Ad(T_bs)ᵀ G V about the origin of {s} [N m s, N s], from the poses and twists above."""
+    """Spatial momentum (n + 1, 6), Ad(T_bs)ᵀ G V about the origin of {s} [N m s, N s], from the poses and twists above."""
     energy: Array
-    """(n + 1,), ½ Vᵀ G V [J]."""
+    """Kinetic energy (n + 1,), ½ Vᵀ G V [J]."""
     impulse: Array
-    """(n + 1, 6), of the wrench so far, about the origin of {s} [N m s, N s]."""
+    """Impulse (n + 1, 6) of the wrench up to each time, about the origin of {s} [N m s, N s]."""
     work: Array
-    """(n + 1,), of the wrench so far [J]."""
+    """Work (n + 1,) of the wrench up to each time [J]."""
     dt: float = np.nan
     """Requested step [s]."""
     step: float = np.nan
-    """s: the step taken, or with a tolerance the spacing of the record; the duration is a whole number of them."""
+    """Step taken [s], or with a tolerance the interval of the record; a whole number of them fills the duration."""
     turn: float = 0.0
-    """rad: the largest turn in one step; 0 where steps adapt, or are exact."""
+    """Largest rotation in one step [rad]; 0 if steps are adaptive or exact."""
     unseen: str = ""
-    """Change of the wrench within steps that the method does not resolve, in words; empty if none."""
+    """Change of the wrench within steps that the method does not resolve, as text; empty if none."""
     drift: Drift = field(init=False)
     """Drift of momentum and energy."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks of :attr:`drift` and on the wrench, to read before the flight is used; empty if none."""
+        """Remarks of :attr:`drift` and on the wrench, to be read before the flight is used; empty if none."""
         return self.drift.remarks
 
     def __repr__(self) -> str:
@@ -394,15 +395,14 @@ class Flight:
 
 # ── Integration of the free motion
 
-# The body is integrated in principal axes at its centre of mass, where it turns and travels independently. The state is
-# the pose and the *spatial* momentum: without a wrench the momentum is a constant, not something to integrate, the centre of
-# mass moves on a straight line, and only the rotation takes steps (:mod:`twistwrench.bodies.inertia`). A wrench acts as
-# impulses between half steps of free motion, each an implicit midpoint rule in the momentum, so that the whole stays
-# symmetric, the orders of the compositions hold for wrenches that depend on velocity too, and work is exactly the gain of
-# energy.
+# The body is integrated in principal axes at its centre of mass, where rotation and translation are independent. The state is
+# the pose and the *spatial* momentum. Without a wrench this momentum is constant, the centre of mass moves on a straight line,
+# and only the rotation takes steps (:mod:`twistwrench.bodies.inertia`). A wrench acts as impulses between half steps of free
+# motion, each an implicit midpoint rule in the momentum. So the method is symmetric, the orders of the compositions also hold
+# for wrenches that depend on velocity, and work is exactly the gain of energy.
 
 _STAGES = 3.0
-"""Steps of DOP853 in spacings of the probes: its stages are nowhere further apart than 0.27 of a step."""
+"""Maximum step of DOP853 in probe intervals: its stages are at most 0.27 of a step apart."""
 
 
 def fly(
@@ -417,7 +417,7 @@ def fly(
     tolerance: float | None,
     every: int,
 ) -> Flight:
-    """The motion of a body by the arguments of :meth:`twistwrench.RigidBody.fly`."""
+    """Free motion of a body; the arguments are those of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
     if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):
         raise InertiaError(

@@ -25,11 +25,10 @@ from .solids import moment_matrix, second_moments, ten_parameters
 class SpatialInertia:
     """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
 
-    It names no frame: it is about that of whatever it is used with, the frame of the twist in ``G @ V``, of the other
-    in ``G1 + G2``, of ``frame=`` in ``with_payload``. So a sum of inertias about two frames is a wrong number without
-    an error: bring one over first, with :meth:`in_frame`. Building one never judges whether a real body can have it:
-    :meth:`defects` does that. ``G @ V`` is the momentum of the body moving with twist V.
-    The parameters may be symbols.
+    The object has no frame label. Its frame is that of the operand it is used with: the twist in ``G @ V``, the other
+    inertia in ``G1 + G2``, ``frame=`` in ``with_payload``. A sum of inertias about two frames is wrong without an error;
+    convert one first with :meth:`in_frame`. The constructor does not check physical consistency; :meth:`defects` does.
+    ``G @ V`` is the momentum of the body moving with twist V. The parameters may be symbols.
 
     Examples
     --------
@@ -43,13 +42,13 @@ class SpatialInertia:
     """
 
     parameters: Array
-    """(10,): m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin; kg, kg m, kg m²."""
+    """Parameters (10,): m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin; kg, kg m, kg m²."""
 
-    __array_ufunc__ = None  # array + inertia is refused rather than done entry by entry
+    __array_ufunc__ = None  # array + inertia raises TypeError instead of broadcasting
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.parameters.setflags(write=False)  # arrays come out of a pickle writable
+        self.parameters.setflags(write=False)  # unpickled arrays are writable
 
     def __post_init__(self) -> None:
         what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
@@ -63,7 +62,7 @@ class SpatialInertia:
             return f"SpatialInertia: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = ({ten}) about the origin"
         I, c = self.moment_about_com, self.com
         products = I[[0, 0, 1], [1, 2, 2]]
-        scale = float(np.abs(I).max() + self.mass * c @ c)  # Steiner's terms leave their rounding behind
+        scale = float(np.abs(I).max() + self.mass * c @ c)  # rounding error of Steiner's terms
         said = f"Ixx, Iyy, Izz = {vector(without_noise(I.diagonal(), scale))}"
         if without_noise(products, scale).any():
             said += f", Ixy, Ixz, Iyz = {vector(without_noise(products, scale))}"
@@ -76,7 +75,7 @@ class SpatialInertia:
         title = f"{number(self.mass, 6)} kg, com {vector(self.com)} m; moments of inertia about the com, in kg m²"
         return html_table(title, ("x", "y", "z"), I)
 
-    # ── ways in ──
+    # ── constructors ──
 
     @classmethod
     def from_parameters(cls, pi: ArrayLike) -> SpatialInertia:
@@ -128,14 +127,14 @@ class SpatialInertia:
         hx, hy, hz = m * x, m * y, m * z
         if hx or hy or hz:  # Steiner: I_o = I_com - m [c]^2
             h_hat, c_hat = [[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]], [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-            with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
+            with np.errstate(over="ignore", invalid="ignore"):  # defects() reports values that are not finite
                 (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (np.array(h_hat) @ np.array(c_hat)).tolist()
             xx, xy, yy, xz, yz, zz = xx - sxx, xy - sxy, yy - syy, xz - sxz, yz - syz, zz - szz
         return cls._of(np.array([m, hx, hy, hz, xx, xy, yy, xz, yz, zz]))
 
     @classmethod
     def _of(cls, parameters: Array) -> SpatialInertia:
-        """Inertia of ten floats in an array that is not shared."""
+        """Inertia of ten floats in an array that the caller does not keep."""
         made = object.__new__(cls)
         parameters.setflags(write=False)
         object.__setattr__(made, "parameters", parameters)
@@ -143,7 +142,7 @@ class SpatialInertia:
 
     @classmethod
     def zero(cls) -> SpatialInertia:
-        """Spatial inertia of nothing: no mass, no inertia.
+        """Zero spatial inertia: no mass and no moments.
 
         Examples
         --------
@@ -164,7 +163,7 @@ class SpatialInertia:
     from_pseudo_inertia = classmethod(consistency.from_pseudo_inertia)
     from_log_cholesky = classmethod(consistency.from_log_cholesky)
 
-    # ── ways out ──
+    # ── properties ──
 
     log_cholesky = consistency.log_cholesky
 
@@ -197,25 +196,25 @@ class SpatialInertia:
 
     @property
     def matrix(self) -> Array:
-        """Spatial inertia matrix G (6, 6) of F = G dV - ad(V)' G V, about the origin, angular part first [kg m², kg m, kg]."""
+        """Spatial inertia matrix G (6, 6) in F = G dV - ad(V)' G V, about the origin, angular part first [kg m², kg m, kg]."""
         h = so3.hat(self.first_moment)
         return np.block([[self.moment_about_origin, h], [-h, self.mass * np.eye(3)]])
 
     @property
     def second_moment(self) -> Array:
-        """The (3, 3) matrix of second moments, ∫ r r' dm = ½ tr(I) 1 - I [kg m²]."""
+        """Matrix of second moments (3, 3), ∫ r r' dm = ½ tr(I) 1 - I [kg m²]."""
         return second_moments(self.moment_about_origin)
 
     @property
     def pseudo_inertia(self) -> Array:
-        """The (4, 4) matrix ∫ [r; 1] [r; 1]' dm; positive definite exactly when a real body has it."""
+        """Matrix ∫ [r; 1] [r; 1]' dm (4, 4); positive definite exactly if a real body has it."""
         h = self.first_moment
         return np.block([[self.second_moment, h[:, None]], [h[None, :], np.full((1, 1), self.mass)]])
 
     def principal(self) -> tuple[Array, Array]:
         """Principal moments of inertia about the centre of mass, ascending, and their axes.
 
-        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own.
+        Axes of repeated moments are aligned with the frame's axes; those of a ball equal them.
 
         Returns
         -------
@@ -235,7 +234,7 @@ class SpatialInertia:
     # ── change of frame, sums ──
 
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
-        """The same body's inertia in another frame: in {a}, when this one is in {b}.
+        """Inertia of the same body in another frame {a}, given this one in {b}.
 
         G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
 
@@ -259,7 +258,7 @@ class SpatialInertia:
         h, I = R @ self.first_moment, R @ self.moment_about_origin @ R.T
         u = h + 0.5 * m * p
         d = 2.0 * (u @ p)
-        # I + d 1 - u p' - p u': entry by entry, since NumPy takes longer for a few operations on three numbers.
+        # I + d 1 - u p' - p u', entry by entry: for three numbers this is faster than NumPy operations.
         (x, y, z), (a, b, c), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = p.tolist(), u.tolist(), I.tolist()
         moments = [
             xx + d - a * x - x * a, xy - a * y - x * b, yy + d - b * y - y * b,
@@ -269,7 +268,7 @@ class SpatialInertia:
         return SpatialInertia._of(np.array(pi)) if I.dtype == np.float64 else SpatialInertia.from_parameters(pi)
 
     def turned(self, k: int, angle: Any) -> SpatialInertia:
-        """Inertia of the body turned about a coordinate axis, in the same frame.
+        """Inertia of the body rotated about a coordinate axis, in the same frame.
 
         Parameters
         ----------
@@ -278,8 +277,8 @@ class SpatialInertia:
 
         Notes
         -----
-        With e = s (I_xx - I_yy) + 2 c I_xy for a turn about z, the turned block is I_xx - s e, I_yy + s e, c e - I_xy:
-        eight multiplications where the congruence takes eighteen.
+        With e = s (I_xx - I_yy) + 2 c I_xy for a rotation about z, the rotated block is I_xx - s e, I_yy + s e, c e - I_xy:
+        eight multiplications instead of the eighteen of the congruence.
 
         Examples
         --------
@@ -304,7 +303,7 @@ class SpatialInertia:
     def __matmul__(self, V: ArrayLike) -> Array:
         """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w).
 
-        A labelled one is a :class:`~twistwrench.FrameError`: an inertia names no frame, so nothing could be checked.
+        A labelled twist raises :class:`~twistwrench.FrameError`, because an inertia has no frame to compare.
         """
         if isinstance(V, Labelled):
             raise FrameError(
@@ -321,7 +320,7 @@ class SpatialInertia:
         return SpatialInertia.from_parameters(self.parameters + self._ten(other, "+"))
 
     def __radd__(self, other: Any) -> SpatialInertia:
-        if np.ndim(other) == 0 and not isinstance(other, str) and other == 0:  # so that sum() works
+        if np.ndim(other) == 0 and not isinstance(other, str) and other == 0:  # for sum()
             return self
         raise InertiaError(f"{type(other).__name__} + SpatialInertia: an inertia goes with another SpatialInertia.")
 
@@ -336,7 +335,7 @@ class SpatialInertia:
             )
         return other.parameters
 
-    # ── can it exist? ──
+    # ── physical consistency ──
 
     defects = consistency.defects
     nearest_consistent = consistency.nearest_consistent
@@ -349,15 +348,14 @@ class SpatialInertia:
 #
 #     K = |m|²/(2 I2) + ½ (1/I1 - 1/I2) m1² + ½ (1/I3 - 1/I2) m3²,
 #
-# and each part alone is solved exactly: the first turns the body about the fixed momentum, the others about a body axis. The
+# The first part rotates the body about the fixed momentum, the others rotate it about a body axis; each is solved exactly. The
 # first commutes with the rest; the others are composed symmetrically. So every step is a product of exact motions, each of
-# which
-# keeps the spatial momentum; the composition is symplectic and symmetric, so the energy error is bounded for exponentially
-# long times; and a body with two equal moments, for which two parts remain that commute, moves exactly. Sources: McLachlan,
+# which conserves the spatial momentum. The composition is symplectic and symmetric, so the energy error is bounded for
+# exponentially long times. A body with two equal moments moves exactly, as its two remaining parts commute. Sources: McLachlan,
 # "Explicit Lie-Poisson integration and the Euler equations", PRL 71, 1993; Fassò, "Comparison of splitting algorithms for the
 # rigid body", J. Comput. Phys. 189, 2003; Hairer, Lubich and Wanner, Geometric Numerical Integration, VII.5.3 and V.3.
 #
-# Plain floats, since one step is too short for arrays: a step of order 4 takes a few microseconds.
+# Plain floats, because a step is too short for arrays: a step of order 4 takes a few microseconds.
 
 Quat = tuple[float, float, float, float]
 Vec = tuple[float, float, float]
@@ -370,11 +368,11 @@ COMPOSITIONS: dict[int, tuple[float, ...]] = {
     4: (_S, _S, 1.0 - 4.0 * _S, _S, _S),  # Suzuki, 1990
     6: (*_K, 1.0 - 2.0 * sum(_K), *reversed(_K)),  # Kahan and Li, 1997
 }
-"""Fractions of a step, per order: symmetric, of sum 1, and the odd powers up to the order sum to 0."""
+"""Fractions of a step, per order: symmetric, with sum 1, and zero sums of the odd powers below the order."""
 
 
 def body_momentum(q: Quat, l: Vec) -> Vec:
-    """R(q)ᵀ l, for a unit quaternion."""
+    """R(q)ᵀ l for a unit quaternion."""
     w, x, y, z = q
     a, b, c = l
     tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
@@ -383,7 +381,7 @@ def body_momentum(q: Quat, l: Vec) -> Vec:
 
 @dataclass(frozen=True)
 class SplitRotor:
-    """A body turning about its centre of mass: reciprocal moments, relative to the middle one. All in 1/(kg m²)."""
+    """Body rotating about its centre of mass: reciprocal moments, relative to the middle one, in 1/(kg m²)."""
 
     middle: float
     first: float
@@ -396,13 +394,13 @@ class SplitRotor:
         return cls(b, a - b, c - b)
 
     def schedule(self, h: float, fractions: tuple[float, ...]) -> tuple[list[tuple[float, float]], float]:
-        """Half-angle factors of the alternating turns about axes 1 and 3, with neighbours merged, and of the last turn."""
+        """Half-angle factors of the alternating rotations about axes 1 and 3, neighbours merged, and of the last rotation."""
         a, b = 0.25 * h * self.first, 0.5 * h * self.third
         ends = (0.0, *fractions)
         return [(a * (ends[i] + f), b * f) for i, f in enumerate(fractions)], a * fractions[-1]
 
     def step(self, q: Quat, l: Vec, h: float, turns: list[tuple[float, float]], last: float) -> Quat:
-        """The quaternion a step ``h`` later; ``l`` is the spatial angular momentum, which stays."""
+        """Quaternion after a step ``h``; ``l`` is the spatial angular momentum, which is constant."""
         w, x, y, z = q
         k, m, n = body_momentum(q, l)
         for a, b in turns:
@@ -430,7 +428,7 @@ class SplitRotor:
             c * y - i * z + j * w + k * x,
             c * z + i * y - j * x + k * w,
         )
-        s = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # back to unit length
+        s = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # normalise
         return s * w, s * x, s * y, s * z
 
 

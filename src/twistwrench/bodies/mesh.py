@@ -1,9 +1,9 @@
 """Inertia of uniform solids bounded by triangle meshes, and convex hulls of points.
 
-The integral over a shell is the signed sum of the tetrahedra that a point makes with each of its faces; the integrals
-over a tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or
-other mass properties) of a 3D solid body represented by a triangle mesh", 2004. Shells are added where they bound
-solids and taken off where they bound cavities: :mod:`twistwrench.bodies.solids`.
+The integral over a shell is the signed sum over the tetrahedra that its faces form with one fixed point. Integrals over a
+tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass
+properties) of a 3D solid body represented by a triangle mesh", 2004. Shells that bound solids are added, shells that bound
+cavities are subtracted: :mod:`twistwrench.bodies.solids`.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from .inertia import SpatialInertia
 
 _USUAL_SIZE = 1e-4, 10.0
-"""m: the largest extent of a part of a robot. A part drawn in millimetres and read in metres is a hundred metres long."""
+"""Plausible extent of a robot part [m]. A part drawn in millimetres but read in metres is 1000 times too large."""
 _USUAL_DENSITY = 1.0, 23_000.0
-"""kg/m³: from thin shells filled with air to osmium."""
+"""Plausible density [kg/m³], from thin shells filled with air to osmium."""
 
 
 def mesh(
@@ -46,28 +46,28 @@ def mesh(
     Parameters
     ----------
     surface : str, Path, or (vertices (n, 3), triangles (k, 3) of vertex numbers)
-        A file that trimesh reads (extra ``mesh``); arrays need nothing.
-    scale : float, turns the mesh's unit into metres: 0.001 for millimetres
+        File that trimesh reads (extra ``mesh``), or arrays.
+    scale : float, metres per unit of the mesh: 0.001 for millimetres
 
     Raises
     ------
     ModelError
         The surface is not closed; the message gives the position.
     MissingExtraError
-        There is no trimesh to read a file.
+        trimesh is not installed and a file has to be read.
     NotFoundError
-        There is no such file.
+        The file does not exist.
 
     Warns
     -----
     ModelWarning
-        Shells cut each other or coincide, or size or density are ones that no part of a robot has.
+        Shells intersect or coincide, or the size or density is implausible for a robot part.
 
     Notes
     -----
-    Shells (faces connected by edges) are looked at one by one, and which way their faces are turned says
-    nothing: a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where
-    shells cut each other or coincide, each counts as a solid, so that what they have in common counts twice.
+    Shells are sets of faces connected by edges. The orientation of their faces is ignored: an outer shell bounds a solid,
+    a shell inside it a cavity, a shell inside a cavity a solid again. Shells that intersect or coincide each count as
+    solids, so that their common volume counts twice.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def mesh(
     _require_closed(name, vertices, faces)
     vertices = scale * vertices
     count, shell = shell_numbers(faces)
-    centre = vertices[faces].mean(axis=(0, 1))  # near the solid, so that far ones lose no digits
+    centre = vertices[faces].mean(axis=(0, 1))  # near the solid, against rounding errors of distant meshes
     a = (vertices - centre)[faces]
     six = np.linalg.det(a)  # six times the signed volume of each tetrahedron
     volumes = np.bincount(shell, six, count) / 6.0
@@ -105,7 +105,7 @@ def mesh(
 
 
 def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
-    """1 for each shell that bounds a solid, -1 for a cavity; triangles (k, 3, 3) turned outwards."""
+    """1 for each shell that bounds a solid, -1 for a cavity; triangles (k, 3, 3) oriented outwards."""
     if count == 1:
         return np.ones(1)
     found = nest(outwards, shell, count)
@@ -121,7 +121,7 @@ def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
 
 
 def _remark_on_size(name: str, extent: float, density: float, mass: float) -> None:
-    """Warn of a probable mistake in the unit of length."""
+    """Warn about a probable mistake in the unit of length."""
     small, large = _USUAL_SIZE
     light, heavy = _USUAL_DENSITY
     text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
@@ -150,7 +150,7 @@ def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array
 
 
 def read_surface(path: Path) -> tuple[Array, Array]:
-    """Vertices (n, 3) and triangles (k, 3) of a file that trimesh reads, corners that coincide joined."""
+    """Vertices (n, 3) and triangles (k, 3) of a file that trimesh reads, with coincident vertices merged."""
     try:
         import trimesh
     except ImportError:
@@ -161,12 +161,12 @@ def read_surface(path: Path) -> tuple[Array, Array]:
         loaded: Any = trimesh.load(path, force="mesh")
     if not hasattr(loaded, "faces") or not len(loaded.faces):
         raise ModelError(f"{path} holds no triangles.")
-    loaded.merge_vertices(merge_tex=True, merge_norm=True)  # files such as STL repeat each corner
+    loaded.merge_vertices(merge_tex=True, merge_norm=True)  # formats such as STL repeat each vertex
     return np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
 
 
 def _require_closed(name: str, vertices: Array, faces: Array) -> None:
-    """Each edge of each face must be met by exactly one other face that runs along it the other way."""
+    """Raise ModelError unless each edge of a face belongs to exactly one other face, in opposite direction."""
     if not np.isfinite(vertices[faces]).all():
         raise ValueRangeError(f"{name} has corners that are not finite numbers.")
     edges = edges_of(faces)
@@ -189,9 +189,9 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
 
 
 def hull_faces(points: Array) -> Array | None:
-    """The triangles (k, 3) of the convex hull of points (n, 3), seen from outside; None where they lie in a plane.
+    """Triangles (k, 3) of the convex hull of points (n, 3), oriented outwards; None if the points are coplanar.
 
-    Of points (n, 2): the edges (k, 2), in no order; None where they lie on a line.
+    For points (n, 2), the edges (k, 2) in no particular order; None if the points are collinear.
 
     >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     >>> len(hull_faces(corners)), hull_faces(corners[:3])
@@ -213,7 +213,7 @@ def hull_faces(points: Array) -> Array | None:
 
 
 def convex_hull(points: Array) -> tuple[Array, Array] | None:
-    """The corners (m, 3) of the convex hull and its triangles (k, 3) of these; None where the points lie in a plane."""
+    """Vertices (m, 3) and triangles (k, 3) of the convex hull; None if the points are coplanar."""
     faces = hull_faces(points)
     if faces is None:
         return None

@@ -26,10 +26,10 @@ _KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench,
 
 
 def common_frame(known: str | None = None, **given: Any) -> str | None:
-    """Frame of the body named by the labelled values of ``given``, a pose by the frame it is of; None if none has a label.
+    """Common body frame of the labelled values in ``given``; None if none has a label. For a pose, it is the frame ``of``.
 
-    ``known`` is the frame as far as it is known already. Raises FrameError for two frames, and for one kind in another's
-    place. What has no label is passed over.
+    ``known`` is the frame if it is already known. Raises FrameError for two different frames, and for a value of the wrong
+    kind. Values without a label are ignored.
     """
     frames = {} if known is None else {"the body": known}
     for name, x in given.items():
@@ -45,7 +45,7 @@ def common_frame(known: str | None = None, **given: Any) -> str | None:
 
 
 def numbers(**vectors: Any) -> list[Array]:
-    """The numbers (..., 6), those of labelled twists and wrenches once their kinds and frames are found to agree."""
+    """Numbers (..., 6) of the vectors, after a check that kinds and frames of labelled ones agree."""
     common_frame(**vectors)
     return [arguments.real(x, name, 6) for name, x in vectors.items()]
 
@@ -53,22 +53,22 @@ def numbers(**vectors: Any) -> list[Array]:
 # ── Dynamics of one rigid body in any body-fixed frame. Modern Robotics section 8.2
 
 ROWS = 2048
-"""Rows worked on at a time: the six columns of an array, 96 KiB, stay in the second-level cache, and under the
-size (128 KiB) from which the C library maps fresh pages for every temporary."""
+"""Rows per block: the six columns of an array, 96 KiB, fit in the second-level cache and stay below the size (128 KiB) from
+which the C library maps fresh pages for every temporary."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A physically consistent body, and F = G V̇ − ad(V)ᵀ G V in any frame fixed to it.
+    """Physically consistent rigid body with F = G V̇ − ad(V)ᵀ G V in any frame fixed to it.
 
-    Twists, accelerations and wrenches (..., 6) are the body's in the frame of ``inertia``, angular part first, in
-    rad/s, m/s, N m and N; all methods take any batch shape and broadcast. Labelled ones are taken too, if their frames
-    agree. An inertia that no body has is an :class:`~twistwrench.InertiaError`.
+    Twists, accelerations and wrenches (..., 6) are expressed in the frame of ``inertia``, angular part first, in rad/s,
+    m/s, N m and N. All methods broadcast over leading axes. Labelled values are accepted if their frames agree. An
+    inertia that no body can have raises :class:`~twistwrench.InertiaError`.
 
     Examples
     --------
     >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
-    >>> body.wrench([0, 0, 2, 1, 0, 0], [0, 0, 0, 0, 0, 0]).tolist()  # turning left at speed: a force to the left
+    >>> body.wrench([0, 0, 2, 1, 0, 0], [0, 0, 0, 0, 0, 0]).tolist()  # turning left at speed: force to the left
     [0.0, 0.0, 0.0, 0.0, 2.4, 0.0]
     >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
     >>> ball.acceleration([0, 0, 0, 0, 0, 0], [0, 0, 2, 10, 0, 0]).tolist(), ball.weight(np.eye(4))[5].round(2).item()
@@ -81,7 +81,7 @@ class RigidBody:
     """
 
     inertia: SpatialInertia
-    """About the origin of the body's frame {b}."""
+    """Spatial inertia about the origin of the body's frame {b}."""
     _matrix: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -95,7 +95,7 @@ class RigidBody:
     # ── dynamics ──
 
     def wrench(self, V: ArrayLike, dV: ArrayLike) -> Array:
-        """Newton-Euler equations of a rigid body: the wrench that moves it so, F = G V̇ − ad(V)ᵀ G V.
+        """Newton-Euler equations of a rigid body: wrench for given twist and acceleration, F = G V̇ − ad(V)ᵀ G V.
 
         MR eq. 8.40.
 
@@ -119,7 +119,7 @@ class RigidBody:
         Raises
         ------
         SingularMassMatrixError
-            The body has no extent across some axis, so that nothing can turn it about that.
+            The body has no inertia about some axis, so that its acceleration is undefined.
         """
         moments = self.inertia.principal()[0]
         if moments[0] <= 1e-14 * moments[2] or moments[2] == 0:
@@ -153,7 +153,7 @@ class RigidBody:
         return 0.5 * np.einsum("...i,...i->...", V, self.momentum(V))
 
     def weight(self, T_sb: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
-        """Weight of a rigid body: gravity's wrench on it, in its frame {b}.
+        """Weight of a rigid body: wrench of gravity on it, in its frame {b}.
 
         Parameters
         ----------
@@ -187,9 +187,9 @@ class RigidBody:
         return V[..., 3:] + so3.cross(V[..., :3], r)
 
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
-        """Acceleration of a point of the body, v̇ + ω̇ × r + ω × (v + ω × r), in the axes of {b} and relative to {s}.
+        """Acceleration of a point of the body relative to {s}, v̇ + ω̇ × r + ω × (v + ω × r), in the axes of {b}.
 
-        Reading of an accelerometer fixed there, without gravity. MR section 8.2.1.
+        Reading of an accelerometer at that point, without gravity. MR section 8.2.1.
 
         Returns
         -------
@@ -200,7 +200,7 @@ class RigidBody:
         return dV[..., 3:] + so3.cross(dV[..., :3], r) + so3.cross(V[..., :3], self.point_velocity(V, r))
 
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:
-        """The same body described in another frame {a} fixed to it; its twists and wrenches are then those of {a}.
+        """The same body described in another frame {a} fixed to it; twists and wrenches are then expressed in {a}.
 
         MR eq. 8.42.
 
@@ -236,11 +236,11 @@ class RigidBody:
         T0 : (4, 4) array_like or Pose, pose T_sb at the start
         V0 : (6,) array_like or Twist, body twist at the start [rad/s, m/s]
         duration : float [s]
-        dt : float, step, shortened where no whole number of steps fills the duration [s]
+        dt : float, step [s], shortened if the duration is not a whole number of steps
         wrench : (6,) array_like, Wrench, or function ``wrench(t, T, V)``, optional, in {b} [N m, N]
-        order : 2, 4 or 6: the error of the motion falls as that power of ``dt``
-        tolerance : float, optional, relative error of a step; with it the steps adapt (DOP853), ``dt`` only spaces the record
-        every : int, keep one state in so many, and the last
+        order : 2, 4 or 6, order of accuracy in ``dt``
+        tolerance : float, optional, relative error per step; with it steps are adaptive (DOP853) and ``dt`` only spaces records
+        every : int, keep every n-th state, and the last
 
         Returns
         -------
@@ -257,10 +257,10 @@ class RigidBody:
 
         Notes
         -----
-        Without a wrench the spatial momentum is constant, and a body with two equal moments moves exactly. A wrench that is a
-        function is evaluated at further times within each step, eight at least, less than ``dt`` and a thousandth of the
-        duration apart; a shorter pulse may be missed. Steps that were shortened, in which the body turns by more than 1 rad,
-        in which the wrench changes unseen, or that lose more than 1 % of the energy, are listed in ``flight.remarks``.
+        Without a wrench the spatial momentum is constant, and a body with two equal moments moves exactly. A wrench function
+        is also evaluated between steps, at least eight times per step and at intervals below ``dt`` and a thousandth of the
+        duration; shorter pulses may be missed. ``flight.remarks`` lists shortened steps, rotation by more than 1 rad per step,
+        unresolved changes of the wrench, and an energy error above 1 %.
 
         Examples
         --------
@@ -276,7 +276,7 @@ class RigidBody:
     # ── batches ──
 
     def _by_rows(self, law: Callable[..., Array], **vectors: ArrayLike) -> Array:
-        """Apply ``law(G, *columns)`` to (..., 6) arrays, some thousand rows at a time as contiguous (6, n) columns."""
+        """Apply ``law(G, *columns)`` to (..., 6) arrays, in blocks of rows as contiguous (6, n) columns."""
         arrays = arguments.together(**dict(zip(vectors, numbers(**vectors), strict=True)))
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
@@ -289,7 +289,7 @@ class RigidBody:
 
 
 def _ad_transposed(V: Array, P: Array) -> Array:
-    """ad(V)ᵀ P = −(ω × l + v × p, ω × p) on columns (6, n); P = (l, p)."""
+    """ad(V)ᵀ P = −(ω × l + v × p, ω × p) for columns (6, n); P = (l, p)."""
     (a, b, c, u, v, w), (k, l, m, p, q, r) = V, P
     out = np.empty_like(P)
     out[0] = l * c - m * b + q * w - r * v

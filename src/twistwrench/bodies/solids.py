@@ -1,6 +1,6 @@
 """Second moments of mass, point masses and uniform solids, and the closed shells of a triangle mesh.
 
-S = ∫ r r' dm and I = tr(S) 1 - S, (3, 3) each: a body can have I where S has no negative eigenvalue.
+S = ∫ r r' dm and I = tr(S) 1 - S, (3, 3) each. A body can have I if S has no negative eigenvalue.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def ten_parameters(m: Any, h: Any, I: Array) -> list[Any]:
-    """The inertial parameters of a mass, a first moment (3,) and a rotational inertia (3, 3), all about one origin."""
+    """Inertial parameters from a mass, a first moment (3,) and a rotational inertia (3, 3), all about one origin."""
     return [m, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]]
 
 
@@ -37,13 +37,13 @@ def rotational_inertia(S: Array) -> Array:
 
 
 def clipped(S: Array, least: float = 0.0) -> Array:
-    """The nearest S, in the Frobenius norm, of eigenvalues not below ``least``, a share of the largest by size."""
+    """Nearest S in the Frobenius norm with eigenvalues of at least ``least`` times the largest absolute eigenvalue."""
     values, axes = np.linalg.eigh(S)
     return np.asarray(axes * np.maximum(values, least * np.abs(values).max()) @ axes.T)
 
 
 def moment_matrix(I: ArrayLike) -> Array:
-    """A rotational inertia (3, 3); three numbers, perhaps its diagonal, raise an error that shows how to make one."""
+    """Return a rotational inertia (3, 3). For three numbers, the error message shows how to make a diagonal matrix."""
     try:
         return arguments.one(I, "moment_about_com", 3, 3)
     except ShapeError as problem:
@@ -57,8 +57,8 @@ def moment_matrix(I: ArrayLike) -> Array:
 
 # ── Point masses and uniform solids
 
-# Each function is a named constructor of :class:`~twistwrench.SpatialInertia`, which takes it as a class method. All solids but
-# the mesh are centred: the frame's origin is the centre of mass, the axes are principal, and an axis of symmetry is z.
+# Each function is a named constructor of :class:`~twistwrench.SpatialInertia`, used there as a class method. All solids except
+# the mesh are centred: the frame's origin is the centre of mass, the axes are principal, and a symmetry axis is z.
 # Moments of the solids: Lynch and Park, Modern Robotics, figure 8.5, and any table of mechanics.
 
 
@@ -165,11 +165,11 @@ def cylinder(
 def capsule(
     cls: type[SpatialInertia], radius: float, length: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
-    """Spatial inertia of a uniform capsule, a cylinder along z with a half ball on each end; the origin is its centre.
+    """Spatial inertia of a uniform capsule, a cylinder along z with hemispherical ends; the origin is its centre.
 
     Parameters
     ----------
-    length : float, of the cylinder; from tip to tip the capsule measures length + 2 radius [m]
+    length : float, of the cylinder [m]; the total length is length + 2 radius
 
     Examples
     --------
@@ -180,7 +180,7 @@ def capsule(
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
     tube, ball = np.pi * r * r * h, 4.0 / 3.0 * np.pi * r**3
-    # A half ball's centre of mass is 3r/8 above its flat face: Steiner from the ball's centre to there, and on by h/2.
+    # The centre of mass of a hemisphere is 3r/8 above its flat face: Steiner from the ball's centre to there, and on by h/2.
     across = tube * (r * r / 4.0 + h * h / 12.0) + ball * (2.0 / 5.0 * r * r + h * h / 4.0 + 3.0 / 8.0 * h * r)
     along = tube * r * r / 2.0 + ball * 2.0 / 5.0 * r * r
     return _centred(cls, "capsule", tube + ball, np.array([across, across, along]) / (tube + ball), mass, density)
@@ -189,7 +189,7 @@ def capsule(
 def cone(
     cls: type[SpatialInertia], radius: float, height: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
-    """Spatial inertia of a uniform cone with its tip towards +z.
+    """Spatial inertia of a uniform cone whose tip points along +z.
 
     The origin is its centre of mass, height/4 above the base, not the base itself.
 
@@ -210,7 +210,7 @@ def cone(
 
 
 def total_mass(shape: str, volume: float, mass: float | None, density: float | None) -> float:
-    """Mass [kg] of ``volume`` [m³] from exactly one of mass and density, positive and finite."""
+    """Mass [kg] of ``volume`` [m³] from exactly one of mass and density, both positive and finite."""
     if (mass is None) == (density is None):
         given = "neither" if mass is None else "both"
         raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
@@ -223,7 +223,7 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
     a = arguments.one(value, name, count) if count > 1 else np.array([arguments.number(value, name)])
-    if not ((a >= 1e-100) & (a <= 1e100)).all():  # beyond, their squares and products overflow or vanish
+    if not ((a >= 1e-100) & (a <= 1e100)).all():  # outside this range, squares and products overflow or underflow
         given = a.tolist() if count > 1 else a[0]
         raise ValueRangeError(f"{name} is {given}; lengths must be positive and finite, 1e-100 to 1e100 m.")
     return a
@@ -232,25 +232,25 @@ def _lengths(name: str, value: ArrayLike, count: int) -> Array:
 def _centred(
     cls: type[SpatialInertia], shape: str, volume: float, moments: ArrayLike, mass: float | None, density: float | None
 ) -> SpatialInertia:
-    """A solid about its centre, by its principal moments per mass."""
+    """Solid about its centre, from its principal moments per unit mass."""
     m = total_mass(shape, float(volume), mass, density)
     return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments, float)))
 
 
 # ── Closed shells of a triangle mesh: connected faces, nesting and intersections
 
-# A solid may be bounded by several shells: its outer one, those of its cavities, those of solids beside it. What a shell
-# bounds does not depend on how its faces are turned: by itself it is a solid; inside another it is a cavity, inside a cavity a
-# solid again. Shells that cut each other do not nest.
+# A solid may be bounded by several shells: its outer one, those of cavities, and those of separate parts. The orientation of
+# faces is ignored: an outer shell bounds a solid, a shell inside it a cavity, a shell inside a cavity a solid again. Shells
+# that intersect do not nest.
 
 _LOOKED_AT = 64
-"""Corners and face centres of a shell that are tested for being inside another."""
+"""Number of sample points (vertices and face centres) per shell in the containment test."""
 _PAIRS = 1 << 22
-"""Largest number of pairs of an edge and a face, for each two shells, in the test for intersections."""
+"""Maximum number of edge-face pairs per two shells in the intersection test."""
 _AT_ONCE = 1 << 20
-"""Number of pairs that are compared at once, by their boxes."""
+"""Number of pairs whose bounding boxes are compared at once."""
 _TOUCHING = 1e-9
-"""Relative distance below which points lie on a face, and edges that pass through it only touch it."""
+"""Relative distance below which a point counts as on a face, and an edge only touches the face."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,23 +258,23 @@ class Nest:
     """Nesting of closed shells."""
 
     depth: Array
-    """(n,): number of shells around each shell. Even: it bounds a solid. Odd: a cavity."""
+    """Number of shells around each shell (n,). Even: it bounds a solid. Odd: a cavity."""
     cutting: tuple[tuple[int, int], ...]
-    """Pairs of shells that cut each other or coincide; neither counts as inside the other."""
+    """Pairs of shells that intersect or coincide; neither counts as inside the other."""
 
     @property
     def sign(self) -> Array:
-        """(n,): 1 for solids, -1 for cavities."""
+        """Sign (n,): 1 for solids, -1 for cavities."""
         return 1.0 - 2.0 * (self.depth % 2)
 
 
 def edges_of(faces: Array) -> Array:
-    """The directed edges (3 k, 2) of faces (k, 3), the first of each face, then the second, then the third."""
+    """Directed edges (3 k, 2) of faces (k, 3): the first edge of each face, then the second, then the third."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
 
 
 def shell_numbers(faces: Array) -> tuple[int, Array]:
-    """Number of shells, and the shell of each face (k,): faces that share an edge are of one shell."""
+    """Number of shells, and the shell of each face (k,): faces that share an edge belong to one shell."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -289,7 +289,7 @@ def shell_numbers(faces: Array) -> tuple[int, Array]:
 
 
 def nest(triangles: Array, shell: Array, count: int) -> Nest:
-    """Nesting of shells; triangles (k, 3, 3), each shell's faces turned outwards, shell (k,) in 0 … count - 1."""
+    """Nesting of shells; triangles (k, 3, 3), faces oriented outwards, shell (k,) in 0 … count - 1."""
     parts = [triangles[shell == i] for i in range(count)]
     low = np.array([part.min(axis=(0, 1)) for part in parts])
     high = np.array([part.max(axis=(0, 1)) for part in parts])
@@ -307,7 +307,7 @@ def nest(triangles: Array, shell: Array, count: int) -> Nest:
 
 
 def _inside(part: Array, other: Array) -> bool | None:
-    """True if a shell (n, 3, 3) lies inside another; None if only a part of it does, or all of it lies on the surface."""
+    """True if a shell (n, 3, 3) lies inside another, False if outside; None if partly inside, or on its surface."""
     points = np.concatenate([part.mean(axis=1), part.reshape(-1, 3)])
     points = points[:: max(1, len(points) // _LOOKED_AT)]
     w = _winding(points, other)
@@ -320,7 +320,7 @@ def _inside(part: Array, other: Array) -> bool | None:
 def _winding(points: Array, triangles: Array) -> Array:
     """Winding number of the surface about each point: 1 inside, 0 outside, NaN on it; (n, 3), (k, 3, 3) → (n,).
 
-    By the solid angle of each face: van Oosterom and Strackee, 1983.
+    From the solid angle of each face: van Oosterom and Strackee, 1983.
     """
     total = np.zeros(len(points))
     portion = max(1, _AT_ONCE // (16 * len(triangles)))
@@ -336,7 +336,7 @@ def _winding(points: Array, triangles: Array) -> Array:
 
 
 def _cut(part: Array, other: Array) -> bool:
-    """True if an edge of the one shell goes through a face of the other."""
+    """True if an edge of one shell passes through a face of the other."""
     starts, ends = part.reshape(-1, 3), np.roll(part, -1, axis=1).reshape(-1, 3)
     low, high = other.min(axis=(0, 1)), other.max(axis=(0, 1))
     near = (np.minimum(starts, ends) <= high).all(axis=1) & (np.maximum(starts, ends) >= low).all(axis=1)
@@ -358,7 +358,7 @@ def _cut(part: Array, other: Array) -> bool:
 
 
 def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) -> tuple[Array, Array]:
-    """The pairs of boxes (m, 3) and (n, 3) that have a point in common."""
+    """Pairs of boxes (m, 3) and (n, 3) that intersect."""
     meet = np.ones((len(low), len(other_low)), bool)
     for axis in range(3):
         meet &= low[:, None, axis] <= other_high[None, :, axis]
@@ -368,7 +368,7 @@ def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) ->
 
 
 def _pierced(p: Array, q: Array, faces: Array, least: float) -> Array:
-    """True for each edge from p to q (n, 3) that goes through its face (n, 3, 3), by more than touching it."""
+    """True for each edge from p to q (n, 3) that passes through its face (n, 3, 3), beyond touching it."""
     a, b, c = np.moveaxis(faces, 1, 0)
     normal = np.cross(b - a, c - a)
     before, after = (((x - a) * normal).sum(axis=1) for x in (p, q))

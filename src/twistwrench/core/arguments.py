@@ -1,6 +1,6 @@
-"""Argument checks: tables with named columns, rotations and poses, arrays and numbers.
+"""Validation of arguments: tables with named columns, rotations and poses, arrays and numbers.
 
-An object is a table by its attributes, without imports: ``columns`` (pandas, Polars), ``index`` (a row of pandas), or
+Tables are recognised by attributes, without imports: ``columns`` (pandas, Polars), ``index`` (a row of pandas), or
 ``dims`` and ``coords`` (xarray).
 """
 
@@ -33,8 +33,8 @@ def is_table(x: Any) -> bool:
 def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
     """Contents of the table ``x``, with its columns in the order of ``names``; anything else unchanged.
 
-    Without ``names``, a table is a ValueRangeError if its labels are texts. Raises UnknownNameError for columns that are not
-    exactly ``names``, with lists of the unknown and the missing ones.
+    Without ``names``, text labels raise ValueRangeError. Columns that are not exactly ``names`` raise UnknownNameError, whose
+    message lists the unknown and the missing ones.
     """
     labels = _labels(x)
     if labels is None:
@@ -77,20 +77,20 @@ def _labels(x: Any) -> list[Any] | None:
 
 
 def _contents(x: Any) -> Any:
-    """Numbers without their labels; lazy if the table is."""
+    """Numbers without their labels; lazy if the table is lazy."""
     if getattr(x, "dims", None) is not None and hasattr(x, "data"):
         return x.data
     return x.to_numpy()
 
 
-# ── Rotations, and their deviation
+# ── Rotations, and their deviations
 
 TOLERANCE = 1e-6
-"""Largest deviation of R' R from the identity for a rotation: a rounded float32 rotation passes."""
+"""Largest deviation of R' R from the identity for a rotation; rounding to float32 stays below it."""
 
 
 def refuse(gaps: Array, allowed: float, complaint: str) -> None:
-    """Raise ValueRangeError if the largest of ``gaps`` (..., n, n) is too large, with the row of the batch. NaN passes."""
+    """Raise ValueRangeError with the batch row if the largest of ``gaps`` (..., n, n) exceeds ``allowed``. NaN passes."""
     if not (gaps > allowed).any():
         return
     worst = int(np.nanargmax(gaps))
@@ -100,10 +100,10 @@ def refuse(gaps: Array, allowed: float, complaint: str) -> None:
 
 
 def rotation(R: Array, what: str) -> Array:
-    """R (..., 3, 3), of float32, float64 or symbols, if it is a rotation to :data:`TOLERANCE`; symbols are not checked."""
+    """R (..., 3, 3) of float32, float64 or symbols, checked to be a rotation within :data:`TOLERANCE`, except symbols."""
     if R.dtype == object or _surely_rotations(R):
         return R
-    allowed = max(TOLERANCE, 100 * float(np.finfo(R.dtype).eps))  # float32: what a chain of products adds up to
+    allowed = max(TOLERANCE, 100 * float(np.finfo(R.dtype).eps))  # float32: errors of a chain of products
     with np.errstate(all="ignore"):
         off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
         reflected = np.maximum(0.0, -np.linalg.det(R))[..., None, None]
@@ -120,17 +120,17 @@ def rotation(R: Array, what: str) -> Array:
 def _surely_rotations(R: Array) -> bool:
     """True if two rows are orthonormal and the third is their cross product, to a fifth of the tolerance.
 
-    On floats or on columns, since every Ad and inverse needs it; measuring the deviation takes ten times as long.
+    Uses floats or columns, because every Ad and inverse calls it; computing the deviation takes ten times as long.
     """
     near = 0.2 * TOLERANCE
     if R.ndim == 2:
         return all(not abs(gap) > near for gap in gaps(R.tolist()))
-    with np.errstate(all="ignore"):  # infinite entries are found, not warned of
+    with np.errstate(all="ignore"):  # infinite entries fail the test, without a warning
         return not any((np.abs(gap) > near).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
 
 
 def gaps(rows: Any) -> tuple[Any, ...]:
-    """Deviations of a matrix (3, 3) from a rotation: dot products of two rows, and their cross product."""
+    """Deviations of a matrix (3, 3) from a rotation: row products, and the cross product of two rows minus the third."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     return (
         a * a + b * b + c * c - 1.0,
@@ -150,16 +150,16 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
     refuse(off, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
 
 
-# ── Arrays and numbers: arguments in the required form, or errors that name them and the remedy
+# ── Arrays and numbers: arguments converted to the required form, or errors that name them and the remedy
 
-# ``brought`` and ``plain`` take any kind of array: NumPy's as they are, tables by the names of their columns, all else as
-# ``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
-# ``number``, ``positive``, ``whole`` and ``integer`` are for single numbers; ``pose`` checks rotation and last row. Symbols
-# (object arrays) pass all but ``real`` and ``finite`` unchanged, so checked functions can be traced. NaN passes all but
-# ``finite``: plain arrays propagate it row by row, as NumPy does.
+# ``brought`` and ``plain`` accept any kind of array: NumPy's unchanged, tables by the names of their columns, all else as
+# ``np.asarray`` does; ``brought`` keeps Dask arrays lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
+# ``number``, ``positive``, ``whole`` and ``integer`` are for single numbers; ``pose`` checks rotation and last row. All
+# functions but ``real`` and ``finite`` pass symbols (object arrays) unchanged, so that checked functions can be traced. All but
+# ``finite`` pass NaN, which arrays propagate row by row as NumPy does.
 
 _LONGEST = 60
-"""Characters of a given value that an error shows."""
+"""Maximum number of characters of a given value in an error message."""
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
@@ -168,11 +168,11 @@ _NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": 
 
 
 def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NO_ARRAY) -> Any:
-    """x as an ndarray of any numbers, or unchanged if it is a Dask array.
+    """x as an ndarray of any numbers; a Dask array is returned unchanged.
 
-    A table (a data frame, a row of one, an array with a labelled last axis) is put in the order of ``names``; without names,
-    labels that are texts are rejected. Raises UnknownNameError for labels that are not exactly the names, ValueRangeError
-    for masked entries, and ShapeError, with the ``complaint``, for anything else that is not an array.
+    The columns of a table (a data frame, a row of one, an array with a labelled last axis) are put in the order of ``names``;
+    without names, text labels are rejected. Raises UnknownNameError for labels that are not exactly the names, ValueRangeError
+    for masked entries, and ShapeError with the ``complaint`` for anything else that is not an array.
     """
     if type(x) is np.ndarray:
         return x
@@ -181,14 +181,14 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
         made = x if is_lazy(x) else np.asarray(x)
     except TwistWrenchError:
         raise
-    except Exception as error:  # rows of different lengths, integers beyond floats, whatever another library raises
+    except Exception as error:  # rows of different lengths, integers beyond floats, any error of another library
         if type(error).__module__.startswith("jax."):
             raise ShapeError(
                 f"{what} is being traced by JAX, and NumPy cannot read it. Inside jit, vmap and grad use the quantity as a "
                 "function of JAX arrays: robot.to_jax(name)."
             ) from None
         raise ShapeError(f"{what} {complaint}: {error}") from None
-    masked = sys.modules.get("numpy.ma")  # NumPy imports it when asked for it
+    masked = sys.modules.get("numpy.ma")  # NumPy imports it on demand
     if masked and isinstance(x, masked.MaskedArray) and masked.is_masked(x):
         count = int(masked.getmaskarray(x).sum())
         raise ValueRangeError(
@@ -198,24 +198,24 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
 
 
 def of_plain(given: Sequence[Any]) -> tuple[Array, ...] | None:
-    """The arrays, if each is NumPy's or made of a plain list, tuple or number; else None."""
+    """Arrays of the arguments if each is a NumPy array, a plain list, a tuple or a number; else None."""
     if not all(type(x) in (np.ndarray, list, tuple, float, int) for x in given):
         return None
     try:
         return tuple([np.asarray(x) for x in given])
-    except Exception:  # which brought() explains
+    except Exception:  # brought() reports the error
         return None
 
 
 def plain(x: Any, what: str, names: Sequence[str] = ()) -> Array:
-    """:func:`brought` as an ndarray: a Dask array is computed."""
+    """Result of :func:`brought` as an ndarray: a Dask array is computed."""
     return np.asarray(brought(x, what, names))
 
 
 def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
     """x as float32, float64 or symbols, with last axes of the given shape. Raises errors that name ``what``.
 
-    ``names``: those of the last axis, for tables; see :func:`brought`.
+    ``names`` are the labels of the last axis for tables; see :func:`brought`.
     """
     if type(x) is not np.ndarray:
         x = _array(x, what, shape, batch, names)
@@ -231,7 +231,7 @@ def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Seque
 
 
 def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
-    """x as float32 if it is that, else as float64, with last axes of the given shape; symbols are rejected."""
+    """x as float32 if it has that type, else as float64, with last axes of the given shape; symbols are rejected."""
     M = array(x, what, *shape, batch=batch, names=names)
     if M.dtype != object:
         return M
@@ -242,7 +242,7 @@ def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequen
 
 
 def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> Array:
-    """x as real numbers, its last axes of the given shape and none of them NaN or infinite."""
+    """x as finite real numbers, with last axes of the given shape."""
     M = real(x, what, *shape, names=names)
     bad = ~np.isfinite(M)
     if bad.any():
@@ -268,7 +268,7 @@ def number(x: Any, what: str) -> float:
 
 
 def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
-    """x as one number above 0 [``unit``]; 0 too where ``zero``, infinity too where ``infinite``. Raises ValueRangeError."""
+    """x as one number above 0 [``unit``]; ``zero`` and ``infinite`` allow those values too. Raises ValueRangeError."""
     value = number(x, what)
     if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
         wanted = "a number, at least 0" if zero else "a positive number"
@@ -277,7 +277,7 @@ def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite:
 
 
 def whole(x: Any, what: str, least: int = 1) -> int:
-    """x as a whole number of at least ``least``; 6.0 is one. Raises ValueRangeError."""
+    """x as a whole number of at least ``least``; 6.0 is accepted. Raises ValueRangeError."""
     value = number(x, what)
     if not (value >= least and value % 1 == 0):
         raise ValueRangeError(f"{what} is {x}, and must be a whole number, at least {least}.")
@@ -285,7 +285,7 @@ def whole(x: Any, what: str, least: int = 1) -> int:
 
 
 def integer(x: Any, what: str, least: int = 1) -> int:
-    """x as an integer of at least ``least``, NumPy's too; 6.0 and True are not. Raises ValueRangeError."""
+    """x as an integer of at least ``least``, also a NumPy integer; 6.0 and True are rejected. Raises ValueRangeError."""
     try:
         value = least - 1 if isinstance(x, bool) else operator.index(x)
     except TypeError:
@@ -296,7 +296,7 @@ def integer(x: Any, what: str, least: int = 1) -> int:
 
 
 def generator(rng: Any, what: str = "rng") -> np.random.Generator:
-    """A NumPy generator, from a seed or unchanged. Raises ValueRangeError."""
+    """Return a NumPy generator, from a seed or unchanged. Raises ValueRangeError."""
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
@@ -304,14 +304,14 @@ def generator(rng: Any, what: str = "rng") -> np.random.Generator:
 
 
 def flag(x: Any, what: str) -> bool:
-    """x as a bool: a bool, NumPy's too, 0, 1, or None for False. Raises ValueRangeError."""
+    """x as a bool: True, False, a NumPy bool, 0, 1, or None for False. Raises ValueRangeError."""
     if x is None or isinstance(x, bool | np.bool_) or (isinstance(x, int | float) and x in (0, 1)):
         return bool(x)
     raise ValueRangeError(f"{what} is {shown(x)}: give True or False.")
 
 
 def choice(x: Any, what: str, choices: Sequence[str]) -> str:
-    """x as one of a few texts. Raises ValueRangeError, which lists them."""
+    """x as one of the given texts. Raises ValueRangeError, which lists them."""
     if not isinstance(x, str) or x not in choices:
         raise ValueRangeError(f"{what} {shown(x)} is not known. Choose one of: {', '.join(choices)}.")
     return x
@@ -336,7 +336,7 @@ def shown(x: Any) -> str:
 
 
 def visible(text: str) -> str:
-    r"""A text with control characters, and those that change the direction of writing, as escapes; lines and tabs stay.
+    r"""Text with control and bidirectional formatting characters as escapes; line ends and tabs are kept.
 
     >>> print(visible("joint\x1b[2J \u202e1"))
     joint\x1b[2J \u202e1
@@ -345,14 +345,14 @@ def visible(text: str) -> str:
 
 
 def as_matrix(x: Any, what: str, kind: str) -> Array:
-    """Result of ``x.as_matrix()``, for an object of SciPy's."""
+    """Result of ``x.as_matrix()`` for a SciPy object."""
     if not hasattr(x, "as_matrix"):
         raise ValueRangeError(f"{what} takes a {kind}, got {type(x).__name__}.")
     return np.asarray(x.as_matrix())
 
 
 def together(**arrays: Array) -> tuple[Array, ...]:
-    """The arrays broadcast against each other, or a :func:`mismatch`."""
+    """Arrays broadcast against each other. Raises :func:`mismatch`."""
     try:
         return tuple(np.broadcast_arrays(*arrays.values()))
     except ValueError:
@@ -360,7 +360,7 @@ def together(**arrays: Array) -> tuple[Array, ...]:
 
 
 def mismatch(**arrays: Array) -> ShapeError:
-    """The error for batches that do not broadcast."""
+    """Error for batches that do not broadcast."""
     shapes = ", ".join(f"{name} {x.shape}" for name, x in arrays.items())
     return ShapeError(f"these batches do not broadcast: {shapes}. All axes but the last ones must agree or be 1.")
 
@@ -381,7 +381,7 @@ def _wanted(shape: tuple[int, ...], batch: bool) -> str:
 
 
 def _is_number(kind: type) -> bool:
-    """True if elements of an object array are numbers or symbols, which can be negated; not for texts and None."""
+    """True if elements of an object array are numbers or symbols, which can be negated, unlike texts and None."""
     return hasattr(kind, "__neg__") and not issubclass(kind, (complex, np.complexfloating, np.ndarray))
 
 
@@ -393,7 +393,7 @@ def _described(x: Array) -> str:
 
 
 def pose(T: ArrayLike, what: str) -> Array:
-    """T (..., 4, 4), if it is a pose to a millionth. A labelled pose was checked when it was made; symbols are not checked."""
+    """T (..., 4, 4), checked to be a pose within 1e-6. Symbols and labelled poses (checked before) are not checked."""
     M = array(T, what, 4, 4)
     if M.dtype != object and not hasattr(T, "of"):
         last_row(M, what)
@@ -401,7 +401,7 @@ def pose(T: ArrayLike, what: str) -> Array:
     return M
 
 
-# ── Signatures of functions that pass on to another all that they are given
+# ── Signatures of functions that pass all their arguments on to another function
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -410,7 +410,7 @@ Result = TypeVar("Result")
 def taking_the_arguments_of(
     other: Callable[Arguments, Any],
 ) -> Callable[[Callable[..., Result]], Callable[Arguments, Result]]:
-    """Decorator: names, types and defaults are those of ``other``, for people, checkers and ``inspect.signature``."""
+    """Decorator that takes names, types and defaults from ``other``, for type checkers and ``inspect.signature``."""
 
     def decorate(function: Callable[..., Result]) -> Callable[Arguments, Result]:
         function.__wrapped__ = other  # type: ignore[attr-defined]

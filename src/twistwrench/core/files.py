@@ -17,15 +17,15 @@ from ..errors import ValueRangeError
 from .arguments import shown
 
 MOST_BYTES = 64 * 2**20
-"""Default bound of a reader [bytes]."""
+"""Default size limit of a reader [bytes]."""
 
 _PORTION = 1 << 16
 _PATIENCE = 10.0
-"""Seconds to wait until another process opens the other end of a named pipe."""
+"""Timeout [s] for another process to open the other end of a named pipe."""
 
 
 def as_path(path: Any) -> Path:
-    """The caller's path, a text or a Path. Raises ValueRangeError for anything else, and for an empty text."""
+    """Return the caller's path, a text or a Path. Raises ValueRangeError for anything else and for an empty text."""
     if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
         raise ValueRangeError(f"path is {shown(path)}: give the path of a file, a text or a pathlib.Path.")
     return Path(path)
@@ -43,8 +43,8 @@ def is_stream(path: Path) -> bool:
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """All bytes of a file, or of a pipe or device up to its end.
 
-    A pipe is waited for as long as somebody holds its other end open; one that nobody opens, for ten seconds. Raises OSError,
-    with ``EFBIG`` for more than ``most`` bytes, ``ETIMEDOUT`` for a pipe that nobody writes to.
+    Reading waits while another process holds the other end of a pipe open, and ten seconds for it to be opened. Raises OSError:
+    ``EFBIG`` for more than ``most`` bytes, ``ETIMEDOUT`` if no process opens the pipe for writing.
 
     >>> read_bytes(Path("/dev/zero"), most=1000)
     Traceback (most recent call last):
@@ -63,7 +63,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:
-    """The text of a file in UTF-8, with or without a byte order mark; lines end as they do in the file.
+    """Text of a file in UTF-8, with or without a byte order mark; line ends are kept.
 
     Raises what :func:`read_bytes` raises, and UnicodeDecodeError.
     """
@@ -84,7 +84,7 @@ def _to_the_end(handle: int, path: Path, most: int) -> bytes:
     while True:
         try:
             portion = os.read(handle, _PORTION)
-        except BlockingIOError:  # somebody has the other end, and has written nothing yet
+        except BlockingIOError:  # the pipe has a writer that has not written yet
             select.select([handle], [], [])
             continue
         if portion:
@@ -101,7 +101,7 @@ def _to_the_end(handle: int, path: Path, most: int) -> bytes:
 
 
 def _unopened(handle: int) -> bool:
-    """True if it is a pipe whose other end has not been opened since this one was: its end would be reported otherwise."""
+    """True for a pipe whose other end has not been opened since; poll would otherwise report the end of the data."""
     if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(handle).st_mode):
         return False
     poll = select.poll()
@@ -114,23 +114,23 @@ def _too_large(path: Path, most: int) -> OSError:
     return OSError(errno.EFBIG, f"it has more than {amount}", str(path))
 
 
-# ── Writing: harmful outputs are rejected before anything runs, and files are replaced only when complete
+# ── Writing: unsuitable outputs are rejected before a run, and files are replaced only when complete
 
 PICTURES = (".png", ".pdf", ".svg")
-"""Kinds of pictures, by their suffixes."""
+"""File name suffixes of pictures."""
 
 _SHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
-"""Suffixes of spreadsheets' own formats, none of which is written."""
+"""File name suffixes of spreadsheet formats, which are not written."""
 
 
 def picture_path(path: str | Path) -> str:
-    """The file a picture goes to: ``path``, with .png added if it has no suffix.
+    """File name of a picture: ``path``, with .png appended if it has no suffix.
 
     Raises :class:`~twistwrench.ValueRangeError` for a suffix that is none of :data:`PICTURES`.
     """
     text, suffix = str(as_path(path)), Path(path).suffix.lower()
     if not suffix:
-        return text if Path(text).is_dir() else f"{text}.png"  # a folder is refused as one where it is written
+        return text if Path(text).is_dir() else f"{text}.png"  # an existing folder is rejected later, on writing
     if suffix not in PICTURES:
         raise ValueRangeError(
             f"cannot draw {Path(path).name!r}: pictures of kind {suffix[1:]!r} are not made. "
@@ -140,10 +140,10 @@ def picture_path(path: str | Path) -> str:
 
 
 def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str, str | Path | None]) -> None:
-    """Reject, before a long run, output files that cannot be written, or that are an input or another output.
+    """Reject, before a long run, output files that cannot be written, or that equal an input or another output.
 
-    Both map what the user calls a file (``--csv``, ``ROBOT``) to its path, None where it was not given. Links count as what
-    they lead to; devices, such as /dev/null, may be shared. Pass a picture's path through :func:`picture_path` first.
+    Both mappings are from the user's term for a file (``--csv``, ``ROBOT``) to its path, or None if not given. Links are
+    resolved; devices such as /dev/null may be shared. Pass a picture's path through :func:`picture_path` first.
     Raises :class:`~twistwrench.ValueRangeError`.
     """
     others = {name: Path(path) for name, path in inputs.items() if path is not None}
@@ -163,16 +163,16 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
                     f"--csv {str(given)!r}: CSV is written, which spreadsheets do not open under the ending "
                     f"{path.suffix}. Name it {path.with_suffix('.csv').name!r}."
                 )
-        except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
+        except (OSError, RuntimeError) as problem:  # name too long, circular links
             reason = getattr(problem, "strerror", None) or str(problem)
             raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. Give another name.") from None
         others[name] = path
 
 
 def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
-    """The path, unless a file is there already and ``overwrite`` is False: files of robots are made by hand.
+    """Return the path. Raises :class:`~twistwrench.ValueRangeError` if the file exists and ``overwrite`` is False.
 
-    Devices, such as /dev/stdout, may be written to. Raises :class:`~twistwrench.ValueRangeError`.
+    Devices, such as /dev/stdout, are accepted.
     """
     target = as_path(path)
     if target.is_file() and not overwrite:
@@ -182,12 +182,12 @@ def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
 
 def _same(one: Path, other: Path) -> bool:
     if one.exists() and other.exists():
-        return one.is_file() and one.samefile(other)  # hard links too
+        return one.is_file() and one.samefile(other)  # resolves hard links too
     return one.resolve() == other.resolve()
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Status of a file, None if there is none. Raises OSError for names that can have none."""
+    """Status of a file; None if it does not exist. Raises OSError for invalid names."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -210,10 +210,10 @@ def _check_writable(path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Context with a scratch name in the same folder; without an error the file there becomes ``path``, else it is removed.
+    """Context with a temporary name in the same folder; the file is renamed to ``path`` on success and removed on an error.
 
-    A file that is replaced keeps its mode, and its owner and group where the system allows it; a new one gets the mode that
-    the process gives to new files. :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
+    A replaced file keeps its mode, and its owner and group if the system allows it; a new one gets the mode of the process's
+    new files. Raises :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
     """
     with replacing_together([path]) as (scratch,):
         yield scratch
@@ -221,8 +221,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]]:
-    """Scratch names for files that belong together, as of :func:`replacing`: all are on the disk before one is renamed."""
-    files: list[tuple[Path, Path, os.stat_result | None]] = []  # scratch, what it becomes, and what is there
+    """Temporary names for several files as in :func:`replacing`: all are written to disk before the first is renamed."""
+    files: list[tuple[Path, Path, os.stat_result | None]] = []  # temporary file, target, status of the target
     at = as_path(paths[0])
     try:
         for path in map(as_path, paths):
@@ -253,21 +253,21 @@ def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]
 
 
 def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
-    """An empty scratch file, its target, and the target's status; pipes and devices are written to, never replaced."""
+    """Empty temporary file, its target, and the target's status; pipes and devices are written directly."""
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
     if path.exists() and not path.is_file():
         return path, path, None
     advice = "Name a file in a folder that exists and is writable."
     try:
-        target = path.resolve()  # a link stays a link
+        target = path.resolve()  # keeps a link
         before = _status(target)
-    except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
+    except (OSError, RuntimeError) as problem:  # name too long, circular links
         reason = getattr(problem, "strerror", None) or str(problem)
         raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None
     scratch = target.with_name(f".{target.stem[:20]}.{os.urandom(8).hex()}{target.suffix[-20:]}")
     try:
-        # With the mode of new files the system itself takes the umask off; what will be private is so from the start.
+        # The system applies the umask to a new file; a file that replaces another is private from the start.
         os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if before is None else 0o600))
     except OSError as problem:
         raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. {advice}") from None
@@ -275,7 +275,7 @@ def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
 
 
 def _keep(scratch: Path, before: os.stat_result) -> None:
-    """Copy owner, group and mode of the replaced file; a group that cannot be kept passes on no rights."""
+    """Copy owner, group and mode of the replaced file; without its group, the group permissions are reduced to others'."""
     mode = stat.S_IMODE(before.st_mode)
     if hasattr(os, "chown"):
         with contextlib.suppress(OSError):

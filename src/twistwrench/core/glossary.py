@@ -296,7 +296,7 @@ SECTIONS = (
 
 
 def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
-    """A docstring with the sections Parameters, Returns and Raises completed, in the order of the signature's names.
+    """Docstring with completed sections Parameters, Returns and Raises, in the order of the signature's names.
 
     Docstrings without a section Returns, Yields or Examples are left as they are.
     """
@@ -363,7 +363,7 @@ def signature_names(function: Any) -> list[str]:
 
 
 def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
-    """The lines of each section by its title, those before the first under the empty one; and the indentation."""
+    """Lines of each section by title, with the text before the first under the empty title; and the indentation."""
     lines = doc.rstrip().split("\n")
     sections: dict[str, list[str]] = {}
     title, start, indent = "", 0, ""
@@ -376,14 +376,14 @@ def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
 
 
 def _trimmed(lines: list[str]) -> list[str]:
-    """Without empty lines at the end."""
+    """Lines without trailing empty lines."""
     while lines and not lines[-1].strip():
         lines = lines[:-1]
     return lines
 
 
 def _entries(lines: Sequence[str], indent: str) -> list[list[str]]:
-    """The entries of a section, each a line with those below it that are indented further."""
+    """Entries of a section, each a line with its further indented lines."""
     found: list[list[str]] = []
     for line in lines:
         if found and line.startswith(indent + " "):

@@ -1,15 +1,15 @@
 """Rules of printed numbers in every table, report, picture and ``repr``.
 
-* A number has four significant digits and no zeros at its end; below a million its whole part is complete.
-* A computed torque also has four, with zeros at the end, and three decimals at most.
-* A standard deviation has two digits, zeros at the end included, and its estimate has as many decimals.
+* A number has four significant digits without trailing zeros; below a million its integer part is complete.
+* A computed torque also has four significant digits, with trailing zeros, and at most three decimals.
+* A standard deviation has two digits, including trailing zeros, and its estimate has as many decimals.
 * An unknown value, or a missing limit, is :data:`MISSING`.
 * Within a sentence, especially of an error, a number has six digits or the given number, and nan and inf are printed.
-* A share of something is a whole percentage, or has the given digits.
-* A share of a limit is 100 % only at the limit: values near it have the digits that show the difference.
+* A fraction is a whole percentage, or has the given digits.
+* A fraction of a limit is 100 % only at the limit: values near it have the digits that show the difference.
 * A time within a motion has milliseconds. A residual has two digits and its power of ten.
 * In files that programs read, a number has ten digits.
-* Signs are ASCII, so that ``float`` reads back a copied number.
+* Signs are ASCII, so that ``float`` reads a copied number.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ _NOISE = 1e-12
 def number(
     value: SupportsFloat | None, digits: int = DIGITS, *, decimals: int | None = None, missing: str = MISSING
 ) -> str:
-    """A number for a person, in significant ``digits``, with at most so many ``decimals``: what is smaller is rounding.
+    """Number for display, with significant ``digits`` and at most ``decimals``, below which values are rounding errors.
 
-    ``missing`` stands for None, nan and infinity.
+    ``missing`` replaces None, nan and infinity.
 
     >>> number(-62.2648), number(12345.6), number(0.5, decimals=3), number(2e-5, decimals=3), number(float("inf"))
     ('-62.26', '12346', '0.5', '0', '–')
     """
     if value is None or not math.isfinite(x := float(value)):
         return missing
-    x = (x if decimals is None else round(x, decimals)) + 0.0  # no minus zeros
+    x = (x if decimals is None else round(x, decimals)) + 0.0  # no negative zero
     if 10.0**digits - 0.5 <= abs(x) < _IN_FULL:
         return f"{x:.0f}"
     return f"{x:.{digits}g}"
 
 
 def rounded_down(value: SupportsFloat) -> str:
-    """A number that is at least 0, as :func:`number` prints it, but not rounded up: what is allowed up to it.
+    """Nonnegative number as printed by :func:`number`, but rounded down, for allowed maxima.
 
     >>> rounded_down(11.3295), rounded_down(0.3), rounded_down(2.0), rounded_down(0.0)
     ('11.32', '0.3', '2', '0')
@@ -62,7 +62,7 @@ def rounded_down(value: SupportsFloat) -> str:
 
 
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
-    """A number within a sentence, such as an error's: a given one, or with fewer ``digits`` a computed one.
+    """Number within a sentence, such as an error message: a given one, or a computed one with fewer ``digits``.
 
     >>> printed(0.1234567), printed(1e-9), printed(12.3456, 3), printed(2.0, signed=True), printed(float("nan"))
     ('0.123457', '1e-09', '12.3', '+2', 'nan')
@@ -72,14 +72,14 @@ def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> s
 
 
 def in_file(value: float) -> str:
-    """A number in a text that programs read: ten digits."""
+    """Number in a text that programs read, with ten digits."""
     return f"{value:.10g}"
 
 
 def torque(value: float) -> str:
-    """A computed torque, force, angle or length, with zeros at the end for easy comparison within a column.
+    """Computed torque, force, angle or length, with trailing zeros for easy comparison within a column.
 
-    Three decimals at most: nobody looks closer in N m, N, rad and m.
+    At most three decimals, which suffice in N m, N, rad and m.
     """
     if not 5e-4 <= abs(value) < _IN_FULL:
         return number(value, decimals=3)
@@ -87,13 +87,13 @@ def torque(value: float) -> str:
 
 
 def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, decimals: int | None = None) -> str:
-    """A number with its unit; an unknown one has none."""
+    """Number with its unit; a missing number has no unit."""
     text = number(value, digits, decimals=decimals)
     return text if text == MISSING else f"{text}{unit if unit == '°' else f' {unit}'}"
 
 
 def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
-    """A share of one as a percentage: a whole one, or with significant ``digits``.
+    """Fraction as a percentage: a whole one, or with significant ``digits``.
 
     >>> percent(0.7649), percent(0.03217, 3), percent(float("nan"))
     ('76 %', '3.22 %', '–')
@@ -106,19 +106,19 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
 
 
 def percent_of_limit(share: SupportsFloat | None) -> str:
-    """A share of a limit as a percentage: a whole one, with decimals if it would look like the limit itself.
+    """Fraction of a limit as a percentage: a whole one, with decimals if it would look like 100 % otherwise.
 
     >>> percent_of_limit(0.7649), percent_of_limit(0.996), percent_of_limit(1.00004), percent_of_limit(1.0)
     ('76 %', '99.6 %', '100.004 %', '100 %')
     """
     if share is None or not 0.99 < abs(float(share)) < 1.01:
         return percent(share)
-    tried = [f"{_WHOLE * float(share):.{decimals}f}" for decimals in range(5)]  # four: limits are checked to as many
+    tried = [f"{_WHOLE * float(share):.{decimals}f}" for decimals in range(5)]  # limits are checked to four decimals
     return f"{next((text for text in tried if abs(float(text)) != _WHOLE), tried[0])} %"
 
 
 def deviation(sigma: float, decimals: int = 3) -> str:
-    """A standard deviation: two digits, zeros included, and ``decimals`` at most."""
+    """Standard deviation with two digits, including trailing zeros, and at most ``decimals``."""
     if not math.isfinite(sigma):
         return MISSING
     least = 10.0**-decimals
@@ -130,7 +130,7 @@ def deviation(sigma: float, decimals: int = 3) -> str:
 
 
 def estimate(value: float, sigma: float) -> tuple[str, str]:
-    """An estimate and its standard deviation, or half of its interval: both end at the deviation's second digit."""
+    """Estimate and its standard deviation, or half its interval, both rounded to the deviation's second digit."""
     if not (math.isfinite(sigma) and sigma > 0 and math.isfinite(value)):
         return number(value), number(sigma, 2)
     places = _decimals(sigma)
@@ -140,22 +140,22 @@ def estimate(value: float, sigma: float) -> tuple[str, str]:
 
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
-    """An estimate with its standard deviation, or half of its interval, in one text."""
+    """Estimate with its standard deviation, or half its interval, as one text."""
     return " ± ".join(estimate(float(value), float(sigma))) + (f" {unit}" if unit else "")
 
 
 def seconds(time: float, decimals: int = 3) -> str:
-    """A time within a motion, without its unit; four decimals distinguish the rows of a fast log."""
+    """Time within a motion, without its unit; four decimals distinguish the rows of a fast log."""
     return f"{time:.{decimals}f}"
 
 
 def residual(value: float) -> str:
-    """A quantity that should be zero."""
+    """Text of a quantity that should be zero."""
     return f"{value:.1e}" if value else "0"
 
 
 def vector(x: Array, digits: int = 6) -> str:
-    """A vector (n,) of numbers or symbols in brackets, without round-off beside large entries.
+    """Vector (n,) of numbers or symbols in parentheses; rounding errors relative to large entries print as zero.
 
     >>> vector(np.array([0.1 + 0.2, 1e-17, -2.0]))
     '(0.3, 0, -2)'
@@ -165,11 +165,11 @@ def vector(x: Array, digits: int = 6) -> str:
 
 
 def without_noise(x: Array, scale: float | None = None) -> Array:
-    """Numbers with entries below 1e-12 of ``scale`` set to zero, which are round-off; None: scale of the largest."""
+    """Numbers with rounding errors, entries below 1e-12 of ``scale``, set to zero; None: scale of the largest entry."""
     size = np.abs(x[np.isfinite(x)]).max(initial=0.0) if scale is None else scale
-    return np.where(np.abs(x) <= _NOISE * size, 0.0, x) + 0.0  # no minus zeros
+    return np.where(np.abs(x) <= _NOISE * size, 0.0, x) + 0.0  # no negative zero
 
 
 def _decimals(sigma: float) -> int:
-    """Number of decimals of a deviation's second digit; negative before the point."""
+    """Number of decimals up to a deviation's second digit; negative if it is left of the decimal point."""
     return 1 - math.floor(math.log10(float(f"{sigma:.1e}")) + 1e-9)

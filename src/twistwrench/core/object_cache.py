@@ -1,8 +1,8 @@
-"""Disk cache of machine code and of LLVM's facts: private to the user, verified before use, optional.
+"""Disk cache of machine code and of LLVM's properties: private to the user, verified before use, optional.
 
-Entries lie in the user's cache folder, or in that of ``TWISTWRENCH_CACHE_DIR``; ``TWISTWRENCH_CACHE_DIR=off`` disables the
-cache. A folder that others could write to, an unreadable entry and a full disk have the same effect: code is compiled again. A
-:class:`CacheWarning` reports it once, if there is a remedy.
+Entries are in the user's cache folder, or in ``TWISTWRENCH_CACHE_DIR``; ``TWISTWRENCH_CACHE_DIR=off`` disables the cache. A
+folder that others can write to, an unreadable entry or a full disk makes the code be compiled again. A :class:`CacheWarning`
+reports this once, if there is a remedy.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ except ImportError:
 MAGIC = b"twistwrench code 2\n"
 MOST_ENTRIES = 2000
 MOST_BYTES = 2**28
-"""Bound of an entry; the code of the largest robots has a few MiB."""
+"""Maximum size of an entry [bytes]; the code of the largest robots has a few MiB."""
 VARIABLE = "TWISTWRENCH_CACHE_DIR"
 
 _CHECKSUM = 32
 
 _OURS = re.compile(r"[0-9a-f]{64}|\.new-\w+")
-"""Names of entries, and of those being written; other files in the folder are ignored."""
+"""Names of entries and of temporary files; other files in the folder are ignored."""
 
 _BINARY = getattr(os, "O_BINARY", 0)
 _NO_ENTRY = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
-"""Errors for links and sockets, and for anything else that is not a plain file."""
+"""Error numbers for links, sockets and anything else that is not a regular file."""
 
 _REMARKS: set[str] = set()
 
 
 def folder() -> Path | None:
-    """The cache folder, created if necessary; None if there is none that only this user can write to."""
+    """Cache folder, created if necessary; None if no folder is writable by this user alone."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen.lower() == "off":
         return None
@@ -55,12 +55,12 @@ def folder() -> Path | None:
         if not stat.S_ISDIR(about.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
     except (OSError, RuntimeError) as problem:  # RuntimeError: no home for ~
-        if chosen:  # a home that is not there or cannot be written to is nobody's mistake
+        if chosen:  # an inaccessible home folder is not the user's mistake
             _remark(
                 f"{VARIABLE} is {chosen!r}, which is not a folder and cannot be made one ({problem}). Give another, or off."
             )
         return None
-    if hasattr(os, "getuid"):  # code is run from here: nobody else may put any
+    if hasattr(os, "getuid"):  # code is executed from here: only this user may write it
         for parent in place.resolve().parents:
             if not _is_ours_alone(parent.stat()):
                 _remark(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
@@ -78,7 +78,7 @@ def folder() -> Path | None:
 
 
 def _is_ours_alone(about: os.stat_result) -> bool:
-    """True if only this user and the system's can rename files of a folder.
+    """True if only this user and the system can rename files in a folder.
 
     A group with the user's own number is the user's alone, by the convention of distributions.
     """
@@ -89,7 +89,7 @@ def _is_ours_alone(about: os.stat_result) -> bool:
 
 
 def digest(*parts: bytes | str) -> bytes:
-    """A hash (32,) of several parts together, for keys and checksums."""
+    """Hash (32,) of all parts together, for keys and checksums."""
     state = blake2b(digest_size=_CHECKSUM)
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -98,7 +98,7 @@ def digest(*parts: bytes | str) -> bytes:
 
 
 def _usual() -> Path:
-    if str(sys.platform) == "linux":  # what platformdirs says, whose import takes longer than all of a hit
+    if str(sys.platform) == "linux":  # same as platformdirs, whose import takes longer than a cache hit
         given = os.environ.get("XDG_CACHE_HOME", "").strip()
         return (Path(given) if given else Path("~/.cache").expanduser()) / "twistwrench" / "kernels"
     import platformdirs
@@ -107,14 +107,14 @@ def _usual() -> Path:
 
 
 def _remark(text: str) -> None:
-    """Warn once a process: kernels are many, and each uses the folder twice."""
+    """Warn once per process: there are many kernels, and each uses the folder twice."""
     if text not in _REMARKS:
         _REMARKS.add(text)
         warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
 
 
 def load(key: str, place: Path | None = None) -> bytes | None:
-    """The code stored under ``key``, or None; a damaged entry is removed. ``place`` is the folder if the caller has it."""
+    """Code stored under ``key``, or None; a damaged entry is removed. ``place`` is the folder if the caller has it."""
     place = place or folder()
     if place is None:
         return None
@@ -134,7 +134,7 @@ def load(key: str, place: Path | None = None) -> bytes | None:
 
 
 def _bytes_of(entry: Path) -> bytes:
-    """Bytes of an entry. Raises OSError for a link, a pipe, a folder, a device, and for more bytes than code has."""
+    """Bytes of an entry. Raises OSError for a link, a pipe, a folder, a device, and for a file that is too large for code."""
     handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
     about = os.fstat(handle)
     foreign = hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022)
@@ -146,7 +146,7 @@ def _bytes_of(entry: Path) -> bytes:
 
 
 def _clear(entry: Path) -> None:
-    """Remove an invalid entry, or an empty folder in its place; a full folder stays, and the entry is not cached."""
+    """Remove an invalid entry, or an empty folder in its place; a nonempty folder stays, and the entry is not cached."""
     with suppress(OSError):
         if entry.is_dir() and not entry.is_symlink():
             entry.rmdir()
@@ -155,7 +155,7 @@ def _clear(entry: Path) -> None:
 
 
 def store(key: str, code: bytes) -> None:
-    """Store ``code`` under ``key``; written to a temporary name and renamed, so readers never see half of it."""
+    """Store ``code`` under ``key``; written to a temporary name and renamed, so that readers never see a partial file."""
     place = folder()
     if place is None:
         return
@@ -179,7 +179,7 @@ def store(key: str, code: bytes) -> None:
 
 
 def _prune(place: Path) -> None:
-    """Remove the oldest quarter if there are too many entries."""
+    """Remove the oldest quarter of the entries if there are too many."""
     entries = [p for p in place.iterdir() if _OURS.fullmatch(p.name) and p.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
@@ -190,7 +190,7 @@ def _prune(place: Path) -> None:
 
 
 def _written(entry: Path) -> float:
-    """Time of writing of an entry; zero if another process has removed it since it was listed."""
+    """Modification time of an entry; zero if another process has removed it since it was listed."""
     try:
         return entry.stat().st_mtime
     except OSError:

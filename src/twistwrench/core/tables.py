@@ -1,8 +1,8 @@
-"""CSV and HTML tables: quoting of the standard library, numbers with all digits, no cell that a spreadsheet would run.
+"""CSV and HTML tables: standard CSV quoting, numbers with all digits, and cells that spreadsheets do not execute.
 
-A spreadsheet reads text that begins with =, +, -, @, a tab or a line end as a formula. Such text gets an apostrophe before
-it, as spreadsheets themselves mark text. A name with line ends or outer blanks, which readers of lines lose, is written as
-a string of JSON, in its quotes. :func:`unescape_cell` undoes both. Numbers are unchanged.
+Spreadsheets read text that begins with =, +, -, @, a tab or a line end as a formula. Such text gets a leading apostrophe, the
+spreadsheets' own text mark. Names with line ends or outer blanks, which line-based readers lose, are written as JSON
+strings, with quotes. :func:`unescape_cell` reverses both. Numbers are unchanged.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from .numbers import number
 
 _PORTION = 4096
 _RUN = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
-"""Text that a spreadsheet would run, or would without the apostrophes before it."""
+"""Text that a spreadsheet reads as a formula, or would without its leading apostrophes."""
 
 _LOST = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
-"""Text that a reader of lines would lose or cut, or would read as a string of JSON."""
+"""Text that a line-based reader loses or truncates, or that would be read as a JSON string."""
 
 
 def harmless_text(text: str) -> str:
-    """Text of one line that no spreadsheet reads as a formula; :func:`unescape_cell` restores the text."""
+    """Single-line text that no spreadsheet reads as a formula; :func:`unescape_cell` restores the original."""
     if _LOST.search(text):
         return json.dumps(text, ensure_ascii=False)
     return f"'{text}" if _RUN.match(text) else text
 
 
 def unescape_cell(cell: str) -> str:
-    r"""The text of a cell of :func:`harmless_text`; any other cell unchanged.
+    r"""Original text of a cell from :func:`harmless_text`; other cells are unchanged.
 
     >>> unescape_cell("'=1+1"), unescape_cell("elbow"), unescape_cell("-x"), unescape_cell('"two\\nlines"')
     ('=1+1', 'elbow', '-x', 'two\nlines')
@@ -50,28 +50,28 @@ def unescape_cell(cell: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class CsvWriter:
-    """Writer of rows to a CSV file that is open for bytes; lines end in a newline."""
+    """Writer of rows to a CSV file opened in binary mode; lines end in a newline."""
 
     file: BinaryIO
 
     def row(self, cells: Iterable[str | float | None]) -> None:
-        """Add one row; numbers with the digits that give them back exactly, None as an empty cell."""
+        """Add one row; numbers have the digits that reproduce them exactly, None is an empty cell."""
         line = io.StringIO()
         texts = [harmless_text(c) if isinstance(c, str) else "" if c is None else repr(float(c)) for c in cells]
-        csv.writer(line, lineterminator="\r\n").writerow(texts)  # a return in a name is quoted only if it may end lines
+        csv.writer(line, lineterminator="\r\n").writerow(texts)  # "\r" is quoted only if it may end lines
         self.file.write((line.getvalue().removesuffix("\r\n") + "\n").encode())
 
     def numbers(self, rows: Array) -> None:
-        """Add rows (n, columns) of numbers, each with the digits that give it back exactly."""
-        # A number needs no quotes, and its repr is its shortest exact decimal; the writer of the library is half as fast.
-        for k in range(0, len(rows), _PORTION):  # a number takes ten times its memory while it is text
+        """Add rows (n, columns) of numbers, with the digits that reproduce them exactly."""
+        # Numbers need no quotes, and repr gives the shortest exact decimal; the csv module takes twice as long.
+        for k in range(0, len(rows), _PORTION):  # text takes ten times the memory of the numbers
             lines = [",".join(map(repr, row)) for row in rows[k : k + _PORTION].tolist()]
             self.file.write(("\n".join(lines) + "\n").encode("ascii"))
 
 
 @contextmanager
 def csv_table(path: str | Path, header: Iterable[str]) -> Iterator[CsvWriter]:
-    """Writer of a CSV file that begins with that header, and replaces what is there once it is complete."""
+    """Writer of a CSV file with that header; the file replaces an existing one once it is complete."""
     with replacing(path) as scratch, scratch.open("wb") as file:
         writer = CsvWriter(file)
         writer.row(header)
@@ -82,7 +82,7 @@ def csv_table(path: str | Path, header: Iterable[str]) -> Iterator[CsvWriter]:
 
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table with a title, if it has rows; numbers in four digits, None as a dash, all else escaped, words to the left.
+    """Table with an optional title: numbers in four digits, None as a dash, all else escaped, text columns left-aligned.
 
     >>> html_table("a < b", ["x"], [[0.123456], [None]])
     '<p>a &lt; b</p><table><thead><tr><th>x</th></tr></thead><tbody><tr><td>0.1235</td></tr><tr><td>–</td></tr></tbody></table>'

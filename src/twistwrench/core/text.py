@@ -10,18 +10,18 @@ MOST = 12
 
 
 _LONGEST = 200
-"""Characters of others' text that a message quotes."""
+"""Maximum number of quoted characters from foreign text in a message."""
 _QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_LONGEST}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
-"""Text between quotation marks, as repr writes it; not from an apostrophe on."""
+"""Text between quotation marks as written by repr; an apostrophe does not start one."""
 
 
 def clipped(text: str) -> str:
-    """A text of another author's file, shortened for messages."""
+    """Text from another author's file, shortened for messages."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def with_clipped_quotations(message: str) -> str:
-    """The message with long quotations cut short.
+    """Message with long quotations shortened.
 
     >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
     221

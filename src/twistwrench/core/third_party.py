@@ -1,4 +1,4 @@
-"""Third-party libraries: Dask's arrays by blocks and its workers, modules imported when used, others' errors and output."""
+"""Third-party libraries: Dask arrays by blocks and Dask workers, lazy imports, and foreign errors and output."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def any_lazy(given: Iterable[Any]) -> bool:
 
 
 def is_asking_for_type() -> bool:
-    """True if Dask calls with small arrays to find the type of the result, as ``map_blocks`` does without ``dtype=``."""
+    """True within Dask's type inference, which ``map_blocks`` makes with small arrays if ``dtype=`` is missing."""
     if "dask.array" not in sys.modules:
         return False
     frame: Any = sys._getframe()
@@ -54,11 +54,10 @@ def is_asking_for_type() -> bool:
 
 
 def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], dtype: Any = None) -> Any:
-    """``function(*arrays)``, put off: a Dask array, or a tuple of them.
+    """Deferred ``function(*arrays)``: a Dask array, or a tuple of Dask arrays.
 
-    ``signature`` is that of a generalized ufunc with sizes, ``(7),(7)->(7,7)``. Axes of the batch broadcast and keep their
-    chunks by Dask's rules; the axes of the signature are made one chunk. ``dtype`` None: float32 where that holds every
-    input, else float64.
+    ``signature`` is that of a generalized ufunc with sizes, ``(7),(7)->(7,7)``. Batch axes broadcast and keep their chunks by
+    Dask's rules; each core axis becomes one chunk. ``dtype=None`` selects float32 if it can hold every input, else float64.
     """
     dask: Any = sys.modules["dask.array"]
     outputs = signature.partition("->")[2]
@@ -72,17 +71,17 @@ def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], d
         *(x.rechunk({-1: -1}) if is_lazy(x) else x for x in arrays),
         output_dtypes=dtype if count == 1 else (dtype,) * count,
         output_sizes={size: int(size) for size in sizes},
-        allow_rechunk=True,  # where arguments have other chunks of the batch than each other
+        allow_rechunk=True,  # for arguments with different chunks along the batch axes
     )
 
 
 def by_blocks(
     shapes: Shapes, result: Callable[..., Any] | None = None, dtype: Any = None
 ) -> Callable[[Method], Method]:
-    """Decorator of a robot's method, evaluated lazily block by block if an array or a wrench among its arguments is Dask's.
+    """Decorator of a robot's method, evaluated lazily block by block if an argument array or wrench is a Dask array.
 
-    ``shapes``: shapes of the results for one state, from the robot and the arguments by name; ``result`` combines several
-    results. Arguments named q are (nq,), other states (nv,), wrenches (6,); all else is passed to every block.
+    ``shapes`` returns the shapes of the results for one state, from the robot and the arguments by name; ``result`` combines
+    several results. Arguments named q are (nq,), other states (nv,), wrenches (6,); all others are passed to every block.
     """
 
     def of_method(method: Method) -> Method:
@@ -109,7 +108,7 @@ def by_blocks(
 
 @dataclass(frozen=True)
 class _Block:
-    """Call of a method with the arrays of one block inserted; travels to other processes."""
+    """Call of a method with the arrays of one block; picklable for other processes."""
 
     owner: Any
     name: str
@@ -127,7 +126,7 @@ class _Block:
 
 
 def _array(owner: Any, method: str, given: Mapping[str, Any], place: Place) -> Any:
-    """Array at a position among the arguments, once its last axis is known to have the owner's size."""
+    """Array argument at ``place``, checked to have the owner's size in its last axis."""
     name, key = place
     x = given[name] if key is None else given[name][key]
     x = x if is_lazy(x) else np.asarray(x)
@@ -138,32 +137,32 @@ def _array(owner: Any, method: str, given: Mapping[str, Any], place: Place) -> A
     return x
 
 
-# ── Independent work on this process, on processes of this machine, or on a Dask cluster, with results in order
+# ── Independent jobs in this process, in local processes, or on a Dask cluster, with results in order
 
-# Scheduling, retries, moving data and the dashboard are Dask's. Our own threads stay off in its workers.
+# Dask does scheduling, retries, data transfer and the dashboard. This library's own threads are disabled in its workers.
 
 RETRIES = 3
-"""Retries of work whose worker died; Dask counts deaths of workers with the same number."""
+"""Retries of a job whose worker died; Dask counts worker deaths with the same number."""
 _PATIENCE = 10.0
 """Timeout for a scheduler [s]."""
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "TWISTWRENCH_THREADS": "1"}
-"""Settings of local processes: as many workers as there are cores, one thread each."""
+"""Environment of local worker processes: one per core, with one thread each."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Reason why a piece of work failed: a sentence of ours, or the kind and text of another error."""
+    """Reason for the failure of a job: a message of this library, or kind and text of another error."""
 
     reason: str
 
 
 @dataclass
 class Workers:
-    """Workers: this process, or those of a Dask client."""
+    """Workers: this process, or the workers of a Dask client."""
 
     client: Any = None
     ahead: int = 1
-    """Pieces that are handed out at a time, so that results that wait for their turn stay few."""
+    """Number of jobs submitted ahead, which limits the results that wait for their turn."""
 
     @classmethod
     def from_client(cls, client: Any) -> Workers:
@@ -173,9 +172,9 @@ class Workers:
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
     ) -> Iterator[Result | Failure]:
-        """``function`` of each item, in the order of the items; errors of one do not stop the others."""
+        """``function`` of each item, in the order of the items; an error in one item does not stop the others."""
         tell = progress or (lambda _share: None)
-        work = partial(_result_or_failure, function)  # which travels to other processes
+        work = partial(_result_or_failure, function)  # picklable for other processes
         if self.client is None:
             for k, item in enumerate(items, start=1):
                 yield work(item)
@@ -204,9 +203,9 @@ class Workers:
 
 @contextmanager
 def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
-    """Workers of one kind: this process by default, a number of processes of this machine, or a cluster by its address.
+    """Workers of one kind: this process by default, a number of local processes, or a cluster by its address.
 
-    Raises MissingExtraError without Dask, ValueRangeError where both are given or nothing answers at the address.
+    Raises MissingExtraError without Dask, and ValueRangeError if both are given or the address does not respond.
     """
     if workers is None and scheduler is None:
         yield Workers()
@@ -245,18 +244,18 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
 
 
 def _result_or_failure(function: Callable[[Item], Result], item: Item) -> Result | Failure:
-    """The result, or the reason why there is none; an input error is the same on every worker."""
+    """Result, or the reason for an input error, which does not depend on the worker and is not retried."""
     try:
         return function(item)
     except TwistWrenchError as problem:
         return Failure(str(problem))
 
 
-# ── Heavy packages that are imported when they are first used
+# ── Large packages that are imported on first use
 
 
 class _LazyModule:
-    """Stands for a module, whose names it takes over one by one as they are used."""
+    """Placeholder for a module; attributes are taken from the module on first use."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -272,19 +271,18 @@ def lazy_module(name: str) -> Any:
     return _LazyModule(name)
 
 
-# ── Errors of parsers and other libraries, turned into errors of this one
+# ── Errors of parsers and other libraries, converted to errors of this library
 
 _LONGEST = 200
-"""Characters of another library's message that are shown."""
+"""Maximum number of displayed characters of a foreign message."""
 
 
 @contextmanager
 def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None]:
-    """Turn whatever the block raises into one error of the library; errors that are its own already pass as they are.
+    """Convert any exception of the block to one error of this library; this library's own errors pass unchanged.
 
-    For blocks that hand somebody else's bytes to somebody else's parser, and for nothing more: a mistake of our own in such
-    a block would be called a mistake of the file. ``KeyboardInterrupt`` and ``SystemExit`` pass. ``error_of`` makes the error
-    from the reason in words.
+    Use it only around calls of a third-party parser on external data: an error of our own code in the block would be reported
+    as an error in the file. ``KeyboardInterrupt`` and ``SystemExit`` pass. ``error_of`` makes the error from the reason text.
     """
     try:
         yield
@@ -295,7 +293,7 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
 
 
 def reason_of(problem: Exception) -> str:
-    """Reason of an error in one line without a full stop: the system's for files, else its kind and its message."""
+    """Reason of an error in one line without a full stop: the system's text for files, else its kind and message."""
     if isinstance(problem, RecursionError):
         return "its entries are nested too deeply"
     if isinstance(problem, MemoryError):
@@ -307,14 +305,14 @@ def reason_of(problem: Exception) -> str:
     return f"{kind}: {text[:_LONGEST]}{'…' * (len(text) > _LONGEST)}" if text else kind
 
 
-# ── Output of other libraries to the standard error of the process, past Python: captured, and shown only if it helps
+# ── Output of other libraries to the standard error of the process, bypassing Python: captured, and shown if useful
 
 _MOST_OUTPUT = 300
-"""Characters of the output that are shown."""
+"""Maximum number of displayed characters of the output."""
 
 
 class ForeignOutput:
-    """Output written in the block, once it is over."""
+    """Output written during the block, available after it."""
 
     text = ""
 
@@ -325,9 +323,9 @@ class ForeignOutput:
 
 @contextlib.contextmanager
 def captured_stderr() -> Iterator[ForeignOutput]:
-    r"""Capture the process's standard error (file descriptor 2) in the block, that of C and C++ included.
+    r"""Capture the process's standard error (file descriptor 2) in the block, including output of C and C++.
 
-    Other threads that write there meanwhile are kept too. Nothing is kept where the process has no standard error.
+    Output of other threads is captured too. Without a standard error, nothing is captured.
     """
     found = ForeignOutput()
     with contextlib.suppress(Exception):

@@ -1,4 +1,4 @@
-"""Verdicts of reports and the exit codes of commands: one table for all commands."""
+"""Verdicts of reports, and exit codes of all commands."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ class ExitCode(IntEnum):
     """Exit codes of commands."""
 
     FINE = 0
-    """Done; if the command answers a question, the answer is yes."""
+    """Success; if the command answers a question, the answer is yes."""
     NO = 1
-    """The answer is no, or not sure."""
+    """The answer is negative or unsure."""
     BAD_INPUT = 2
     FAULT = 70
-    """An error of the program; the number is that of ``sysexits.h``."""
+    """Internal error of the program; the number is that of ``sysexits.h``."""
     INTERRUPTED = 130
     """128 + SIGINT, as in shells."""
     PIPE_CLOSED = 141
-    """128 + SIGPIPE: the reader of the output has ended, as ``head`` does."""
+    """128 + SIGPIPE: the reader of the output has ended, like ``head``."""
     TERMINATED = 143
     """128 + SIGTERM."""
 
 
 class Word(StrEnum):
-    """The first word of a report."""
+    """First word of a report."""
 
     OK = "OK"
     UNSURE = "UNSURE"
@@ -49,16 +49,17 @@ _SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE,
 
 @dataclass(frozen=True)
 class Verdict:
-    """A report's answer, in one word and its reasons.
+    """Answer of a report: one word and its reasons.
 
     Parameters
     ----------
     word
-        OK only if nothing speaks against it. UNSURE if the data cannot tell. OVER LIMIT if a limit is exceeded for certain.
-        COLLISION if two links touch, by the distance of their shapes. CONTACT if a sensor measures more than its load. STOPPED
-        if a motion ended early. LOOK AGAIN if the input contradicts itself, so that no number of the report can be trusted.
+        OK only without any reason against it. UNSURE if the data do not determine the answer. OVER LIMIT if a limit is
+        certainly exceeded. COLLISION if two links touch, by the distance of their shapes. CONTACT if a sensor measures more
+        than its load. STOPPED if a motion ended early. LOOK AGAIN if the input contradicts itself, so that no number of the
+        report is reliable.
     reasons
-        A sentence for each thing that speaks against OK. Only OK may have none.
+        A sentence for each reason against OK. Only OK may have none.
 
     Raises
     ------
@@ -90,14 +91,14 @@ class Verdict:
         over: list[str] | None = None,
         unsure: list[str] | None = None,
     ) -> Verdict:
-        """Verdict that these reasons give: input that contradicts itself first, then certain excesses, then doubts.
+        """Verdict from reasons, in order of severity: contradictory input, collisions, certain excesses, doubts.
 
         Parameters
         ----------
-        look_again : list of str, optional, contradictions of the input
-        collision : list of str, optional, contacts of links
-        over : list of str, optional, limits passed for certain
-        unsure : list of str, optional, what the data cannot tell
+        look_again : list of str, optional, contradictions in the input
+        collision : list of str, optional, contacts between links
+        over : list of str, optional, limits that are certainly exceeded
+        unsure : list of str, optional, questions that the data leave open
 
         Returns
         -------
@@ -110,7 +111,7 @@ class Verdict:
         return cls(Word.OK)
 
     def joined(self, other: Verdict) -> Verdict:
-        """Verdict on both questions: the more severe word, with the reasons of both for it.
+        """Verdict on both questions: the more severe word; if both are equal, the reasons of both.
 
         Parameters
         ----------
@@ -145,22 +146,22 @@ class Verdict:
         return f"{self.word}: {'; '.join(self.reasons)}" if self.reasons else str(self.word)
 
 
-# ── Ctrl-C during the import of the package: the command ends as it does later, without a traceback
+# ── Ctrl-C during the import of the package: the command ends as later, without a traceback
 
 
 def end_at_once(*_: Any) -> None:
-    """End the process; no work is lost."""
+    """End the process immediately; no work is lost."""
     os.write(2, b"interrupted\n")
     os._exit(ExitCode.INTERRUPTED)
 
 
 def _is_command() -> bool:
-    """True if the process is the command ``twistwrench``, not a program that imports the library."""
+    """True if the process is the command ``twistwrench``, False for a program that imports the library."""
     name = sys.argv[0] if getattr(sys, "argv", None) else ""
     by_module = name == "-m" and " -m twistwrench " in f" {' '.join(sys.orig_argv)} "
     return by_module or Path(name).name in ("twistwrench", "twistwrench.exe")
 
 
 if _is_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    with contextlib.suppress(ValueError):  # not in the main thread
+    with contextlib.suppress(ValueError):  # fails outside the main thread
         signal.signal(signal.SIGINT, end_at_once)

@@ -1,4 +1,4 @@
-"""Joint types, one file a family, all with the same functions."""
+"""Joint types, one file per family, with a common interface."""
 
 from __future__ import annotations
 
@@ -13,4 +13,4 @@ __all__ = ["JOINT_TYPES", "ChartEntry", "Fixed", "Floating", "Joint", "RotorJoin
 JOINT_TYPES: Mapping[str, type[Joint]] = {
     joint.kind: joint for joint in (Revolute, Continuous, Prismatic, Helical, Planar, Floating, Ball)
 }
-"""The types of moving joints that may be named. ``fixed`` joints are fused away; rotors come with actuators."""
+"""Types of moving joints by name. ``fixed`` joints are fused into links; rotors come with actuators."""

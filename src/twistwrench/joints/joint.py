@@ -18,7 +18,7 @@ CosineSine = Callable[[int], tuple[Any, Any]]
 
 
 def exact(values: Any) -> Any:
-    """Floats as Python numbers, whole ones as integers, so that 0 and ±1 leave nothing behind in SymPy."""
+    """Floats as Python numbers, whole ones as integers, so that SymPy simplifies factors 0 and ±1 away."""
     if np.ndim(values) == 0:
         x = float(values)
         return int(x) if x.is_integer() else x
@@ -29,27 +29,27 @@ def exact(values: Any) -> Any:
 
 
 def exact_rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
-    """Rodrigues' formula about a unit vector, sorted so that axis-aligned ones fold to four entries; MR eq. 3.51."""
+    """Rodrigues' formula about a unit vector, arranged so that axis-aligned rotations reduce to four entries; MR eq. 3.51."""
     along = np.outer(w, w)
     W = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
     return exact(along) + exact(np.eye(3) - along) * cosine + exact(W) * sine
 
 
 def euler_rotation(first: int, cosine_sine: CosineSine) -> Array:
-    """Rot(z, alpha) Rot(y, beta) Rot(x, gamma), the angles being entries ``first`` to ``first`` + 2."""
+    """Rot(z, alpha) Rot(y, beta) Rot(x, gamma) with the angles in entries ``first`` to ``first`` + 2."""
     x, y, z = np.eye(3)
     alpha, beta, gamma = (cosine_sine(first + k) for k in range(3))
     return np.asarray(exact_rodrigues(z, *alpha) @ exact_rodrigues(y, *beta) @ exact_rodrigues(x, *gamma))
 
 
 def euler_axis(k: int, first: int, cosine_sine: CosineSine) -> Array:
-    """ω_b per unit of the rate of alpha, beta or gamma (k = 0, 1, 2)."""
+    """ω_b per unit rate of alpha, beta or gamma (k = 0, 1, 2)."""
     (cb, sb), (cc, sc) = cosine_sine(first + 1), cosine_sine(first + 2)
     return np.array([(-sb, cb * sc, cb * cc), (0, cc, -sc), (1, 0, 0)][k], object)
 
 
 def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
-    """The quaternion of ZYX Euler angles, E with ω_b = E times their rates, and dE/dt."""
+    """Quaternion of ZYX Euler angles, E in ω_b = E times their rates, and dE/dt."""
     (cb, cc), (sb, sc) = np.cos(angles[1:]), np.sin(angles[1:])
     _, db, dc = rates
     E = np.array([[-sb, 0, 1], [cb * sc, cc, 0], [cb * cc, -sc, 0]])
@@ -62,8 +62,8 @@ def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
 
 # ── Interface of all joint types
 
-# A joint carries a child's frame along screw axes that are constant there: its twist, in the child's frame, is ``axes.T @ dq``.
-# Functions that take ``q`` are given the joint's own coordinates, (nq,) or (..., nq); ``dq`` its own velocities.
+# A joint moves the child's frame along screw axes that are constant in that frame: its twist there is ``axes.T @ dq``.
+# Functions take the joint's own coordinates ``q``, (nq,) or (..., nq), and its own velocities ``dq``.
 
 
 @dataclass(frozen=True)
@@ -80,55 +80,55 @@ class ChartEntry:
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider that moves one coordinate of a joint."""
+    """Slider that moves one coordinate of a joint."""
 
     label: str
     """Label after the joint's name."""
     coordinate: int
-    """Number of the coordinate, or of the quaternion's first."""
+    """Number of the coordinate, or of the first entry of the quaternion."""
     unit: str
     """``"°"`` or ``"m"``."""
     reach: float
-    """Range to either side if there is no limit [rad or m]."""
+    """Range on either side if there is no limit [rad or m]."""
     turn: int | None = None
-    """0, 1, 2: roll, pitch, yaw of the quaternion that begins at ``coordinate``."""
+    """Roll, pitch, yaw (0, 1, 2) of the quaternion that begins at ``coordinate``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint: its screw axes, with the operations of its type."""
+    """Joint: its screw axes and the operations of its type."""
 
     name: str
-    """The joint's name in its file."""
+    """Name of the joint in its file."""
     axes: Array
-    """Screw axes (nv, 6), one a row, constant in the child's frame."""
+    """Screw axes (nv, 6), one per row, constant in the child's frame."""
 
     kind: ClassVar[str]
-    """The name of the type, as in files and tables."""
+    """Name of the type, as in files and tables."""
     coordinate_suffixes: ClassVar[tuple[str, ...]] = ("",)
-    """Suffixes to the joint's name for the names of its coordinates; one empty text for joints with one coordinate."""
+    """Suffixes of the coordinate names, appended to the joint's name; one empty text for joints with one coordinate."""
     velocity_suffixes: ClassVar[tuple[str, ...]] = ("",)
     quaternion: ClassVar[int | None] = None
     """Index of the first entry of a quaternion (w, x, y, z) among its coordinates."""
     plain_rates: ClassVar[bool] = True
-    """True if the rates of the coordinates are the velocities."""
+    """True if the velocities are the rates of the coordinates."""
     moves_body: ClassVar[bool] = True
-    """True if the child's frame moves; the frame of a rotor, a body of revolution, does not."""
+    """True if the child's frame moves; False for a rotor, which is a body of revolution."""
     driven: ClassVar[bool] = True
-    """True if an actuator may drive it; a free body has none."""
+    """True if an actuator may drive the joint; False for a free body."""
     wraps: ClassVar[tuple[int, ...]] = ()
-    """The coordinates that are angles without end, which logs may wrap at ±π."""
+    """Coordinates that are unbounded angles, which logs may wrap at ±π."""
     pinocchio_order: ClassVar[tuple[int, ...]] = (0,)
-    """Its velocities in Pinocchio's order."""
+    """Order of its velocities in Pinocchio."""
 
     @property
     def nv(self) -> int:
-        """Velocities of the joint."""
+        """Number of velocities."""
         return int(self.axes.shape[0])
 
     @property
     def nq(self) -> int:
-        """Coordinates of the joint."""
+        """Number of coordinates."""
         return len(self.coordinate_suffixes)
 
     @property
@@ -140,7 +140,7 @@ class Joint:
         return q
 
     def is_configuration(self, q: Array) -> bool:
-        """True if coordinates are a configuration: a quaternion of zeros is not a rotation.
+        """True if the coordinates are a configuration; a zero quaternion is not.
 
         Returns
         -------
@@ -156,12 +156,12 @@ class Joint:
 
     @property
     def coordinate_units(self) -> tuple[str, ...]:
-        """``"rad"``, ``"m"``, or an empty text for the numbers of a quaternion."""
+        """Units of the coordinates: ``"rad"``, ``"m"``, or an empty text for quaternion entries."""
         return ("rad" if self.turning[0] else "m",)
 
     @property
     def angle(self) -> tuple[int, int] | None:
-        """The coordinate whose sine and cosine are taken, and its velocity; None for joints without an angle."""
+        """Coordinate whose sine and cosine are used, and its velocity; None for joints without an angle."""
         return 0, 0
 
     @classmethod
@@ -172,8 +172,8 @@ class Joint:
         ----------
         axis : (3,) or (6,) array_like, direction or screw axis in the child's frame
         pitch : float [m/rad]
-        normalise : bool, make axes of unit length
-        who : str, what messages call the joint
+        normalise : bool, scale axes to unit length
+        who : str, name of the joint in messages
 
         Returns
         -------
@@ -182,7 +182,7 @@ class Joint:
         Raises
         ------
         ModelError
-            The axis does not exist.
+            The axis is invalid.
         """
         raise NotImplementedError
 
@@ -213,12 +213,12 @@ class Joint:
     # ── the configuration manifold ──
 
     def add(self, q: Array, dv: Array, angles: Array) -> Array:
-        """Configuration plus joint twist, q ⊕ dv: the constant twist ``axes.T @ dv`` for unit time, without a branch.
+        """Configuration plus joint twist, q ⊕ dv: the constant twist ``axes.T @ dv`` for unit time, branch-free.
 
         Parameters
         ----------
         dv : (nv,) array
-        angles : (nq,) array, q again, for sines, cosines and rotations
+        angles : (nq,) array, values of q for sines, cosines and rotations
 
         Returns
         -------
@@ -227,7 +227,7 @@ class Joint:
         return q + dv
 
     def subtract(self, q1: Array, q0: Array) -> Array:
-        """Difference of configurations, q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1, without a branch.
+        """Difference of configurations, q1 ⊖ q0: the dv for which ``add(q0, dv)`` has the pose of q1, branch-free.
 
         Parameters
         ----------
@@ -240,7 +240,7 @@ class Joint:
         return q1 - q0
 
     def rates(self, q: Array) -> Array:
-        """Matrix N with dq/dt = N dq, on symbols.
+        """Matrix N in dq/dt = N dq, for symbols.
 
         Returns
         -------
@@ -249,7 +249,7 @@ class Joint:
         return np.eye(1)
 
     def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
-        """Derivatives of a rotation by a quaternion, on symbols; of other joints nothing.
+        """Derivatives of a quaternion's rotation, for symbols; empty for joints without a quaternion.
 
         Returns
         -------
@@ -258,11 +258,11 @@ class Joint:
         return iter(())
 
     def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
-        """Velocities and accelerations from the derivatives of the coordinates by time.
+        """Velocities and accelerations from the time derivatives of the coordinates.
 
         Parameters
         ----------
-        q, q1, q2 : (n, nq) array, coordinates, their first and second derivatives by time
+        q, q1, q2 : (n, nq) array, coordinates and their first and second time derivatives
 
         Returns
         -------
@@ -285,7 +285,7 @@ class Joint:
         return sigma
 
     def bound(self, off: Array) -> Array:
-        """Largest errors of the joint that errors of the coordinates can make.
+        """Bounds on the joint's errors for given errors of the coordinates.
 
         Parameters
         ----------
@@ -333,12 +333,12 @@ class Joint:
         return q
 
     def require_pinocchio(self) -> None:
-        """Check that Pinocchio has such a joint.
+        """Check that Pinocchio supports this joint.
 
         Raises
         ------
         ModelError
-            It has none.
+            Pinocchio has no such joint.
         """
 
     def to_mujoco(self, q: Array) -> Array:
@@ -360,7 +360,7 @@ class Joint:
         return q
 
     def mujoco_rates(self, q: Array) -> Array:
-        """Matrix P between velocities: MuJoCo's are P dq at q.
+        """Matrix P that maps velocities to MuJoCo's, P dq at q.
 
         Returns
         -------
@@ -385,15 +385,15 @@ class Joint:
 
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
-        """Independent coordinates u, nv of them."""
+        """Independent coordinates u of the joint (nv)."""
         raise NotImplementedError
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
-        """Coordinates and velocities from the chart's, for Lagrange's equations.
+        """Coordinates and velocities from those of the chart, for Lagrange's equations.
 
         Parameters
         ----------
-        u, du : (nv,) array, the chart's coordinates and their rates
+        u, du : (nv,) array, coordinates of the chart and their rates
 
         Returns
         -------
@@ -404,11 +404,11 @@ class Joint:
         return u, np.eye(1), np.zeros((1, 1))
 
     def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
-        """Rotation and position of the child in any arithmetic.
+        """Rotation and position of the child, in any arithmetic.
 
         Parameters
         ----------
-        coordinate : gives the value of a chart's entry
+        coordinate : function that returns the value of a chart entry
 
         Returns
         -------
@@ -420,12 +420,12 @@ class Joint:
     def chart_column(
         self, k: int, into_child: Callable[[Array], Array], cosine_sine: CosineSine
     ) -> tuple[Array, Array]:
-        """Twist of the child, in its axes, per unit of the rate of one entry of the chart.
+        """Twist of the child, in its axes, per unit rate of one chart entry.
 
         Parameters
         ----------
         k : int, number of the entry
-        into_child : turns vectors of the joint
+        into_child : function that rotates vectors from the joint's axes to the child's
 
         Returns
         -------
@@ -438,7 +438,7 @@ class Joint:
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
-        """The sliders that move its coordinates."""
+        """Sliders that move the joint's coordinates."""
         raise NotImplementedError
 
 
@@ -446,7 +446,7 @@ class Joint:
 
 
 class Fixed(Joint):
-    """No degree of freedom."""
+    """Joint without a degree of freedom."""
 
     kind = "fixed"
     coordinate_suffixes = ()
@@ -454,11 +454,11 @@ class Fixed(Joint):
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """No axes; an axis in the file is ignored."""
+        """Return no axes; an axis in the file is ignored."""
         return np.zeros((0, 6))
 
     def pose(self, q: Array) -> Array:
-        """The identity."""
+        """Identity pose."""
         return np.eye(4)
 
 

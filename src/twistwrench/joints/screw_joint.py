@@ -1,4 +1,4 @@
-"""One-degree joints by their screw axes: revolute, continuous, prismatic, helical; and rotors. MR eq. 3.88."""
+"""Joints of one degree of freedom, by screw axis: revolute, continuous, prismatic, helical; and rotors. MR eq. 3.88."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .joint import ChartEntry, Joint, Slider
 
 
 def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """``values`` as a fresh array of finite floats; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
+    """Return ``values`` as a new array of finite floats. Raises :class:`~twistwrench.ModelError` that names ``what``."""
     try:
         array = np.array(values, float)
     except (TypeError, ValueError):
@@ -30,7 +30,7 @@ def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
 
 
 def number(value: float | ArrayLike, what: str) -> float:
-    """``value`` as one finite float; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
+    """Return ``value`` as a finite float. Raises :class:`~twistwrench.ModelError` that names ``what``."""
     return float(value) if isinstance(value, float) and math.isfinite(value) else float(numbers(value, (), what))
 
 
@@ -39,7 +39,7 @@ def _shape_in_words(shape: tuple[int, ...]) -> str:
 
 
 def direction_of(axis: ArrayLike, who: str) -> Array:
-    """A direction (3,) that is not zero, of its own length."""
+    """Nonzero direction (3,), not normalised. Raises ModelError for a zero axis."""
     direction = numbers(axis, (3,), f"the axis of {who}")
     if not direction.any():
         raise ModelError(f"{who} has a zero axis, so it has no direction to move in. Give an axis such as 0 0 1.")
@@ -47,13 +47,13 @@ def direction_of(axis: ArrayLike, who: str) -> Array:
 
 
 def no_pitch(kind: str, pitch: float, who: str) -> None:
-    """Raise ModelError for a pitch where there can be none."""
+    """Raise ModelError if a joint without pitch is given one."""
     if number(pitch, f"the pitch of {who}"):
         raise ModelError(f"{who} is {kind} and has a pitch of {printed(pitch)} m/rad; only helical joints have one.")
 
 
 def screw_of(kind: str, turning: bool, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-    """The screw axis (6,) of a one-degree joint that turns, or slides: from a direction and a pitch, or as it is."""
+    """Screw axis (6,) of a rotating or sliding joint: from a direction and a pitch, or a given screw axis."""
     if np.shape(axis) == (6,):
         if pitch:
             raise ModelError(
@@ -80,26 +80,26 @@ def _screw(kind: str, turning: bool, S: Array, normalise: bool, who: str) -> Arr
 
 
 def screw_through(kind: str, direction: Array, point: Array) -> Array:
-    """The screw axis (6,) along a unit direction through a point: (ω, -ω × p), or (0, v) of a prismatic joint."""
+    """Screw axis (6,) along a unit direction through a point: (ω, -ω × p), or (0, v) for a prismatic joint."""
     if kind == "prismatic":
         return np.concatenate([np.zeros(3), direction])
     return np.concatenate([direction, so3.cross(point, direction) + 0.0])
 
 
 def unit_vector(v: Array) -> Array:
-    """v of unit length: by the largest entry first, so that a multiple of a coordinate axis becomes exactly it."""
+    """Unit vector along v. Scaled by the largest entry first, so that multiples of coordinate axes become exact."""
     x = v.tolist()
-    if len(x) - x.count(0.0) == 1:  # most of those in files
+    if len(x) - x.count(0.0) == 1:  # coordinate axes, the usual case in files
         return np.sign(v)
     v = v / np.abs(v).max()
     return np.array(v / np.linalg.norm(v))
 
 
 def plane_of(normal: Array) -> Array:
-    """The three axes (3, 6) of a planar joint with unit ``normal``: turning about it, then sliding along two directions.
+    """Axes (3, 6) of a planar joint with unit ``normal``: rotation about it, then translation along two directions.
 
-    The directions are the next two coordinate axes in cyclic order when the normal is a coordinate axis (z → x, y), and
-    otherwise those of z turned the shortest way onto the normal.
+    If the normal is a coordinate axis, the directions are the next two axes in cyclic order (z → x, y). Otherwise they are
+    x and y, rotated by the shortest rotation from z to the normal.
     """
     k = int(np.argmax(np.abs(normal)))
     if normal[k] == 1.0:
@@ -118,25 +118,25 @@ def plane_of(normal: Array) -> Array:
 
 
 class ScrewJoint(Joint):
-    """A joint of one degree of freedom; its coordinate is the angle, or the way, along its screw axis."""
+    """Joint of one degree of freedom; its coordinate is the angle or the displacement along its screw axis."""
 
     turns: ClassVar[bool] = True
-    """True if it turns about its axis, False if it slides along it."""
+    """True if it rotates about its axis, False if it slides along it."""
     has_pitch: ClassVar[bool] = False
-    """True if it turns and slides."""
+    """True if it rotates and slides."""
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """One screw axis."""
+        """Screw axis from a direction or a given screw axis."""
         no_pitch(cls.kind, pitch, who)
         return screw_of(cls.kind, cls.turns, axis, 0.0, normalise, who)[None, :]
 
     def pose(self, q: Array) -> Array:
-        """exp([S] q)."""
+        """Pose exp([S] q)."""
         return screw_motion(self.axes[0], q[0])
 
     def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:
-        """Turned about a coordinate axis where the joint's axis is one, which takes fewer operations."""
+        """Inertia of the carried body; a rotation about a coordinate axis takes fewer operations."""
         axis = self.axes[0]
         if np.count_nonzero(axis) == 1 and axis[:3].any():
             k = int(np.argmax(np.abs(axis)))
@@ -145,37 +145,37 @@ class ScrewJoint(Joint):
 
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
-        """The coordinate itself."""
+        """The joint's own coordinate."""
         turns = self.turning[0]
         return (ChartEntry("theta" if turns else "x", turns, "joint {}"),)
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
-        """One."""
+        """A single slider."""
         return (Slider("", 0, "°", math.pi) if self.turning[0] else Slider("", 0, "m", 1.0),)
 
 
 def screw_motion(axis: Array, theta: Any) -> Array:
     """exp([S] theta) for a constant screw axis S (6,) and a number or symbol theta; (4, 4). MR eq. 3.88.
 
-    Any length of S is allowed: the angle is |omega| theta. Constants that are exactly 0 leave no operations behind.
+    S may have any length: the angle is |omega| theta. Constants that are exactly 0 generate no operations.
     """
     w, v = axis[:3], axis[3:]
     rate = float(np.linalg.norm(w))
-    if abs(rate - 1.0) < 1e-15:  # a unit vector to the last bit or so: its length is left out
+    if abs(rate - 1.0) < 1e-15:  # a unit vector up to rounding: its length is not multiplied
         rate = 1.0
     if rate == 0.0:
         return se3.pose(np.eye(3), v * theta)
     w, v, angle = w / rate, v / rate, (theta if rate == 1.0 else rate * theta)
     W = so3.hat(w)
     sin, cos = np.sin(angle), np.cos(angle)
-    # G(theta) v of MR eq. 3.88, sorted by what multiplies it: the pitch along w moves by angle, the rest turns.
+    # G(theta) v of MR eq. 3.88, by terms: the pitch along w moves by angle, the rest rotates.
     p = sin * (-(W @ W) @ v) + (1.0 - cos) * (W @ v) + angle * (w * (w @ v))
     return se3.pose(rodrigues(w, cos, sin), p)
 
 
 def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
-    """The rotation about a unit vector, sorted so that axis-aligned ones fold to four entries; MR eq. 3.51."""
+    """Rotation about a unit vector, arranged so that axis-aligned rotations reduce to four entries; MR eq. 3.51."""
     along = np.outer(w, w)
     return along + cosine * (np.eye(3) - along) + sine * so3.hat(w)
 
@@ -184,13 +184,13 @@ def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
 
 
 class Revolute(ScrewJoint):
-    """Turns about its axis."""
+    """Joint that rotates about its axis."""
 
     kind = "revolute"
 
 
 class Continuous(ScrewJoint):
-    """Turns about its axis without limits."""
+    """Joint that rotates about its axis without limits."""
 
     kind = "continuous"
     wraps = (0,)
@@ -200,7 +200,7 @@ class Continuous(ScrewJoint):
 
 
 class Prismatic(ScrewJoint):
-    """Slides along its axis."""
+    """Joint that slides along its axis."""
 
     kind = "prismatic"
     turns = False
@@ -210,31 +210,31 @@ class Prismatic(ScrewJoint):
 
 
 class Helical(ScrewJoint):
-    """A screw; its axis has the pitch in it."""
+    """Screw joint, whose screw axis includes the pitch."""
 
     kind = "helical"
     has_pitch = True
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """One screw axis, of a direction and its pitch."""
+        """Screw axis from a direction and a pitch."""
         pitch = float(numbers(pitch, (), f"the pitch of {who}"))
         return screw_of(cls.kind, True, axis, pitch, normalise, who)[None, :]
 
 
-# ── Rotors: bodies of revolution that an actuator turns on the link that carries them
+# ── Rotors: bodies of revolution that an actuator rotates on the link that carries them
 
 
 class RotorJoint(ScrewJoint):
-    """Turns about its axis of symmetry. It looks the same however it has turned, so its frame stays behind."""
+    """Joint of a body of revolution, whose inertia does not depend on its angle; so its frame does not rotate."""
 
     kind = "rotor"
     moves_body = False
 
     def pose(self, q: Array) -> Array:
-        """Pose of the carrier body."""
+        """Identity: the rotor's frame stays at its place on the carrier body."""
         return np.eye(4)
 
     def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:
-        """Unchanged."""
+        """Inertia of the carried body, unchanged."""
         return G

@@ -18,7 +18,7 @@ _UNITS: dict[str, tuple[str, str]] = {
 
 
 def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
-    """The unit of one entry of q, dq, ddq or tau, of a joint that turns there or slides; angles in ``degrees`` if so."""
+    """Unit of one entry of q, dq, ddq or tau, angular if ``turns``, else linear; ``degrees`` in place of radians."""
     unit = _UNITS[part][not turns]
     return unit.replace("rad", "°") if degrees else unit
 
@@ -39,7 +39,7 @@ def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -
 
 
 def torque_word(unit: str) -> str:
-    """Label of an axis of torques in that unit.
+    """Axis label for torques or forces, by their unit.
 
     >>> torque_word("N m"), torque_word("N")
     ('torque [N m]', 'force [N]')

@@ -1,9 +1,9 @@
 """The adjoint operators Ad(T) and ad(V): the book's 6×6 matrices, applied by their 3×3 blocks.
 
-``Ad(T) @ V`` costs two rotations and a cross product, not a 6×6 product; ``.T`` is the same operator on wrenches;
-``.matrix`` (or ``np.asarray``) is the matrix of the book. They act along the last axis, and batches broadcast:
-``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols. Made of a labelled pose or twist, an
-operator keeps the names of the frames, and labelled twists and wrenches check them.
+``Ad(T) @ V`` takes two rotations and a cross product, not a 6×6 product. ``.T`` is the transpose, which acts on wrenches.
+``.matrix`` (or ``np.asarray``) is the matrix of the book. Operators act along the last axis, and batches broadcast:
+``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols. An operator made from a labelled pose or
+twist keeps the frame names, and labelled twists and wrenches check them.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ def _rotate(R: Array, x: Array) -> Array:
 class _Operator(ABC):
     """Common part of both adjoints: application along the last axis, and the full matrix."""
 
-    __array_ufunc__ = None  # ndarray @ operator is refused rather than broadcast element by element
+    __array_ufunc__ = None  # ndarray @ operator raises TypeError instead of broadcasting
 
     transposed: bool
     frames: tuple[str, str] | None
-    """The frames that images and arguments are expressed in, when the pose or the twist had names."""
+    """Frames of the result and of the argument, if the pose or the twist is labelled."""
 
     @abstractmethod
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
-        """The two halves of the image of (a, b)."""
+        """Both halves of the result for (a, b)."""
 
     @property
     @abstractmethod
@@ -43,7 +43,7 @@ class _Operator(ABC):
 
     def __matmul__(self, x: Any) -> Any:
         if hasattr(x, "frame"):
-            return NotImplemented  # its __rmatmul__ knows frames
+            return NotImplemented  # its __rmatmul__ checks frames
         x = arguments.array(x, f"{type(self).__name__}(…) @ x: x", 6)
         try:
             return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
@@ -53,7 +53,7 @@ class _Operator(ABC):
 
     @property
     def T(self) -> Self:
-        """The transpose, which acts on wrenches."""
+        """Transpose, which acts on wrenches."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other.transposed, other.frames = not self.transposed, self.frames and self.frames[::-1]
@@ -103,7 +103,7 @@ class Ad(_Operator):
 
     @property
     def inverse(self) -> Self:
-        """Ad(T⁻¹) by the p of T, whose zeros save work: ``Ad(T_ab).inverse @ V_a`` is V_b, ``Ad(T_ab).inverse.T @ F_b`` F_a."""
+        """Ad(T⁻¹) without inverting T: ``Ad(T_ab).inverse @ V_a`` is V_b, ``Ad(T_ab).inverse.T @ F_b`` is F_a."""
         other = self.T
         other.transposed, other.inverted = self.transposed, not self.inverted
         return other

@@ -1,8 +1,8 @@
 """Screw axes: direction, point and pitch ⇄ six numbers, for twists (rotation and velocity) and wrenches (moment and force).
 
-A line with a pitch describes both. A twist turns about its axis and slides pitch metres per radian along it; a wrench pushes
-along its line of action and twists by pitch newton metres per newton. Pitch 0 is a pure rotation or a pure force; infinite
-pitch is a pure translation or a pure couple, which has a direction but no line.
+A line with a pitch describes both. A twist is a rotation about its axis with a translation of pitch metres per radian along
+it. A wrench is a force along its line of action with a moment of pitch newton metres per newton about it. Pitch 0 is a pure
+rotation or force; infinite pitch is a pure translation or couple, which has a direction but no line.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class Axis(NamedTuple):
     direction: Array
     """Unit vector (..., 3)."""
     point: Array
-    """The point of the line nearest to the frame's origin (..., 3) [m]; the origin when the pitch is infinite."""
+    """Point of the line nearest to the frame's origin (..., 3) [m]; the origin if the pitch is infinite."""
     pitch: Array
-    """(...) [m], per radian or newton metres per newton; infinite for pure translations and pure couples."""
+    """Pitch (...) [m], metres per radian or newton metres per newton; infinite for pure translations and couples."""
     magnitude: Array
-    """(...): rad/s or N; at infinite pitch m/s or N m."""
+    """Magnitude (...) in rad/s or N; for infinite pitch in m/s or N m."""
 
 
 def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
@@ -57,8 +57,8 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
 def axis_of(S: ArrayLike) -> Axis:
     """Screw axis of a twist: ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|² (MR section 3.3.2.2).
 
-    With ω = 0 the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
-    axis_of(S).magnitude`` is S again.
+    If ω = 0, the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
+    axis_of(S).magnitude`` equals S.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def axis_of(S: ArrayLike) -> Axis:
 
 
 def line_of_action(F: ArrayLike) -> Axis:
-    """Line of action of a wrench, its axis: f̂, q = f × m / |f|², h = m·f / |f|² (MR section 3.4).
+    """Line of action of a wrench: f̂, q = f × m / |f|², h = m·f / |f|² (MR section 3.4).
 
     A pure couple (f = 0) has infinite pitch and the direction of m.
 
@@ -94,9 +94,9 @@ def line_of_action(F: ArrayLike) -> Axis:
 
 
 def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
-    """Unit wrench along a line with a pitch, (q × f̂ + h f̂, f̂): 1 N, or 1 N m at infinite pitch.
+    """Unit wrench along a line with a pitch, (q × f̂ + h f̂, f̂): 1 N, or 1 N m if the pitch is infinite.
 
-    The same as :func:`screw_axis` with its halves exchanged. ``wrench_along(f, r) * |f|`` is the force f at r.
+    Equals :func:`screw_axis` with exchanged halves. ``wrench_along(f, r) * |f|`` is the force f at r.
 
     Returns
     -------
@@ -112,9 +112,9 @@ def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch
 
 
 def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
-    """Reciprocal product ω₁·v₂ + v₁·ω₂: the power that a wrench along the second screw has on a motion about the first.
+    """Reciprocal product ω₁·v₂ + v₁·ω₂: power of a wrench along the second screw on a motion about the first.
 
-    Zero when the two are reciprocal: two lines (pitch 0) are so exactly when they meet or are parallel.
+    Zero for reciprocal screws. Two lines (pitch 0) are reciprocal exactly if they meet or are parallel.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
 
 
 def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
-    """Kind of a screw by its two halves: one of four names, as a text, or an array of texts.
+    """Kind of a screw from its two halves: one of four names, as a text, or an array of texts.
 
-    Zero pitch is judged to 16 eps.
+    A pitch counts as zero up to 16 eps.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _doubles(x: ArrayLike, what: str, *shape: int) -> Array:
 
 
 def _length(x: Array) -> Array:
-    return np.asarray(np.hypot(np.hypot(x[..., 0], x[..., 1]), x[..., 2]))  # no square to underflow
+    return np.asarray(np.hypot(np.hypot(x[..., 0], x[..., 1]), x[..., 2]))  # hypot avoids underflow of squares
 
 
 def _unit(x: Array) -> tuple[Array, Array]:

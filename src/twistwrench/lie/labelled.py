@@ -1,4 +1,4 @@
-"""Common base of twists and wrenches: six components, their names, and the frame."""
+"""Common base of labelled twists and wrenches: six components, their names, and the frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .adjoint import Ad, ad
 
 
 def frame_name(name: object, role: str) -> str:
-    """Checked name of a frame."""
+    """Return the name of a frame, checked."""
     if not isinstance(name, str) or not name:
         raise FrameError(f"{role} is {name!r}; a frame's name is a text that is not empty, such as 'b' or 'tool0'.")
     return name
@@ -29,26 +29,26 @@ def symbol(letter: str, *frames: str) -> str:
 
 
 def hash_of(numbers: Array, *names: object) -> int:
-    """Hash that is equal for equal numbers, of any type and sign of zero, and equal names."""
+    """Hash that is equal for equal names and equal numbers, regardless of their type and of the sign of zero."""
     entries = tuple(numbers.flat) if numbers.dtype == object else (numbers.astype(float) + 0.0).tobytes()
     return hash((*names, numbers.shape, entries))
 
 
 def missing_pose(to: str, of: str) -> str:
-    """Advice for writing the pose that is missing."""
+    """Advice text for the missing pose."""
     return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Labelled:
-    """Six numbers (..., 6), angular part first, and the name of the frame that they are expressed in."""
+    """Six numbers (..., 6), angular part first, with the name of the frame in which they are expressed."""
 
     values: Array
-    """The six numbers (..., 6), read-only."""
+    """Six numbers (..., 6), read-only."""
     frame: str
-    """Name of the frame they are expressed in."""
+    """Name of the frame in which they are expressed."""
 
-    __array_ufunc__ = None  # array + labelled is refused rather than done entry by entry
+    __array_ufunc__ = None  # array + labelled raises TypeError instead of broadcasting
     _kind: ClassVar[str]
     _letter: ClassVar[str]
     _halves: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
@@ -56,7 +56,7 @@ class Labelled:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.values.setflags(write=False)  # arrays come out of a pickle writable
+        self.values.setflags(write=False)  # unpickled arrays are writable
 
     def __init__(self, values: ArrayLike, frame: str) -> None:
         given: Any = values
@@ -67,7 +67,7 @@ class Labelled:
             )
         what = f"a {self._kind}, angular part first,"
         numbers = np.array(arguments.array(given, what, 6))
-        if numbers.dtype != object:  # symbols stay what they are
+        if numbers.dtype != object:  # symbols are not checked
             arguments.finite(numbers, what, 6)
         numbers.setflags(write=False)
         object.__setattr__(self, "values", numbers)
@@ -75,7 +75,7 @@ class Labelled:
         frame_name(self.frame, f"the frame of a {self._kind}")
 
     def __eq__(self, other: object) -> bool:
-        """True if the other has the same kind, frame and numbers; one bool for a batch too."""
+        """True if kind, frame and numbers are equal; a single bool for a batch too."""
         if type(other) is not type(self):
             return NotImplemented
         return self.frame == other.frame and np.array_equal(self.values, other.values)
@@ -85,12 +85,12 @@ class Labelled:
 
     @property
     def symbol(self) -> str:
-        """The book's letter with the frame: V_b, F_b."""
+        """Letter of the book with the frame: V_b, F_b."""
         return symbol(self._letter, self.frame)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The batch shape: that of :attr:`values` without the last axis."""
+        """Batch shape: that of :attr:`values` without the last axis."""
         return self.values.shape[:-1]
 
     def __repr__(self) -> str:
@@ -120,7 +120,7 @@ class Labelled:
         return (type(self)(row, self.frame) for row in self.values)
 
     def __add__(self, other: Any) -> Self:
-        if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # so that sum() works
+        if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # for sum()
             return self
         return type(self)(np.add(*self._same(other, "+")), self.frame)
 
@@ -141,7 +141,7 @@ class Labelled:
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: ArrayLike) -> Self:
-        with np.errstate(divide="ignore"):  # what is not finite then is refused, not warned of
+        with np.errstate(divide="ignore"):  # infinite results are rejected instead of warned about
             return self * (1.0 / arguments.array(divisor, f"the divisor of a {self._kind}"))
 
     def __matmul__(self, other: Labelled) -> Any:
@@ -156,7 +156,7 @@ class Labelled:
         return np.sum(F * V, axis=-1)
 
     def __rmatmul__(self, operator: Any) -> Self:
-        """``Ad(T_ab) @ V_b``, ``Ad(T_ab).T @ F_a``, ``ad(V_b) @ dV_b``, ``ad(V_b).T @ F_b``; T_ab and V_b need names too."""
+        """``Ad(T_ab) @ V_b``, ``Ad(T_ab).T @ F_a``, ``ad(V_b) @ dV_b``, ``ad(V_b).T @ F_b``; both operands must be labelled."""
         if isinstance(operator, np.ndarray):
             raise FrameError(
                 f"ndarray @ {self._kind} in {self.frame!r}: plain numbers name no frame; work on {self.symbol}.values."
@@ -180,7 +180,7 @@ class Labelled:
         return type(self)(operator @ self.values, to)
 
     def _same(self, other: Any, sign: str) -> tuple[Array, ...]:
-        """The numbers of this one and of another of its kind in its frame."""
+        """Numbers of this object and of another one of the same kind in the same frame."""
         if not isinstance(other, Labelled):
             raise FrameError(
                 f"{self._kind} in {self.frame!r} {sign} {type(other).__name__}: plain numbers name no frame; write "

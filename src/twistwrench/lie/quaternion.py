@@ -15,12 +15,12 @@ from .series import within_reach
 
 
 def rotation(quat: ArrayLike) -> Array:
-    """Rotation matrix of a quaternion of any length from 1e-150 to 1e150; (..., 4) → (..., 3, 3). Works on symbols too.
+    """Rotation matrix of a quaternion of length 1e-150 to 1e150; (..., 4) → (..., 3, 3). Works on symbols too.
 
-    One of length zero is a :class:`~twistwrench.ValueRangeError`.
+    A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
     """
     quat = arguments.array(quat, "quaternion.rotation: quat", 4)
-    if quat.ndim == 1 and quat.dtype == np.float64:  # NumPy takes longer for a few operations on four numbers
+    if quat.ndim == 1 and quat.dtype == np.float64:  # for four numbers, floats are faster than NumPy
         w, x, y, z = quat.tolist()
         square = w * w + x * x + y * y + z * z
         if square == 0.0:
@@ -30,19 +30,19 @@ def rotation(quat: ArrayLike) -> Array:
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
         _turning(square, "quaternion.rotation: quat")
-    # inf / inf: NaN where the square overflows, in place of the rotation of another quaternion
+    # inf / inf is NaN if the square overflows; otherwise the result would be a wrong rotation
     return np.stack(entries(w, x, y, z, 2.0 / square * (square / square)), axis=-1).reshape(*quat.shape[:-1], 3, 3)
 
 
 def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
-    """The nine entries of the rotation matrix row by row, s being 2 over the squared length; of numbers, arrays, symbols."""
+    """Nine entries of the rotation matrix row by row, s = 2 / squared length; for numbers, arrays and symbols."""
     sx, sy, sz = s * x, s * y, s * z
     wx, wy, wz, xx, xy, xz, yy, yz, zz = w * sx, w * sy, w * sz, x * sx, x * sy, x * sz, y * sy, y * sz, z * sz
     return [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """The product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
+    """Product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
     a, b = arguments.array(a, "quaternion.multiply: a", 4), arguments.array(b, "quaternion.multiply: b", 4)
     (a0, a1, a2, a3), (b0, b1, b2, b3) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     try:
@@ -70,12 +70,12 @@ def exp(w: ArrayLike) -> Array:
 def log(quat: ArrayLike) -> Array:
     """Exponential coordinates, 0 ≤ |w| ≤ π, of a quaternion of any nonzero length; (..., 4) → (..., 3).
 
-    One of length zero is a :class:`~twistwrench.ValueRangeError`.
+    A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
     """
     q = np.asarray(arguments.real(quat, "quaternion.log: quat", 4), float)
     size = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
     _turning(size[..., 0], "quaternion.log: quat")
-    q = np.ldexp(q, -np.frexp(size)[1])  # no square to overflow or underflow
+    q = np.ldexp(q, -np.frexp(size)[1])  # squares neither overflow nor underflow
     q = np.where(q[..., :1] < 0, -q, q)
     v = q[..., 1:]
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
@@ -85,7 +85,7 @@ def log(quat: ArrayLike) -> Array:
 
 
 def _turning(size: Array, what: str) -> None:
-    """Refuse quaternions of no length, by a size (...)."""
+    """Raise ValueRangeError for zero quaternions, given their size (...)."""
     if not size.all():  # NaN counts as true
         row = tuple(int(i) for i in np.argwhere(size == 0)[0])
         raise ValueRangeError(
@@ -99,13 +99,13 @@ _MATRIX = "quaternion.from_matrix: R"
 def from_matrix(R: ArrayLike) -> Array:
     """Unit quaternion (w ≥ 0) of a rotation matrix, by the best of four formulas; (..., 3, 3) → (..., 4).
 
-    A matrix that is not a rotation raises :class:`~twistwrench.ValueRangeError` whose message gives the gap.
+    A matrix that is not a rotation raises :class:`~twistwrench.ValueRangeError`, whose message gives the deviation.
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
     R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
-    # Row k is 4 q_k q: the outer product of the quaternion with itself, and the row of the largest q_k is the safest.
+    # Row k is 4 q_k q, from the outer product of the quaternion with itself; the row of the largest q_k has the least error.
     K = np.empty((*R.shape[:-2], 4, 4))
     K[..., 0, 0] = 1 + trace
     for i in range(3):

@@ -2,8 +2,8 @@
 
 Any leading batch shape. ``T_ab`` is the pose of frame {b} seen from {a}. Largest error of an entry against 50-digit
 arithmetic, 400 random twists of angle up to π and |v| = 1: ``exp`` 1.1e-15, ``log`` 8.9e-16, ``left_jacobian`` 2.8e-16,
-``left_jacobian_inverse`` 2.3e-16; linear in |v|. The bounds are asserted in ``tests/lie/test_lie_accuracy.py``. Wrong types
-and shapes, and NaN, as in :mod:`~twistwrench.so3`.
+``left_jacobian_inverse`` 2.3e-16; linear in |v|. ``tests/lie/test_lie_accuracy.py`` asserts these bounds. Invalid input and
+NaN are handled as in :mod:`~twistwrench.so3`.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ __all__ = [
 
 
 def pose(R: ArrayLike, p: ArrayLike) -> Poses:
-    """Homogeneous transform, 4×4, of a rotation and a position.
+    """Homogeneous transform, 4×4, from a rotation and a position.
 
     Parameters
     ----------
-    R : (..., 3, 3) array_like, rotation; symbols go, too
+    R : (..., 3, 3) array_like, rotation, may be symbolic
     p : (..., 3) array_like, position [m]
 
     Examples
@@ -77,7 +77,7 @@ def hat(V: ArrayLike) -> Array:
     [[0.0, -3.0, 2.0, 4.0], [3.0, 0.0, -1.0, 5.0], [-2.0, 1.0, 0.0, 6.0]]
     """
     V = arguments.array(V, "se3.hat: V", 6)
-    if V.ndim == 1:  # NumPy takes longer for a few operations on six numbers
+    if V.ndim == 1:  # for six numbers, floats are faster than NumPy
         x, y, z, u, v, w = V.tolist()
         return np.array([[0.0, -z, y, u], [z, 0.0, -x, v], [-y, x, 0.0, w], [0.0, 0.0, 0.0, 0.0]], V.dtype)
     X = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
@@ -108,7 +108,7 @@ def inverse(T: ArrayLike) -> Poses:
 
     Parameters
     ----------
-    T : (..., 4, 4) array_like, T_ab; symbols go, too
+    T : (..., 4, 4) array_like, T_ab, may be symbolic
 
     Examples
     --------
@@ -121,7 +121,7 @@ def inverse(T: ArrayLike) -> Poses:
 
 
 def exp(V: ArrayLike) -> Poses:
-    """Matrix exponential of se(3): the pose reached by following the twist V for unit time.
+    """Matrix exponential of se(3): pose reached by following the twist V for unit time.
 
     Notes
     -----
@@ -147,7 +147,7 @@ def _exp(V: Array) -> Array:
 
 
 def log(T: ArrayLike) -> Twists:
-    """Matrix logarithm of SE(3): the twist, with |omega| ≤ π, that leads from the identity to T in unit time.
+    """Matrix logarithm of SE(3): twist with |omega| ≤ π that leads from the identity to T in unit time.
 
     Notes
     -----
@@ -170,8 +170,8 @@ def _log(T: Array) -> Array:
 def left_jacobian(V: ArrayLike) -> Array:
     """Left Jacobian of SE(3): J with exp(V + dV) = exp(J dV) exp(V) to first order, [[J, 0], [Q, J]].
 
-    Q is the derivative of the SO(3) Jacobian along v, because ad(omega, v) is [omega + ε v] with ε² = 0. At every
-    angle. Source: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014, for Q.
+    Q is the derivative of the SO(3) Jacobian along v, because ad(omega, v) is [omega + ε v] with ε² = 0. Valid for every
+    angle. Source of Q: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014.
 
     Returns
     -------
@@ -192,7 +192,7 @@ def left_jacobian(V: ArrayLike) -> Array:
 def left_jacobian_inverse(V: ArrayLike) -> Array:
     """Inverse of the left Jacobian of SE(3); see :func:`left_jacobian`.
 
-    Grows without bound as |omega| nears 2π, 4π, … Lengths of omega beyond 1e77 overflow.
+    Unbounded as |omega| approaches 2π, 4π, … Overflows if omega is longer than 1e77.
 
     Returns
     -------
@@ -212,14 +212,14 @@ def left_jacobian_inverse(V: ArrayLike) -> Array:
 
 
 def project(M: ArrayLike, within: float = 0.1) -> Poses:
-    """Nearest pose to a matrix that is nearly one.
+    """Nearest pose to a matrix that is nearly a pose.
 
-    Its rotation by :func:`twistwrench.so3.project`, its position as it is, its last row exact.
+    The rotation is projected by :func:`twistwrench.so3.project`, the position is kept, and the last row is exact.
 
     Parameters
     ----------
     M : (..., 4, 4) array_like
-    within : float, the most that an entry of the rotation or of the last row may be off
+    within : float, largest allowed deviation of an entry of the rotation or of the last row
 
     Examples
     --------
@@ -233,7 +233,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Poses:
 
 
 def as_scipy(T: ArrayLike) -> RigidTransform:
-    """SciPy's ``RigidTransform`` (SciPy ≥ 1.16) of a pose; exponential coordinates have the same order (omega, v).
+    """SciPy's ``RigidTransform`` (SciPy ≥ 1.16) of a pose; exponential coordinates have the order (omega, v) there too.
 
     Returns
     -------
@@ -242,7 +242,7 @@ def as_scipy(T: ArrayLike) -> RigidTransform:
     Raises
     ------
     MissingExtraError
-        SciPy is older.
+        The installed SciPy is older.
 
     Examples
     --------
@@ -286,10 +286,10 @@ def _dual(J: Array, Q: Array) -> Array:
     return np.concatenate([np.concatenate([J, np.zeros_like(J)], axis=-1), np.concatenate([Q, J], axis=-1)], axis=-2)
 
 
-# ── exp and log of one rotation or rigid motion without a branch: source of the compiled forms
+# ── Branch-free exp and log of one rotation or rigid motion: source of the compiled forms
 
-# Each comes with a number that says whether it counts: the square of the angle, or how far a matrix is from a rotation or a
-# pose, in squares; ``lie/series.py`` looks at it. Modern Robotics sections 3.2.3 and 3.3.3.
+# Each function also returns a number for range checks in ``lie/series.py``: the squared angle, or the squared deviation of a
+# matrix from a rotation or a pose. Modern Robotics sections 3.2.3 and 3.3.3.
 
 
 def rotation_exp(w: Array) -> tuple[Array, Any]:
@@ -308,14 +308,14 @@ def pose_exp(V: Array) -> tuple[Array, Any]:
 
 
 def rotation_log(R: Array) -> tuple[Array, Any]:
-    """w with exp [w] = R and |w| ≤ π, and the gap of R from a rotation. MR section 3.2.3.3, through the quaternion."""
+    """w with exp [w] = R and |w| ≤ π, and the squared deviation of R from a rotation. MR section 3.2.3.3, by the quaternion."""
     Q = _quaternion(R)
     Q = short_way(Q[0]) * Q
     return 2.0 * half_turn(Q[0], Q[1:] @ Q[1:]) * Q[1:], sum(gap * gap for gap in gaps(R))
 
 
 def pose_log(T: Array) -> tuple[Array, Any]:
-    """V with exp [V] = T and |ω| ≤ π, and the gap of T from a pose. MR eq. 3.92."""
+    """V with exp [V] = T and |ω| ≤ π, and the squared deviation of T from a pose. MR eq. 3.92."""
     w, off = rotation_log(T[:3, :3])
     last = T[3] - np.eye(4)[3]
     return np.concatenate([w, slide(w, T[:3, 3], -0.5, cotangent_quotient(w @ w))]), off + last @ last
@@ -328,7 +328,7 @@ def slide(w: Array, v: Array, b: Any, c: Any) -> Array:
 
 
 def _quaternion(R: Array) -> Array:
-    """The unit quaternion of R, of either sign: row k of what follows is 4 q_k q, and the largest q_k is the safest.
+    """Unit quaternion of R, of either sign. Row k below is 4 q_k q; the row of the largest q_k has the least rounding error.
 
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """

@@ -1,8 +1,8 @@
 """Rotations: so(3) and SO(3). Any leading batch shape; Modern Robotics section 3.2.
 
 Largest error of an entry against 50-digit arithmetic, 400 random rotations of angle up to π: ``exp`` 1.1e-15, ``log``
-8.9e-16, ``left_jacobian`` 2.8e-16, ``left_jacobian_inverse`` 1.8e-16. Beyond π the rounding of the angle itself, eps |w|, is
-added. The bounds are asserted in ``tests/lie/test_lie_accuracy.py``.
+8.9e-16, ``left_jacobian`` 2.8e-16, ``left_jacobian_inverse`` 1.8e-16. Above π the rounding error of the angle itself,
+eps |w|, is added. ``tests/lie/test_lie_accuracy.py`` asserts these bounds.
 
 Input other than real numbers of that shape raises :class:`~twistwrench.ShapeError` or :class:`~twistwrench.ValueRangeError`;
 a row with NaN gives a row of NaN.
@@ -56,7 +56,7 @@ def hat(w: ArrayLike) -> Array:
     [[0.0, -3.0, 2.0], [3.0, 0.0, -1.0], [-2.0, 1.0, 0.0]]
     """
     w = arguments.array(w, "so3.hat: w", 3)
-    if w.ndim == 1:  # NumPy takes longer for a few operations on three numbers
+    if w.ndim == 1:  # for three numbers, floats are faster than NumPy
         x, y, z = w.tolist()
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], w.dtype)
     W = np.zeros((*w.shape, 3), w.dtype)
@@ -116,12 +116,12 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def exp(w: ArrayLike) -> Rotations:
-    """Matrix exponential of so(3): the rotation matrix of exponential coordinates w = ω̂θ.
+    """Matrix exponential of so(3): rotation matrix of exponential coordinates w = ω̂θ.
 
     Notes
     -----
-    MR eq. 3.51. Of any finite length: past 1e16 rad the angle is lost in the rounding of w, and what comes is some turn
-    about its axis.
+    MR eq. 3.51. Any finite length is accepted. Above 1e16 rad the rounding error of w exceeds a full turn, so the result is
+    an arbitrary rotation about the axis.
 
     Examples
     --------
@@ -140,8 +140,8 @@ def _exp(w: Array) -> Array:
 def log(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): exponential coordinates of a rotation matrix, 0 ≤ |w| ≤ π.
 
-    Through the quaternion, so right at every angle, π and its neighbours included; at π itself w and -w are the same
-    rotation, and one of them is returned. MR section 3.2.3.3.
+    Computed through the quaternion, so accurate at every angle, including π. At π, w and -w describe the same rotation, and
+    one of them is returned. MR section 3.2.3.3.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def _log(R: Array) -> Array:
 def left_jacobian(w: ArrayLike) -> Array:
     """Left Jacobian of SO(3): J with exp(w + dw) = exp(J dw) exp(w) to first order.
 
-    It turns rates of the coordinates into the angular velocity in {s}: ω_s = J(w) dw/dt.
+    It maps rates of the coordinates to the angular velocity in {s}: ω_s = J(w) dw/dt.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def left_jacobian(w: ArrayLike) -> Array:
 def left_jacobian_inverse(w: ArrayLike) -> Array:
     """Inverse of the left Jacobian of SO(3); see :func:`left_jacobian`.
 
-    Grows without bound as |w| nears 2π, 4π, … Lengths beyond 1e77 overflow.
+    Unbounded as |w| approaches 2π, 4π, … Overflows if w is longer than 1e77.
 
     Returns
     -------
@@ -199,14 +199,14 @@ def left_jacobian_inverse(w: ArrayLike) -> Array:
 
 
 def project(M: ArrayLike, within: float = 0.1) -> Rotations:
-    """Nearest rotation to a matrix (in the Frobenius norm), by its singular values.
+    """Nearest rotation to a matrix (in the Frobenius norm), by singular value decomposition.
 
-    A reflection is always at least 2/3 away.
+    The distance to a reflection is always at least 2/3.
 
     Parameters
     ----------
     M : (..., 3, 3) array_like
-    within : float, the most that an entry may be off
+    within : float, largest allowed deviation of an entry
 
     Examples
     --------
@@ -214,7 +214,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Rotations:
     [0.707106781, -0.707106781, 0.0]
     """
     M, within = arguments.real(M, "so3.project: M", 3, 3), arguments.number(within, "so3.project: within")
-    solvable = np.isfinite(M).all(axis=(-2, -1), keepdims=True)  # LAPACK would refuse the whole batch
+    solvable = np.isfinite(M).all(axis=(-2, -1), keepdims=True)  # LAPACK fails for the whole batch
     U, _, Vt = np.linalg.svd(np.where(solvable, M, np.eye(3, dtype=M.dtype)))
     U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]
     R = np.where(solvable, U @ Vt, np.nan)
@@ -236,7 +236,7 @@ def as_scipy(R: ArrayLike) -> Rotation:
     Raises
     ------
     ShapeError
-        The batch is empty, and SciPy is too old for that.
+        The batch is empty, and this SciPy version does not support empty batches.
 
     Examples
     --------
@@ -247,7 +247,7 @@ def as_scipy(R: ArrayLike) -> Rotation:
 
     M = arguments.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R")
     try:
-        return Rotation.from_matrix(np.require(M, requirements="W"))  # SciPy 1.13 takes no arrays that are read-only
+        return Rotation.from_matrix(np.require(M, requirements="W"))  # SciPy 1.13 rejects read-only arrays
     except ValueError:
         if M.size:
             raise

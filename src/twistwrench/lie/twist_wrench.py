@@ -22,11 +22,11 @@ from .labelled import Labelled, frame_name, hash_of, missing_pose, symbol
 @final
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Twist(Labelled):
-    """A twist V = (omega, v) [rad/s, m/s], (..., 6), expressed in a named frame.
+    """Twist V = (omega, v) [rad/s, m/s], (..., 6), expressed in a named frame.
 
-    ``V1 + V2`` checks the frames (:class:`~twistwrench.FrameError`), ``V @ F`` is power in W, ``T_ab @ V_b`` moves it,
-    and ``np.asarray(V)`` or ``V.values`` are the plain numbers. A second derivative is one too. Twists of one frame and
-    the same numbers are equal and have one hash.
+    ``V1 + V2`` checks the frames (:class:`~twistwrench.FrameError`), ``V @ F`` is power in W, and ``T_ab @ V_b`` is the twist
+    in another frame. ``np.asarray(V)`` or ``V.values`` are the plain numbers. Accelerations (rates of twists) use the same
+    class. Twists with equal frame and numbers are equal and have the same hash.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class Twist(Labelled):
 
     @property
     def axis(self) -> Axis:
-        """The screw axis: direction, point, pitch, magnitude; see :func:`twistwrench.lie.axis.axis_of`."""
+        """Screw axis: direction, point, pitch, magnitude; see :func:`twistwrench.lie.axis.axis_of`."""
         return axis_of(self.values)
 
     @property
@@ -69,7 +69,7 @@ class Twist(Labelled):
         Raises
         ------
         FrameError
-            The frames are not the same.
+            The frames differ.
 
         Examples
         --------
@@ -86,11 +86,11 @@ class Twist(Labelled):
 @final
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Wrench(Labelled):
-    """A wrench F = (m, f) [N m, N], (..., 6), expressed in a named frame.
+    """Wrench F = (m, f) [N m, N], (..., 6), expressed in a named frame.
 
-    ``F1 + F2`` checks the frames (:class:`~twistwrench.FrameError`), ``F @ V`` is power in W, ``T_ab @ F_b`` moves it,
-    and ``np.asarray(F)`` or ``F.values`` are the plain numbers. Wrenches of one frame and the same numbers are equal
-    and have one hash.
+    ``F1 + F2`` checks the frames (:class:`~twistwrench.FrameError`), ``F @ V`` is power in W, and ``T_ab @ F_b`` is the wrench
+    in another frame. ``np.asarray(F)`` or ``F.values`` are the plain numbers. Wrenches with equal frame and numbers are equal
+    and have the same hash.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class Wrench(Labelled):
         Parameters
         ----------
         f : (..., 3) array_like, force [N]
-        at : (..., 3) array_like, the point r where it acts [m]
+        at : (..., 3) array_like, point of application r [m]
 
         Examples
         --------
@@ -151,7 +151,7 @@ class Wrench(Labelled):
 
     @property
     def axis(self) -> Axis:
-        """Line of action, pitch and size; see :func:`twistwrench.lie.axis.line_of_action`."""
+        """Line of action, pitch and magnitude; see :func:`twistwrench.lie.axis.line_of_action`."""
         return line_of_action(self.values)
 
     @property
@@ -162,12 +162,12 @@ class Wrench(Labelled):
     def is_reciprocal_to(self, V: Twist, within: float = 1e-12) -> Any:
         """True if wrench and twist are reciprocal: the wrench has zero power on V.
 
-        A hinge carries exactly the wrenches that are reciprocal to its twist.
+        A hinge transmits exactly the wrenches that are reciprocal to its twist.
 
         Parameters
         ----------
         V : Twist, in the same frame
-        within : float, part of |m| |omega| + |f| |v| that still counts as zero
+        within : float, fraction of |m| |omega| + |f| |v| below which the power counts as zero
 
         Returns
         -------
@@ -176,7 +176,7 @@ class Wrench(Labelled):
         Raises
         ------
         FrameError
-            The frames are not the same.
+            The frames differ.
         """
         power = self @ V
         norm = np.linalg.norm
@@ -184,17 +184,17 @@ class Wrench(Labelled):
         return abs(power) <= arguments.number(within, "within") * size
 
 
-# ── Poses with the names of both frames, which cancel in products
+# ── Labelled poses: the frame names cancel in products
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Pose:
-    """The pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``: it brings things of {b} to {a}.
+    """Pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``; transforms from {b} to {a}.
 
-    ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}; letters that do not cancel
-    are a :class:`~twistwrench.FrameError`. A matrix that is not a pose raises :class:`~twistwrench.ValueRangeError`. Poses
-    of the same frames and numbers are equal and have one hash.
+    ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}. Frames that do not cancel raise
+    :class:`~twistwrench.FrameError`. A matrix that is not a pose raises :class:`~twistwrench.ValueRangeError`. Poses with equal
+    frames and numbers are equal and have the same hash.
 
     Examples
     --------
@@ -208,15 +208,15 @@ class Pose:
     matrix: Array
     """Homogeneous transforms T_ab (..., 4, 4), read-only."""
     to: str
-    """Name of {a}, the frame the pose is seen from."""
+    """Name of {a}, the frame from which the pose is seen."""
     of: str
     """Name of {b}, the frame whose pose it is."""
 
-    __array_ufunc__ = None  # array @ pose is refused rather than done without labels
+    __array_ufunc__ = None  # array @ pose raises TypeError instead of dropping the labels
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.matrix.setflags(write=False)  # arrays come out of a pickle writable
+        self.matrix.setflags(write=False)  # unpickled arrays are writable
 
     def __init__(self, matrix: ArrayLike, to: str, of: str) -> None:
         given: Any = matrix
@@ -225,7 +225,7 @@ class Pose:
                 f"a pose of {given.symbol}, which has names already; its numbers are {given.symbol}.matrix."
             )
         numbers = np.array(arguments.array(given, "a pose", 4, 4))
-        if numbers.dtype != object:  # symbols are taken as they are
+        if numbers.dtype != object:  # symbols are not checked
             arguments.pose(arguments.finite(numbers, "a pose", 4, 4), "the matrix")
         numbers.setflags(write=False)
         for name, value in (("matrix", numbers), ("to", to), ("of", of)):
@@ -234,7 +234,7 @@ class Pose:
         frame_name(self.of, "the frame that a pose is of")
 
     def __eq__(self, other: object) -> bool:
-        """True if the other has the same two frames and the same numbers; one bool for a batch too."""
+        """True if frames and numbers are equal; a single bool for a batch too."""
         if not isinstance(other, Pose):
             return NotImplemented
         return (self.to, self.of) == (other.to, other.of) and np.array_equal(self.matrix, other.matrix)
@@ -244,7 +244,7 @@ class Pose:
 
     @property
     def symbol(self) -> str:
-        """The book's letter with both frames: T_ab."""
+        """Letter of the book with both frames: T_ab."""
         return symbol("T", self.to, self.of)
 
     @property
@@ -254,7 +254,7 @@ class Pose:
 
     @property
     def position(self) -> Array:
-        """The origin of {b} in {a} (..., 3) [m]."""
+        """Origin of {b} in {a} (..., 3) [m]."""
         return self.matrix[..., :3, 3]
 
     @property
@@ -269,7 +269,7 @@ class Pose:
         place = f"{what}: at {vector(self.position)} m"
         if self.matrix.dtype == object:
             return place
-        turn = so3.log(so3.project(self.rotation, within=np.inf))  # rounding that adds up in products is still printed
+        turn = so3.log(so3.project(self.rotation, within=np.inf))  # accepts accumulated rounding errors
         angle = float(np.linalg.norm(turn))
         turned = f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
         return f"{place}, {turned}"
@@ -312,7 +312,7 @@ class Pose:
 
 
 def _follows(matrix: Array, to: str, of: str) -> Pose:
-    """Pose computed from checked ones, whose rounding may exceed the tolerance of a new one."""
+    """Pose computed from checked poses; its accumulated rounding error may exceed the tolerance of new poses."""
     pose = object.__new__(Pose)
     matrix.setflags(write=False)
     for name, value in (("matrix", matrix), ("to", to), ("of", of)):
@@ -321,7 +321,7 @@ def _follows(matrix: Array, to: str, of: str) -> Pose:
 
 
 def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
-    """Covariance of a wrench in another frame: C_a = X C_b X' with F_a = X F_b, X = Ad(T_ba)'.
+    """Covariance of a wrench in another frame: C_a = X C_b X' for F_a = X F_b, X = Ad(T_ba)'.
 
     Parameters
     ----------
