@@ -101,10 +101,10 @@ def test_data_of_the_page_round_to_the_numbers_shown(report):
     data = json.loads(re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[0])
     assert data["command"] == name
     assert spaced(output).startswith(spaced("".join(data["verdict"][:1])))
-    values = [x for table in data["tables"] for column in table["columns"] for x in column["values"]]
+    values = [x for table in data["tables"] for row in table["rows"] for x in row]
     assert name == "doctor" or any(isinstance(x, float) for x in values)
     for table in data["tables"]:
-        assert len({len(column["values"]) for column in table["columns"]}) == 1
+        assert {len(row) for row in table["rows"]} == {len(table["columns"])}
 
 
 def test_the_page_needs_no_network_no_script_and_little_room(report):

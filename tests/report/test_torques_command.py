@@ -89,7 +89,7 @@ def test_bad_input_exits_2_with_one_line(run, case):
         ("export", "It needs precision='double'.", "It needs no --float."),
         ("export", "or pass test=False.", "or pass --no-test-program."),
         ("convert", "or overwrite=True.", "or --overwrite."),
-        ("verify", "or overwrite=True.", "or overwrite=True."),
+        ("export", "or overwrite=True.", "or overwrite=True."),
     ],
 )
 def test_errors_speak_of_the_options_of_the_command(command, text, said):

@@ -15,7 +15,7 @@ from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
-from .shared import JSON, RobotOptions, robot_command, robot_source, write_text
+from .shared import JSON, RobotOptions, robot_command, robot_source
 from .terminal import show
 
 
@@ -69,7 +69,7 @@ def doctor_command(given: Given) -> ExitCode:
     )
     blocks = list(doctor_view(report, every=given.strict))
     if given.json is not None:
-        write_text(given.json, report.to_json())
+        given.results = report.to_json()
     show(*blocks)
     if given.out is not None:
         repaired = report.write(given.out, overwrite=given.overwrite)
@@ -156,9 +156,10 @@ def _paragraph(finding: Finding) -> Iterator[Line]:
 # ── ``verify``
 
 
-@robot_command("verify", examples=("verify ur5",), angles=False)
-def verify_command(options: RobotOptions, _: Given) -> ExitCode:
+@robot_command("verify", JSON, examples=("verify ur5",), angles=False)
+def verify_command(options: RobotOptions, given: Given) -> ExitCode:
     """Check the dynamics of a robot against independent formulas and libraries. Exit code: 1 if one disagrees."""
+    given.check_files(options.files)
     robot = options.load()
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")
@@ -182,12 +183,15 @@ def verification_view(report: VerifyReport) -> list[Block]:
             return Line(("skipped", "dim"))
         return Line(("agrees", "green") if check.passed else ("DISAGREES", "bold red"))
 
+    def figure(value: float) -> Line:
+        return Line(residual(value), value=value)
+
     table = Table(
         f"{report.robot}: {report.states} random states, seed {report.seed}",
         words("check", [check.name for check in checks]),
         words("compares", map(compares, checks)),
-        numbers("residual", ["" if check.skipped else residual(check.residual) for check in checks]),
-        numbers("allowed", ["" if check.skipped else residual(check.tolerance) for check in checks]),
+        numbers("residual", ["" if check.skipped else figure(check.residual) for check in checks]),
+        numbers("allowed", ["" if check.skipped else figure(check.tolerance) for check in checks]),
         words("", map(answer, checks)),
     )
     return [verdict(Word.LOOK_AGAIN if failed else Word.OK, said), "", table]

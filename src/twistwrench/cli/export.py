@@ -7,13 +7,14 @@ from typing import Any
 
 import click
 
-from ..core.verdict import ExitCode
+from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
 from ..model.description import grouped
+from ..reports.blocks import plain, verdict
 from ..reports.robot_summary import assignments
 from ..robot.load import save
-from .main import Given, option
-from .shared import PAYLOADS, RobotOptions, load_case, robot_command, show_written
+from .main import Given, note, option, printed_blocks
+from .shared import JSON, PAYLOADS, RobotOptions, load_case, robot_command, show_written
 from .terminal import show
 
 _LISTS = ("by", "parameters", "rows", "wrenches")
@@ -111,6 +112,7 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
 @robot_command(
     "convert",
     click.argument("out", metavar="OUT"),
+    JSON,
     option("--strict", "Exit with 1 if the format cannot represent everything."),
     examples=("convert panda panda.xml",),
     robot_first=True,
@@ -125,12 +127,11 @@ def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     robot = options.load()
     lost = save(robot, given.out, overwrite=given.overwrite)
     less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
-    click.echo(f"OK: wrote {given.out}.{less}")
+    line = verdict(Word.OK, f": wrote {given.out}.{less}")
+    printed_blocks().append(line)
+    click.echo(plain(line))  # in one line, for its path
     for sentence in grouped(lost):
         show(f"lost: {sentence}")
     if shaped := len(robot.model.shaped):
-        click.echo(
-            f"note: the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.",
-            err=True,
-        )
+        note(f"the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.")
     return ExitCode.NO if lost and given.strict else ExitCode.FINE

@@ -18,7 +18,7 @@ from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import UnknownNameError, ValueRangeError
 from ..formats.actuators import actuator_content, read_log_side
-from ..identification.parameters import PARAMETER_UNITS
+from ..identification.parameters import PARAMETER_UNITS, group_units
 from ..identification.payload import motor_side, read_motion
 from ..identification.write import OF_COUPLED_MOTORS
 from ..joints.units import heading_unit
@@ -326,7 +326,7 @@ def write_robot(
 def write_results(found: identification.IdentifiedRobot, given: Given, notes: list[str] | None) -> None:
     """Write all other files, and print what was written; after LOOK AGAIN only JSON and pictures."""
     if given.json is not None:
-        shared.write_text(given.json, found.to_json(essential=given.essential))
+        given.results = found.to_json(essential=given.essential)
     if given.plot is not None:
         shared.show_written(found.plot(given.plot))
     if notes is None:
@@ -377,6 +377,7 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
     ),
     option("--step SECONDS", "Time between rows of --csv.", default=0.01),
     shared.csv_option("Write the motion, which torques and view read"),
+    shared.JSON,
     examples=("excite panda --duration 20 --harmonics 5 --csv motion.csv",),
     robot_first=True,
 )
@@ -427,11 +428,14 @@ def excitation_view(
     yield f"worst deviation: {percent(share, 2)} of the prior's, of {group}"
     yield _excited_joints(found, degrees=degrees)
     base = found.information.base
+    units = [unit.replace("^2", "²") for unit in group_units(found.groups, found.robot.model)]
+    of_groups = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
     yield Table(
         f"{base.count} groups of parameters, and how sure a log of the motion makes them",
         words("group", found.groups),
-        numbers("file", base.project(base.unknown.file_values)),
-        numbers("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
+        words("unit", units, fold=False),
+        of_groups("file", base.project(base.unknown.file_values)),
+        of_groups("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
         numbers("of prior", found.shares_of_prior, lambda share: percent(share, 2)),
     )
 
@@ -461,10 +465,10 @@ def _excited_joints(found: identification.ExcitingMotion, *, degrees: bool) -> T
         "",
         words("joint", robot.model.velocity_names, fold=False),
         numbers("from", peaks["lower"] * factor, unit=place),
-        numbers("to", peaks["upper"] * factor),
+        numbers("to", peaks["upper"] * factor, unit=place, headed=False),
         numbers("peak", peaks["velocity"] * factor, unit=speed),
         numbers("share", shares("velocity", robot.limits.velocity), percent_of_limit),
-        numbers(f"[{rate}]", peaks["acceleration"] * factor),
-        numbers(f"[{torque}]", peaks["torque"]),
+        numbers("peak", peaks["acceleration"] * factor, unit=rate),
+        numbers("peak", peaks["torque"], unit=torque),
         numbers("share", shares("torque", robot.limits.effort), percent_of_limit),
     )

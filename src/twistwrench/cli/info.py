@@ -46,10 +46,12 @@ def info_command(options: RobotOptions, given: Given) -> None:
     for note in notes:  # those of the model itself stand below its tree
         if not any(defect in str(note.message) for defect in robot.defects):
             warnings.warn_explicit(note.message, note.category, note.filename, note.lineno)
-    if given.json is not None or given.csv is not None:
-        write_text(given.json or given.csv, as_text(robot, "csv" if given.json is None else "json"))
-        return
-    show(*info_view(robot, degrees=options.degrees))
+    if given.json is not None:
+        given.results = as_text(robot, "json")
+    elif given.csv is not None:
+        write_text(given.csv, as_text(robot, "csv"))
+    else:
+        show(*info_view(robot, degrees=options.degrees))
 
 
 # ── The report

@@ -18,7 +18,7 @@ from ..core.verdict import ExitCode
 from ..reports.blocks import Block, Line, Table, numbers, words
 from ..reports.log_quality import LogColumn, LogQuality
 from .main import Given, command
-from .shared import CHOICE, JSON, expand_paths, worker_options, write_text
+from .shared import CHOICE, JSON, expand_paths, worker_options
 from .terminal import progress_bar, show
 
 
@@ -48,7 +48,7 @@ def log_command(given: Given) -> ExitCode:
                 found.append(result)
     if given.json is not None:
         texts = [_plain({**asdict(q), "path": str(q.path)}) for q in found]
-        write_text(given.json, json.dumps(texts, indent=2) + "\n")
+        given.results = json.dumps(texts, indent=2) + "\n"
     show(*(block for quality in found for block in log_view(quality)))
     for path, reason in failed:
         click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)

@@ -144,8 +144,8 @@ _RENAMED = {
 }
 """Options of earlier versions, with those in their place; some are still those of other commands."""
 
-ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
-"""Entries of the context: words of the command line, and sentences of :func:`note`."""
+ARGUMENTS, NOTES, BLOCKS = "twistwrench.arguments", "twistwrench.notes", "twistwrench.blocks"
+"""Entries of the context: words of the command line, sentences of :func:`note`, and blocks of the report."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """The environment variable that shows where a fault of the program arose."""
@@ -270,6 +270,13 @@ def typed_words_and_notes() -> tuple[list[str], list[str]]:
     return meta.get(ARGUMENTS, []), meta.get(NOTES, [])
 
 
+def printed_blocks() -> list[Any]:
+    """Blocks of the report that were printed; :func:`.terminal.show` adds to them."""
+    context = click.get_current_context(silent=True)
+    found: list[Any] = [] if context is None else context.meta.setdefault(BLOCKS, [])
+    return found
+
+
 def _end(*_: Any) -> None:
     """End the program as an error does, so that scratch files are removed."""
     sys.exit(ExitCode.TERMINATED)
@@ -348,6 +355,9 @@ class Given(SimpleNamespace):
     wrenches: tuple[str, ...] = ()
     no_friction = False
     overwrite = False
+    json: str | None = None
+    results: str | None = None
+    """Text of --json, in place of the report as data."""
 
     def pick(self, *names: str) -> dict[str, Any]:
         """Options as keyword arguments of a function that calls them the same."""
@@ -455,7 +465,12 @@ def command(name: str, *options: Decorator, examples_: Sequence[str], **settings
         def run(**given: Any) -> None:
             with plain_errors():
                 with printed_output(given):
-                    code = function(Given(**given))
+                    options = Given(**given)
+                    code = function(options)
+                    if options.json is not None:
+                        from .report import write_json
+
+                        write_json(options, code)
                 if code:
                     sys.exit(code)
 

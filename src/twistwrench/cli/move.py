@@ -32,6 +32,7 @@ from .main import Given, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import (
     CLEARANCE,
+    JSON,
     LIMITS,
     NO_FRICTION,
     PAYLOADS,
@@ -80,6 +81,7 @@ from .terminal import show
     NO_FRICTION,
     option("--step SECONDS", "Time between rows of --csv.", default=0.002),
     csv_option("Write the motion, which torques and view read"),
+    JSON,
     option("--plot OUT.png", "Draw the motion; with --fastest also the phase plane."),
     REPORT,
     PAGE,
@@ -112,7 +114,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     end = parse_configuration(robot, given.to, degrees=options.degrees, option="--to", start=begin)
     for what, q in (("--from", begin), ("--to", end)):
         if (given.begin if what == "--from" else given.to) and (hint := degrees_hint(robot, q)):
-            show(f"! {what}: {hint}")
+            show(*remarks([f"{what}: {hint}"]))
 
     def report(subject: str, blocks: list[Block], **shown: Any) -> None:
         write_report(given, "move", subject, blocks, files=files, robot=robot, limits=bounds, **shown)
@@ -352,8 +354,8 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
         bars.append("·" * min(a, 23) + "█" * (min(b, 24) - min(a, 23)) + "·" * (24 - min(b, 24)))
     yield Table(
         "What limits it when",
-        numbers("from", [seconds(t.begin, 4) for t in shown], unit="s"),
-        numbers("to", [seconds(t.end, 4) for t in shown], unit="s"),
+        numbers("from", [t.begin for t in shown], lambda t: seconds(t, 4), "s"),
+        numbers("to", [t.end for t in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [t.joint for t in shown], fold=False),
         words("limit", [f"{'+' if t.side > 0 else '-'} {t.kind}" for t in shown], fold=False),
         words("", [Line((bar, "cyan")) for bar in bars], fold=False),

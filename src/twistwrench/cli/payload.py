@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ _SAMPLES = 200_000
     option("--map rz|xz|yz|xy", "Map the largest payload over this plane of the workspace.", "plane"),
     option("--samples N", f"Number of random configurations for --map.  [default: {_SAMPLES}]", type=int),
     shared.csv_option("Write the table, one row per joint"),
+    shared.JSON,
     option("--plot OUT.png", "Draw force polytope, ellipsoid, shares and map."),
     REPORT,
     examples=("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),
@@ -154,16 +156,19 @@ def payload_view(
     known = [share if math.isfinite(limit) else None for share, limit in zip(shares, found.limits, strict=True)]
     styles = ["bold red" if over_limit(x) else "bold" if k == int(found.joint) else "" for k, x in enumerate(shares)]
     bars = [share_bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
+    unit = heading_unit("tau", turning)
+    holding = partial(numbers, show=torque, unit=unit, headed=False)
+    limited = numbers("limit", found.limits, unit=unit, headed=False)
     judgement = (
-        numbers("loaded", found.torques, torque),
-        numbers("limit", found.limits),
+        holding("loaded", found.torques),
+        limited,
         numbers(
             "up to", np.maximum(found.per_joint, 0.0), lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg"
         ),
         words("share of limit", bars, fold=False, narrow=numbers("share", known, percent_of_limit)),
     )
     table = Table(
-        f"Holding torques [{heading_unit('tau', turning)}]",
+        f"Holding torques [{unit}]",
         words("joint", found.joint_names, fold=False),
         numbers(
             "q",
@@ -171,9 +176,9 @@ def payload_view(
             lambda x: number(x, decimals=_ROUNDING, missing=""),
             heading_unit("q", turning, degrees=degrees),
         ),
-        numbers("alone", found.unloaded, torque),
-        numbers("per kg", found.per_kilogram, torque),
-        *(judgement if judged else (numbers("limit", found.limits),)),
+        holding("alone", found.unloaded),
+        holding("per kg", found.per_kilogram),
+        *(judgement if judged else (limited,)),
         styles=styles if judged else None,
     )
     besides = f"  ·  carrying {carried} already" if carried else ""

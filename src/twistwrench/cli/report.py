@@ -1,8 +1,9 @@
-"""``--report OUT.html`` of all commands: the report as one page, with where its numbers come from."""
+"""``--report OUT.html`` and ``--json OUT.json`` of all commands: the report as one page with its provenance, and as data."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 import shlex
@@ -15,11 +16,11 @@ from urllib.parse import quote
 import numpy as np
 
 from ..core.files import replacing
-from ..reports.blocks import Block
+from ..reports.blocks import Block, report_data
 from ..reports.page import Picture, ReportPage
 from ..reports.robot_summary import limits_table
-from .main import Given, option, option_group, typed_words_and_notes
-from .shared import show_written
+from .main import Given, option, option_group, printed_blocks, typed_words_and_notes
+from .shared import show_written, write_text
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -75,6 +76,19 @@ def write_report(
     with replacing(given.report) as scratch:
         scratch.write_text(page.html(), encoding="utf-8")
     show_written(given.report)
+
+
+def write_json(given: Given, code: int | None) -> None:
+    """Write the file of --json: the command's own results if it has any, otherwise the printed report."""
+    from .. import __version__
+
+    text = given.results
+    if text is None:
+        typed, notes = typed_words_and_notes()
+        data = {"command": typed, "exit_code": int(code or 0), **report_data(printed_blocks())}
+        data |= {"notes": [*data["notes"], *notes], "version": __version__}
+        text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    write_text(given.json or "", text)
 
 
 def drawn(title: str, plot: Callable[[Path], object]) -> Picture:

@@ -30,7 +30,7 @@ from ..sensing.outliers import runs
 from ..typing import Array
 from .main import Given, command, option, with_option_names
 from .report import REPORT, drawn, write_report
-from .shared import csv_option, show_written, write_csv
+from .shared import JSON, csv_option, show_written, write_csv
 from .terminal import show
 
 _LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
@@ -126,6 +126,7 @@ def _draw(
         type=float,
     ),
     CSV,
+    JSON,
     PLOT,
     REPORT,
     examples_=("sensor compensate demo --sensor demo",),
@@ -172,6 +173,7 @@ def compensate_command(given: Given) -> ExitCode:
     option("--keep-outliers", "Use readings that contradict the others, too."),
     option("--save OUT.json", "Write the sensor file for `compensate`."),
     CSV,
+    JSON,
     PLOT,
     REPORT,
     examples_=("sensor identify demo", "sensor identify demo --save hand.json"),
@@ -215,6 +217,7 @@ def identify_command(given: Given) -> ExitCode:
     option("--mass", "Approximate mass of the load [kg].", default=1.0),
     GRAVITY_OPTION,
     csv_option("Write the poses as a table"),
+    JSON,
     REPORT,
     examples_=("sensor poses", "sensor poses demo --count 3"),
     short_help="Propose the orientations to read next.",
@@ -281,8 +284,8 @@ def sensor_identification_view(found: Identification, log: ReadingLog) -> Iterat
         "Load and sensor",
         words("quantity", names, fold=False),
         words("unit", units, fold=False),
-        numbers("value", values),
-        numbers(f"± ({percent(found.confidence, 3)})", halves),
+        numbers("value", values, unit=", ".join(dict.fromkeys(units)), headed=False),
+        numbers(f"± ({percent(found.confidence, 3)})", halves, unit=", ".join(dict.fromkeys(units)), headed=False),
     )
     yield _before_and_after(log, found.rest(log), found.kept)
     yield f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."
@@ -297,28 +300,32 @@ def _parameters(found: Identification, log: ReadingLog) -> Iterator[tuple[Any, .
         return float(np.ptp(found.interval(name))) / 2
 
     low, high = found.mass_interval
-    yield "mass", "kg", *estimate((high + low) / 2, (high - low) / 2)
+    yield "mass", "kg", *_estimate((high + low) / 2, (high - low) / 2)
     for axis, place, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
-        yield f"centre of mass {axis}", "mm", *estimate(1e3 * place, 5e2 * (high - low))
+        yield f"centre of mass {axis}", "mm", *_estimate(1e3 * place, 5e2 * (high - low))
     for name in [n for n in unknowns.names if unknowns.inertia and n.startswith("I")]:
         i, j = ("xyz".index(a) for a in name[1:])
-        yield f"{name} about the origin", "kg m²", *estimate(load.moment_about_origin[i, j], half(name))
+        yield f"{name} about the origin", "kg m²", *_estimate(load.moment_about_origin[i, j], half(name))
     for axis, value in zip(WRENCH, np.asarray(found.sensor.bias), strict=True):
         name = f"bias {axis}"
-        yield name, _unit(axis), *(estimate(value, half(name)) if name in unknowns.names else (value, "given"))
+        yield name, _unit(axis), *(_estimate(value, half(name)) if name in unknowns.names else (value, "given"))
     for k, axis in enumerate("xyz" if unknowns.turn else ""):
-        turn = estimate(math.degrees(found.turn[k]), math.degrees(half(f"turn {axis}")))
+        turn = _estimate(math.degrees(found.turn[k]), math.degrees(half(f"turn {axis}")))
         yield f"mounting turned about {axis}", "°", *turn
     per = "s" if log.time is not None else "reading"
     for name in [n for n in unknowns.names if n.startswith("drift")]:
         low, high = found.interval(name)
-        yield name, f"{_unit(name[6])}/{per}", *estimate((low + high) / 2, (high - low) / 2)
+        yield name, f"{_unit(name[6])}/{per}", *_estimate((low + high) / 2, (high - low) / 2)
     if unknowns.tilt:
         most = max(half(name) for name in unknowns.names if name.startswith("tilt"))
         tilt = math.degrees(np.linalg.norm(so3.log(state.tilt)))
-        yield "base tilted by", "°", *estimate(tilt, math.degrees(most))
+        yield "base tilted by", "°", *_estimate(tilt, math.degrees(most))
     if unknowns.delay:
-        yield "readings are late by", "ms", *estimate(1e3 * state.delay, 1e3 * half("delay"))
+        yield "readings are late by", "ms", *_estimate(1e3 * state.delay, 1e3 * half("delay"))
+
+
+def _estimate(value: float, sigma: float) -> Iterator[Line]:
+    return (Line(text, value=x) for text, x in zip(estimate(value, sigma), (value, sigma), strict=True))
 
 
 def _sentences(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Line], list[Line]]:
@@ -434,7 +441,7 @@ def _before_and_after(log: ReadingLog, compensated: Array, kept: Array) -> Table
         f"Readings, root mean square [{heading_unit('tau', (True, False))}]",
         words("", ["before", "after"], fold=False),
         *(
-            numbers(axis, x, lambda value: number(value, decimals=4))
+            numbers(axis, x, lambda value: number(value, decimals=4), _unit(axis), headed=False)
             for axis, x in zip(WRENCH, np.transpose(rms), strict=True)
         ),
     )

@@ -23,7 +23,7 @@ from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeEr
 from ..reports.blocks import Block, verdict
 from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.robot_summary import assignments, parse_numbers
-from .main import Decorator, Given, RobotOption, command, option, option_group
+from .main import Decorator, Given, RobotOption, command, note, option, option_group
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -171,11 +171,8 @@ class RobotOptions:
             return {}
         found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
         if found:
-            click.echo(
-                "note: held still, as the motion has no column for them: "
-                f"{', '.join(f'{n}={printed(v)}' for n, v in found.items())}.",
-                err=True,
-            )
+            held = ", ".join(f"{n}={printed(v)}" for n, v in found.items())
+            note(f"held still, as the motion has no column for them: {held}.")
         return found
 
     def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
@@ -293,7 +290,7 @@ AT = option(
     "zero; may be repeated.",
     multiple=True,
 )
-JSON = option("--json OUT.json", "Write the results as JSON, in SI units; '-' prints them in place of the report.")
+JSON = option("--json OUT.json", "Write the results as JSON; '-' prints them in place of the report.")
 
 
 def csv_option(text: str) -> Decorator:

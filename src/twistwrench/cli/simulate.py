@@ -69,6 +69,7 @@ _CONTACT = "1e5,0.3,0.5"
     option("--rtol", "Relative tolerance of a dopri5 step.", default=1e-8),
     option("--every N", "Keep every N-th state.", default=1),
     shared.csv_option("Write the motion, which torques and view read"),
+    shared.JSON,
     option("--npz OUT.npz", "Write all arrays in NumPy format."),
     option("--plot OUT.png", "Draw joints, energies and drift."),
     REPORT,
@@ -199,22 +200,26 @@ def simulation_view(
         f"  ·  {friction_words(robot.model, counted=friction)}",
     )
     q = result.q * np.where(c.angular & degrees, math.degrees(1.0), 1.0)
+    unit = heading_unit("q", (True, False), degrees=degrees)
+    places = partial(numbers, show=_rounded, unit=unit, headed=False)
     yield Table(
-        f"Coordinates [{heading_unit('q', (True, False), degrees=degrees)}]",
+        f"Coordinates [{unit}]",
         words("coordinate", c.names),
-        numbers("start", q[0], _rounded),
-        numbers("end", q[-1], _rounded),
-        numbers("lowest", q.min(axis=0), _rounded),
-        numbers("highest", q.max(axis=0), _rounded),
+        places("start", q[0]),
+        places("end", q[-1]),
+        places("lowest", q.min(axis=0)),
+        places("highest", q.max(axis=0)),
     )
     dq = result.dq * np.where(c.angular_velocity & degrees, math.degrees(1.0), 1.0)
     peaks = np.abs(dq).argmax(axis=0)
+    unit = heading_unit("dq", (True, False), degrees=degrees)
+    speeds = partial(numbers, show=_rounded, unit=unit, headed=False)
     yield Table(
-        f"Velocities [{heading_unit('dq', (True, False), degrees=degrees)}]",
+        f"Velocities [{unit}]",
         words("velocity", c.velocity_names),
-        numbers("start", dq[0], _rounded),
-        numbers("end", dq[-1], _rounded),
-        numbers("fastest", dq[peaks, np.arange(len(peaks))], _rounded),
+        speeds("start", dq[0]),
+        speeds("end", dq[-1]),
+        speeds("fastest", dq[peaks, np.arange(len(peaks))]),
         numbers("at", result.times[peaks], seconds, "s"),
     )
     yield _energies(result)
@@ -231,10 +236,11 @@ def _energies(result: SimulationResult) -> Table:
     energies |= {f"work of {name}": work for name, work in result.work.items() if np.any(work)}
     rows = {name: x[[0, -1, int(np.abs(x).argmax())]] for name, x in energies.items()}
     drift = result.drift
-    last = ("0", residual(drift[-1]), residual(drift[np.abs(drift).argmax()]))
-    start, end, largest = zip(*(map(_rounded, row) for row in rows.values()), last, strict=True)
-    names = words("", [*rows, "drift"])
-    return Table("Energies [J]", names, numbers("start", start), numbers("end", end), numbers("largest", largest))
+    last = [Line(residual(x), value=x) for x in (0.0, drift[-1], drift[np.abs(drift).argmax()])]
+    cells = zip(*([Line(_rounded(x), value=x) for x in row] for row in rows.values()), last, strict=True)
+    heads = ("start", "end", "largest")
+    columns = [numbers(head, column, unit="J", headed=False) for head, column in zip(heads, cells, strict=True)]
+    return Table("Energies [J]", words("", [*rows, "drift"]), *columns)
 
 
 def _rounded(value: float) -> str:

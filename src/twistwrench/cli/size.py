@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import click
 import numpy as np
@@ -13,7 +13,7 @@ from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
 from ..motion.motion import Motion
-from ..reports.blocks import Block, Line, Table, numbers, remarks, share_cell, verdict, words
+from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_cell, verdict, words
 from ..reports.motors import Demand
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
@@ -53,6 +53,7 @@ _DIGITS = 3
     shared.PAYLOADS,
     shared.NO_FRICTION,
     shared.csv_option("Write each figure with its limit as a table"),
+    shared.JSON,
     option("--plot OUT.png", "Draw each motor's speed–torque region with the cycle, and its temperature."),
     REPORT,
     PAGE,
@@ -177,9 +178,9 @@ def drives_table(found: Sizing, ambient: float) -> Table:
         words("joint", [j.joint for j in joints], fold=False),
         words("motor", [j.drive[0] for j in joints]),
         words("gear", [j.drive[1] for j in joints]) if any(j.drive[1] != DIRECT for j in joints) else None,
-        numbers("mean", [_cell(j, "average torque") for j in joints], unit="N m"),
-        numbers("peak", [_cell(j, "peak torque") for j in joints], unit="N m"),
-        numbers("input", [_cell(j, "input speed") for j in joints], unit="rpm"),
+        _rated("mean", joints, "average torque", "N m"),
+        _rated("peak", joints, "peak torque", "N m"),
+        _rated("input", joints, "input speed", "rpm"),
         numbers("rms", [j.motor.rms_current for j in joints], _figure, "A"),
         numbers("winding", warm, _figure, "degC"),
         numbers("J ratio", [j.motor.inertia_ratio for j in joints], _figure),
@@ -191,13 +192,19 @@ def _figure(value: float) -> str:
     return number(value, _DIGITS)
 
 
-def _cell(joint: SizedJoint, what: str) -> Line | str:
-    """A figure of a gear with its limit, red if that is passed."""
-    demand = next((d for d in joint.gear.demands if d.what == what), None)
+def _rated(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
+    """A figure of gears with its limits, red where one is passed."""
+    demands = [next((d for d in j.gear.demands if d.what == what), None) for j in joints]
+    limits = [math.inf if d is None else d.limit for d in demands]
+    return numbers(name, map(_cell, demands), unit=unit, limits=limits)
+
+
+def _cell(demand: Demand | None) -> Line | str:
     if demand is None:
         return number(None)
     limit = f" / {_figure(demand.limit)}" if math.isfinite(demand.limit) else ""
-    return Line((_figure(demand.value), "red" if over_limit(demand.share) else ""), (limit, "dim"))
+    red = "red" if over_limit(demand.share) else ""
+    return Line((_figure(demand.value), red), (limit, "dim"), value=demand.value)
 
 
 def _write_figures(path: str | None, found: Sizing) -> None:

@@ -20,6 +20,7 @@ from rich.tree import Tree
 
 from ..core.arguments import visible
 from ..reports.blocks import Block, Branch, Column, Line, Table
+from .main import printed_blocks
 
 
 class _Output(Console):
@@ -42,8 +43,9 @@ def console() -> Console:
 
 
 def show(*blocks: Block) -> None:
-    """Print on standard output."""
+    """Print on standard output, and keep the blocks for --json."""
     output = console()
+    printed_blocks().extend(blocks)
     for block in blocks:
         output.print(rendered(block, output))
 

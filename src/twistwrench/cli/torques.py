@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +23,9 @@ from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts
 from ..motion.motion_log import MotionLog
-from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, verdict, words
+from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, shown, verdict, words
 from ..reports.load_case import TERMS, cause_label
+from ..reports.log_quality import MeasuredTorque
 from ..reports.motors import Demand, MotorUse, Steps
 from ..reports.recording import require_mcap, require_rerun
 from ..reports.robot_summary import read_limits
@@ -51,6 +53,7 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     shared.loaded_motion_options(required=True),
     shared.worker_options,
     shared.csv_option("Write time and torques as a table"),
+    shared.JSON,
     option("--split", "Add the causes of the torques to the table of --csv."),
     option(
         "--plot [KIND=]OUT.png",
@@ -294,7 +297,10 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
     return Table(
         "Motors",
         words("joint", [use.joint for use in motors]),
-        *(numbers(d[0].what.replace(" current", ""), map(_demand, d), unit=d[0].unit) for d in demands),
+        *(
+            numbers(d[0].what.replace(" current", ""), map(_demand, d), unit=d[0].unit, limits=[one.limit for one in d])
+            for d in demands
+        ),
         numbers("power", [use.power for use in motors], _figure, "W"),
         numbers("heat", [use.heat for use in motors], _figure, "W"),
         numbers("used", [use.tightest.share or math.nan for use in motors], share_cell),
@@ -303,7 +309,8 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
 
 def _demand(demand: Demand) -> Line:
     limit = f" / {number(demand.limit, _DIGITS)}" if math.isfinite(demand.limit) else ""
-    return Line((_figure(demand.value), "red" if over_limit(demand.share) else ""), (limit, "dim"))
+    red = "red" if over_limit(demand.share) else ""
+    return Line((_figure(demand.value), red), (limit, "dim"), value=demand.value)
 
 
 def _figure(value: float) -> str:
@@ -362,6 +369,14 @@ def _heading(report: TorqueReport) -> Line:
     return Line((report.robot, "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
 
 
+def _torques(
+    report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], str | Line]
+) -> Column:
+    """A column of a table with a row per joint, whose unit the table shows."""
+    units = sorted({j.unit for j in report.joints})
+    return numbers(name, values, show, ", ".join(units), headed=False)
+
+
 def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
     """A table with a row per joint; units stand in its title, or beside the joints if there are two."""
     units = sorted({j.unit for j in report.joints})
@@ -374,7 +389,7 @@ def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque]
 
 
 def _peaks(report: TorqueReport) -> Table:
-    joints = report.joints
+    joints, column = report.joints, partial(_torques, report)
 
     unknown = Line((MISSING, "dim"))
     known = [math.isfinite(j.limit) for j in joints]
@@ -385,22 +400,22 @@ def _peaks(report: TorqueReport) -> Table:
         report,
         "Torques",
         joints,
-        numbers("peak", [j.peak for j in joints], report.label),
-        numbers("± 1σ", [report.reach(j) for j in joints], deviation) if report.noisy else None,
-        numbers("raw\npeak", [j.raw for j in joints], report.label) if report.derived is not None else None,
-        numbers("rms", [j.rms for j in joints], torque),
-        numbers("limit", [j.limit for j in joints]),
+        column("peak", [j.peak for j in joints], report.label),
+        column("± 1σ", [report.reach(j) for j in joints], deviation) if report.noisy else None,
+        column("raw\npeak", [j.raw for j in joints], report.label) if report.derived is not None else None,
+        column("rms", [j.rms for j in joints], torque),
+        column("limit", [j.limit for j in joints], shown),
         words("share of limit", bars, fold=False, narrow=numbers("of\nlimit", shares)),
         numbers("when", [j.time for j in joints], seconds, "s"),
     )
 
 
 def _causes(report: TorqueReport) -> Table:
-    joints = report.joints
+    joints, column = report.joints, partial(_torques, report)
 
     def cause(j: JointTorque, term: str) -> Line:
         main = term == j.main_cause[0] and not report.is_zero(j.largest)
-        return Line((report.label(j.terms[term]), "bold" if main else ""))
+        return Line((report.label(j.terms[term]), "bold" if main else ""), value=j.terms[term])
 
     def mostly(j: JointTorque) -> str:
         term, share = j.main_cause
@@ -412,8 +427,8 @@ def _causes(report: TorqueReport) -> Table:
         report,
         "What the peak is made of",
         joints,
-        *(numbers(cause_label(term), [cause(j, term) for j in joints]) for term in terms),
-        numbers("noise", [j.chance for j in joints], report.label) if chance else None,
+        *(column(cause_label(term), [cause(j, term) for j in joints], shown) for term in terms),
+        column("noise", [j.chance for j in joints], report.label) if chance else None,
         words("mostly", map(mostly, joints), fold=False),
     )
 
@@ -421,18 +436,19 @@ def _causes(report: TorqueReport) -> Table:
 def _beside_measured(report: TorqueReport) -> Table:
     """The torques that the file has, and those computed."""
     pairs = [(j, m) for j, m in zip(report.joints, report.measured, strict=True) if not m.dead]
-    measured = [m for _, m in pairs]
+    measured, column = [m for _, m in pairs], partial(_torques, report)
+
+    def difference(m: MeasuredTorque) -> Line:
+        return Line((torque(m.residual), "red" if m.contradicts else "yellow" if m.differs else ""), value=m.residual)
+
     return _joint_table(
         report,
         "The file's own torques",
         [j for j, _ in pairs],
-        numbers("rms\ncomputed", [m.computed for m in measured], torque),
-        numbers("rms\nmeasured", [m.measured for m in measured], torque),
-        numbers(
-            "rms of\ndifference",
-            [Line((torque(m.residual), "red" if m.contradicts else "yellow" if m.differs else "")) for m in measured],
-        ),
-        numbers("measured\npeak", [m.peak for m in measured], torque),
+        column("rms\ncomputed", [m.computed for m in measured], torque),
+        column("rms\nmeasured", [m.measured for m in measured], torque),
+        column("rms of\ndifference", map(difference, measured), shown),
+        column("measured\npeak", [m.peak for m in measured], torque),
         numbers("when", [m.time for m in measured], seconds, "s"),
     )
 
@@ -447,12 +463,20 @@ def _why(report: TorqueReport, k: int) -> Table:
     apart = ", payload's part below each term" if report.load.payloads else ""
     unit = heads[-1].partition("[")[2].rstrip("]")
     links, *terms = zip(*rows, strict=True)
+    parts = np.array([why.parts[:, why.causes.index(link), k] for link in links[:-1]])
+    parts = np.vstack([parts, why.by_term[:, k]])  # the last row is together, as is the last column
+    values = np.column_stack([parts, parts.sum(axis=1)])
     return Table(
         f"Why {joint.joint} at t = {seconds(joint.time)} s{apart} [{unit}]",
         words(heads[0], links),
         *(
-            numbers(head.partition(" [")[0], cells)
-            for head, cells in zip(heads[1:], terms, strict=True)
+            numbers(
+                head.partition(" [")[0],
+                [Line(cell, value=x) for cell, x in zip(cells, column, strict=True)],
+                unit=unit,
+                headed=False,
+            )
+            for head, cells, column in zip(heads[1:], terms, values.T.tolist(), strict=True)
             if set(cells) != {"·"}
         ),
         styles=[""] * (len(rows) - 1) + ["bold"],
@@ -460,19 +484,19 @@ def _why(report: TorqueReport, k: int) -> Table:
 
 
 def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
-    def value(e: Excess, x: float) -> str:
-        return number(x * (math.degrees(1.0) if degrees and e.angular else 1.0), 5)
+    def value(e: Excess, x: float) -> float:
+        return x * (math.degrees(1.0) if degrees and e.angular else 1.0)
 
-    def quantity(e: Excess) -> str:
-        what = {"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind)
-        return f"{what} [{unit_of('dq' if e.kind == 'velocity' else 'q', e.angular, degrees=degrees)}]"
+    units = [unit_of("dq" if e.kind == "velocity" else "q", e.angular, degrees=degrees) for e in excesses]
+    kinds = [{"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind) for e in excesses]
+    column = partial(numbers, show=lambda x: number(x, 5), unit=", ".join(dict.fromkeys(units)), headed=False)
 
     return Table(
         "Motion limits passed",
         words("joint", [e.joint for e in excesses], fold=False),
-        words("what", map(quantity, excesses), fold=False),
-        numbers("worst", [value(e, e.value) for e in excesses]),
-        numbers("limit", [value(e, e.limit) for e in excesses]),
+        words("what", [f"{kind} [{unit}]" for kind, unit in zip(kinds, units, strict=True)], fold=False),
+        column("worst", [value(e, e.value) for e in excesses]),
+        column("limit", [value(e, e.limit) for e in excesses]),
         numbers("when", [e.time for e in excesses], seconds, "s"),
         style="bold red",
     )
@@ -483,13 +507,15 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
 
 def many_table(found: Sequence[FileTorques]) -> Table:
     """Verdict, worst joint and why, of each file."""
+    units = ", ".join(dict.fromkeys(one.unit for one in found if one.unit))
+    column = partial(numbers, unit=units, headed=False)
     return Table(
         "",
         words("motion", [Path(one.file).name for one in found]),
         words("verdict", [verdict(one.verdict) for one in found]),
         words("joint", [one.joint for one in found]),
-        numbers("peak", [quantity(one.peak, one.unit) for one in found]),
-        numbers("limit", [quantity(one.limit, one.unit) for one in found]),
-        numbers("at", [quantity(one.time, "s") for one in found]),
+        column("peak", [Line(quantity(one.peak, one.unit), value=one.peak) for one in found]),
+        column("limit", [Line(quantity(one.limit, one.unit), value=one.limit) for one in found]),
+        numbers("at", [Line(quantity(one.time, "s"), value=one.time) for one in found], unit="s", headed=False),
         words("", [one.reason for one in found]),
     )

@@ -53,6 +53,15 @@ PARAMETER_UNITS = {
     **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
 }
 """SI units of each kind of parameter: that of turning joints first."""
+
+
+def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
+    """SI units of groups of parameters: those of their first parameters."""
+    kinds = [name.split(" ")[0].rpartition(".") for name in groups]
+    sliding = {body.joint.name for body in model.bodies if not any(body.joint.turning)}
+    return tuple(PARAMETER_UNITS[kind][-1 if owner in sliding else 0] for owner, _, kind in kinds)
+
+
 _BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
 """The order in which the ten of a body are kept or grouped: moments first, as papers on base parameters list them."""
 _SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3

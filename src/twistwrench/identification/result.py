@@ -28,7 +28,7 @@ from ..robot import Robot
 from ..typing import Array
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
-from .parameters import PARAMETER_UNITS, BaseParameters, undetermined
+from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
 
 _POOR = 0.3  # share of its value, from which a group's deviation makes it poorly determined
@@ -115,9 +115,7 @@ class IdentifiedRobot:
     @property
     def units(self) -> tuple[str, ...]:
         """SI units of the groups: those of their first parameters."""
-        kinds = [name.split(" ")[0].rpartition(".") for name in self.groups]
-        sliding = {body.joint.name for body in self.original.model.bodies if not any(body.joint.turning)}
-        return tuple(PARAMETER_UNITS[kind][-1 if owner in sliding else 0] for owner, _, kind in kinds)
+        return group_units(self.groups, self.original.model)
 
     @property
     def standard_deviations(self) -> Array:

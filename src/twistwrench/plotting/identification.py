@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -377,19 +378,20 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
 
 def _groups_table(found: IdentifiedRobot) -> Table:
     free = ~found.base.held
-    pairs = [estimate(x, d) for x, d in zip(found.values[free], found.standard_deviations[free], strict=True)]
+    values, deviations = found.values[free], found.standard_deviations[free]
+    pairs = list(map(estimate, values, deviations))
     low, high = found.interval()[free].T
+    units = [unit.replace("^2", "²") for unit, kept in zip(found.units, free, strict=True) if kept]
+    column = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
     return Table(
         f"{int(free.sum())} groups of parameters",
         words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
-        words(
-            "unit", [unit.replace("^2", "²") for unit, kept in zip(found.units, free, strict=True) if kept], fold=False
-        ),
-        numbers("value", [value for value, _ in pairs]),
-        numbers("deviation", [deviation for _, deviation in pairs]),
-        numbers("95 % from", low),
-        numbers("to", high),
-        numbers("file", found.prior.mean[free]),
+        words("unit", units, fold=False),
+        column("value", [Line(text, value=x) for (text, _), x in zip(pairs, values, strict=True)]),
+        column("deviation", [Line(text, value=x) for (_, text), x in zip(pairs, deviations, strict=True)]),
+        column("95 % from", low),
+        column("to", high),
+        column("file", found.prior.mean[free]),
     )
 
 

@@ -1,13 +1,14 @@
 """A report is blocks: lines of text, tables of quantities, and trees, described once, whatever writes them.
 
-The terminal's writer is :mod:`twistwrench.cli.terminal`; another one needs nothing but these classes.
+The terminal's writer is :mod:`twistwrench.cli.terminal`; other ones need nothing but these classes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,10 +22,13 @@ Piece: TypeAlias = str | tuple[str, str]
 
 
 class Line:
-    """Text in pieces, of which some have a style: ``Line(("OK", "bold green"), ": no limit is passed.")``."""
+    """Text in pieces, of which some have a style: ``Line(("OK", "bold green"), ": no limit is passed.")``.
 
-    def __init__(self, *pieces: Piece, indent: int = 0) -> None:
-        self.pieces, self.indent = list(pieces), indent
+    A cell that shows a number has it as its ``value``, with all digits.
+    """
+
+    def __init__(self, *pieces: Piece, indent: int = 0, value: float | None = None) -> None:
+        self.pieces, self.indent, self.value = list(pieces), indent, value
 
 
 def shown(value: Any) -> str | Line:
@@ -42,6 +46,11 @@ class Column:
     values: Sequence[Any]
     show: Callable[[Any], str | Line] = shown
     unit: str = ""
+    """Unit of the values; if it differs by row, all of them. Shares are ratios without a unit."""
+    headed: bool = True
+    """False if the unit stands in the title or in another column, and not in the head."""
+    limits: Sequence[float] | None = None
+    """Limits that the cells show behind the values."""
     words: bool = False
     """True for words, which stand at the left; numbers stand at the right."""
     whole: bool = True
@@ -54,7 +63,7 @@ class Column:
     @property
     def head(self) -> str:
         """Name with the unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        return f"{self.name} [{self.unit}]" if self.unit and self.headed else self.name
 
 
 def words(
@@ -70,10 +79,13 @@ def numbers(
     show: Callable[[Any], str | Line] = shown,
     unit: str = "",
     *,
+    headed: bool = True,
+    limits: Sequence[float] | None = None,
     min_width: int | None = None,
 ) -> Column:
     """A column of numbers, which are never cut; cells of several, of a least width, may break between them."""
-    return Column(name, list(values), show, unit, whole=min_width is None, min_width=min_width)
+    whole = min_width is None
+    return Column(name, list(values), show, unit, headed=headed, limits=limits, whole=whole, min_width=min_width)
 
 
 class Table:
@@ -129,9 +141,85 @@ def limit_style(share: float) -> str:
 def share_bar(share: float, text: str = "") -> Line:
     """A share of a limit as a bar of twelve characters and a text, in its colour."""
     filled = min(_BAR, round(share * _BAR))
-    return Line(("━" * filled, limit_style(share)), ("─" * (_BAR - filled), "dim"), (text, limit_style(share)))
+    style = limit_style(share)
+    return Line(("━" * filled, style), ("─" * (_BAR - filled), "dim"), (text, style), value=share)
 
 
 def share_cell(share: float) -> str | Line:
     """A share of a limit, in its colour; a dash where there is no limit."""
-    return Line((percent_of_limit(share), limit_style(share))) if math.isfinite(share) else MISSING
+    return Line((percent_of_limit(share), limit_style(share)), value=share) if math.isfinite(share) else MISSING
+
+
+# ── Reports as data: the word of the verdict, sentences, and tables with all digits
+
+
+def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
+    """Verdict (None without one), sentences, tables and notes of a report, for JSON."""
+    texts = [block for block in blocks if not isinstance(block, Table)]
+    words = (block.pieces[0][0] for block in texts if isinstance(block, Line) and isinstance(block.pieces[0], tuple))
+    return {
+        "verdict": next((word for word in words if word in tuple(Word)), None),
+        "sentences": list(chain.from_iterable(map(_lines, (block for block in texts if not is_remark(block))))),
+        "tables": [table_data(block) for block in blocks if isinstance(block, Table)],
+        "notes": [plain(block).removeprefix("! ") for block in texts if is_remark(block)],
+    }
+
+
+def table_data(table: Table) -> dict[str, Any]:
+    """Title, columns with name and unit, and rows; a number is in the unit of its column, and None if it is not finite.
+
+    A limit printed behind a value has a column of its own. Columns of nothing but bars are left out.
+    """
+    columns: list[dict[str, str]] = []
+    cells: list[list[Any]] = []
+    for column in table.columns:
+        name, source = " ".join(column.name.split()), column.narrow or column
+        values = [_cell(source, value) for value in source.values]
+        if name or any(values):
+            columns.append({"name": name, "unit": source.unit})
+            cells.append(values)
+        if source.limits is not None:
+            columns.append({"name": f"{name} limit", "unit": source.unit})
+            cells.append([_number(limit) for limit in source.limits])
+    return {"title": table.title, "columns": columns, "rows": [list(row) for row in zip(*cells, strict=True)]}
+
+
+def plain(block: str | Line | Branch | Any) -> str:
+    """The text of a line without styles."""
+    if isinstance(block, Branch):
+        return "\n".join(map(plain, (block.label, *block.branches)))
+    if isinstance(block, Line):
+        return "".join(piece if isinstance(piece, str) else piece[0] for piece in block.pieces)
+    return str(block)
+
+
+def is_remark(block: Block) -> bool:
+    """True if the block is one of :func:`remarks`."""
+    return isinstance(block, Line) and block.pieces[:1] == [("! ", "yellow")]
+
+
+def is_bar(text: str) -> bool:
+    """True for the bars of the terminal, whose numbers stand beside them, and for no text."""
+    return set(text) <= set("━─█·")
+
+
+def _lines(block: Block) -> Iterator[str]:
+    yield from (line.strip() for line in plain(block).splitlines() if line.strip())
+
+
+def _cell(column: Column, value: Any) -> str | float | None:
+    if isinstance(value, float | int | np.number):
+        return _number(value)
+    line = column.show(value)
+    pieces = line.pieces if isinstance(line, Line) else [line]
+    texts = (piece if isinstance(piece, str) else piece[0] for piece in pieces)
+    text = " ".join("".join(piece for piece in texts if not is_bar(piece)).split())
+    if isinstance(line, Line) and line.value is not None and text:
+        return _number(line.value)
+    return None if not column.words and text in ("", MISSING) else text
+
+
+def _number(value: float | np.number[Any]) -> float | None:
+    if isinstance(value, int | np.integer):
+        return int(value)
+    return float(value) if math.isfinite(value) else None

@@ -14,9 +14,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
 
-import numpy as np
-
-from .blocks import Block, Branch, Column, Line, Table
+from .blocks import Block, Branch, Line, Table, is_bar, is_remark, plain, table_data
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
 """Content-Security-Policy: no requests and no scripts."""
@@ -102,10 +100,10 @@ class ReportPage:
         end = next((k for k, b in enumerate(self.blocks) if b == "" or isinstance(b, Table)), len(self.blocks))
         head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != ""]
         head = head or [f"{self.command}: {self.subject}"]
-        doubts = [*filter(_is_doubt, self.blocks)]
-        shown = [b for b in body if not _is_doubt(b)]
+        doubts = [*filter(is_remark, self.blocks)]
+        shown = [b for b in body if not is_remark(b)]
         parts = [
-            _verdict([b for b in head if not _is_doubt(b)], self.facts),
+            _verdict([b for b in head if not is_remark(b)], self.facts),
             *map(_picture, sorted(self.pictures, key=lambda p: isinstance(p.content, str))),
             "<h2>Results</h2>",
             *map(_block, shown),
@@ -132,8 +130,10 @@ class ReportPage:
 
     def _data(self) -> str:
         """Verdict, facts and tables as JSON."""
-        words = [_plain(b).split("\n") for b in self.blocks[:1] if isinstance(b, str | Line)]
-        tables = [_columns(table) for table in (*self.blocks, *self.details, *self.tables) if isinstance(table, Table)]
+        words = [plain(b).split("\n") for b in self.blocks[:1] if isinstance(b, str | Line)]
+        tables = [
+            table_data(table) for table in (*self.blocks, *self.details, *self.tables) if isinstance(table, Table)
+        ]
         data: dict[str, Any] = {
             "command": self.command,
             "subject": self.subject,
@@ -165,18 +165,6 @@ _TEMPLATE = """<!doctype html>
 """
 
 
-def _is_doubt(block: Block) -> bool:
-    """True if the block is one of :func:`.blocks.remarks`."""
-    return isinstance(block, Line) and block.pieces[:1] == [("! ", "yellow")]
-
-
-def _plain(block: Block | Any) -> str:
-    """The text of a line without styles."""
-    if isinstance(block, Line):
-        return "".join(piece if isinstance(piece, str) else piece[0] for piece in block.pieces)
-    return str(block)
-
-
 def _line(line: str | Line | Any, *, leave: str = "") -> str:
     """HTML of a line, without pieces that are ``leave``."""
     if not isinstance(line, Line):
@@ -184,7 +172,7 @@ def _line(line: str | Line | Any, *, leave: str = "") -> str:
     found = []
     for piece in line.pieces:
         text, style = (piece, "") if isinstance(piece, str) else piece
-        if text == leave or set(text) <= set("━─█·"):  # bars of the terminal; their number stands beside
+        if text == leave or is_bar(text):
             continue
         escaped = html.escape(text)
         found.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
@@ -248,23 +236,6 @@ def _table(table: Table) -> str:
         f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{name or "Table"}"><table>{caption}'
         f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div></figure>"
     )
-
-
-def _columns(table: Table) -> dict[str, Any]:
-    """A table as data: values with all their digits, words as they are shown."""
-    columns = [c.narrow or c for c in table.columns]
-    found = [{"name": " ".join(c.name.split()), "unit": c.unit, "values": _values(c)} for c in columns]
-    return {"title": table.title, "columns": found}
-
-
-def _values(column: Column) -> list[Any]:
-    values: list[Any] = []
-    for value in column.values:
-        if isinstance(value, float | int | np.number) and not isinstance(value, bool):
-            values.append(float(value) if np.isfinite(value) else None)
-        else:
-            values.append(None if value is None else _plain(value))
-    return values
 
 
 def _list(pairs: Iterable[tuple[str, str]]) -> str:

@@ -387,6 +387,6 @@ def limits_table(model: Model, limits: Limits) -> blocks.Table:
         blocks.numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", turning)),
         blocks.numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
         blocks.numbers("lower", limits.lower, unit=heading_unit("q", turning)),
-        blocks.numbers("upper", limits.upper),
+        blocks.numbers("upper", limits.upper, unit=heading_unit("q", turning), headed=False),
         blocks.words("source of the torque limit", sources),
     )
