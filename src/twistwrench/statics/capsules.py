@@ -1,15 +1,16 @@
-"""Capsules around a robot's links, their distances from each other and from the floor, and the derivatives of these.
+"""Capsules around a robot's links, their distances from each other and from the floor, and distance gradients.
 
-A capsule holds all points that are within r of a segment from a to b. Around given points, with the axis u through c, ρ_i their
-distances from the axis and t_i their places along it,
+A capsule contains all points within a radius r of a segment from a to b. For a set of points and an axis u through c,
+let ρ_i be the distance of point i from the axis and t_i its coordinate along the axis. The smallest capsule on that
+axis has
 
     r = max ρ_i,      a = min (t_i + sqrt(r² - ρ_i²)),      b = max (t_i - sqrt(r² - ρ_i²)),
 
-u and c such that the volume π r² (b - a) + 4/3 π r³ is least.
+and u and c minimise the volume π r² (b - a) + 4/3 π r³.
 
-Where the robot's file gives no shapes, capsules can be assumed between the origins of neighbouring joints and of links fixed to
-them. Their radius is a quarter of the longest distance between two of these, at most 0.08 m. They begin half a radius beyond
-the joint that moves them, where the link before has its end. A sphere of that radius is around each centre of mass.
+If the robot file has no shapes, capsules are assumed between the origins of neighbouring joints and of links fixed to
+them. Their radius is a quarter of the longest of these distances, at most 0.08 m. Each begins half a radius beyond the
+joint that moves it, because the previous link ends there. A sphere of the same radius surrounds each centre of mass.
 
 Source: Ericson, "Real-Time Collision Detection", 2005, 4.5, for the capsules of points.
 """
@@ -31,33 +32,33 @@ if TYPE_CHECKING:
     from ..diagnosis.shapes import LinkShapes, Solid
 
 _WORTH = 0.6
-"""Share of the volume of capsules around single shapes, which overlap, up to which one around all takes their place."""
-_FACETS = 0.015  # share of a radius that facets are within the round, 0.012 at most
-_STEPS = 200  # steps of the search for the least volume
-_THICK, _THICKEST = 0.25, 0.08  # radius assumed: share of the longest distance between joints, and the most [m]
-_BESIDE = 0.5  # share of it from the joint at which a link begins
-_SAME = 1e-6  # m: two origins are one
+"""Volume ratio above which one capsule around all shapes replaces the overlapping capsules around single shapes."""
+_FACETS = 0.015  # gap between facets and the round surface, as a share of the radius; 0.012 at most
+_STEPS = 200  # iterations of the volume minimisation
+_THICK, _THICKEST = 0.25, 0.08  # assumed radius: share of the longest distance between joints, and the maximum [m]
+_BESIDE = 0.5  # distance between the joint and the start of its link, as a share of the radius
+_SAME = 1e-6  # m: origins closer than this coincide
 
 
 @dataclass(frozen=True, eq=False)
 class LinkCapsules:
-    """Capsules around a robot's links, in the links' frames; of radius 0 at the origin of a frame without mass and shape."""
+    """Capsules around a robot's links, in link frames. Frames without mass and shape get radius 0 at their origin."""
 
-    links: Array  # (k,), the number of each one's link
+    links: Array  # (k,), link index of each capsule
     ends: Array  # (k, 2, 3) [m]
     radii: Array  # (k,) [m]
-    # moving links that have mass and a shape that is missing or could not be read
+    # moving links with mass and at least one missing or unreadable shape
     assumed: tuple[str, ...] = ()
-    thickness: float = 0.0  # radius of their assumed capsules [m]
+    thickness: float = 0.0  # radius of the assumed capsules [m]
 
     @classmethod
     def from_robot(cls, robot: Robot) -> LinkCapsules:
-        """Capsules around the file's shapes, for contact, else to be seen; assumed ones of bodies with a link that has none."""
+        """Build capsules around the file's collision shapes, or its visual shapes; assume them for bodies without shapes."""
         return cls.from_solids(robot, *link_solids(robot))
 
     @classmethod
     def from_solids(cls, robot: Robot, solids: Sequence[Sequence[Solid]], lacking: Sequence[str] = ()) -> LinkCapsules:
-        """Capsules around the shapes of each link; assumed ones of bodies with a link that is ``lacking`` them."""
+        """Build capsules around the shapes of each link; assume them for bodies with a link in ``lacking``."""
         names, frames = robot.link_names, robot.model.frames
         found = [
             (k, segment, radius)
@@ -72,7 +73,7 @@ class LinkCapsules:
         return cls(links, ends, radii, moving, made[0][2] if made else 0.0)
 
     def separable_pairs(self, robot: Robot) -> Array:
-        """Pairs (m, 2) of capsules, of links that no joint connects."""
+        """Pairs (m, 2) of capsules on links that are not connected by a joint."""
         bodies = np.array([robot.model.frames[robot.link_names[k]].body for k in self.links], int)
         parents = np.array([BASE if b == BASE else robot.model.bodies[b].parent for b in bodies], int)
         i, j = np.triu_indices(len(bodies), 1)
@@ -80,14 +81,14 @@ class LinkCapsules:
         return np.stack([i, j], axis=1)[apart & (self.radii[i] > 0) & (self.radii[j] > 0)]
 
     def placed(self, poses: Array) -> Array:
-        """Ends of the capsules in the base frame (2, 3, n, k), from poses of all links (n, links, 4, 4)."""
+        """End points of the capsules in the base frame (2, 3, n, k), from poses of all links (n, links, 4, 4)."""
         used, columns = self._columns
         rows = np.moveaxis(poses[:, used, :3, :], 2, 0).reshape(3 * len(poses), -1)
         return np.moveaxis((rows @ columns).reshape(3, len(poses), 2, -1), 2, 0)
 
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
-        """Links with capsules (u,), and (4 u, 2 k) homogeneous coordinates of all ends, each in the rows of its link."""
+        """Links with capsules (u,), and homogeneous end points (4 u, 2 k), each in the rows of its link."""
         used, mine = np.unique(self.links, return_inverse=True)
         found = np.zeros((len(used), 4, 2, len(mine)))
         found[mine, :3, :, np.arange(len(mine))] = np.swapaxes(self.ends, 1, 2)
@@ -96,8 +97,8 @@ class LinkCapsules:
 
 
 def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
-    """Shapes of each link in the robot's file, and the links with mass of which a shape is missing or could not be read."""
-    from ..diagnosis.parsed_file import read_subject  # which loads the viewer
+    """Shapes of each link in the robot file, and the links with mass and a missing or unreadable shape."""
+    from ..diagnosis.parsed_file import read_subject  # imported here because it loads the viewer
     from ..diagnosis.shapes import LinkShapes
 
     described, solids, lacking = read_subject(robot).robot, [], []
@@ -123,7 +124,7 @@ def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
         inverse = np.linalg.inv(poses[mine[0]])
         places = [(inverse @ poses[k])[:3, 3] for k in (*mine, *next_ones)]
         if body != BASE and np.ptp(places, axis=0).max() <= _SAME and not next_ones:
-            places.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod of its own
+            places.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod to twice the centre of mass
         origins = [places[0]]
         rods[body] = []
         for place in sorted(places[1:], key=lambda x: float(np.linalg.norm(x))):
@@ -147,13 +148,13 @@ def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
 
 
 def _looked_at(shapes: LinkShapes) -> list[Solid]:
-    """The shapes for contact, else those to be seen."""
+    """Collision shapes of a link, or its visual shapes if it has none."""
     roles = ([s for s in shapes.solids if s.spec.role == role] for role in ("collision", "visual"))
     return next((mine for mine in roles if mine), [])
 
 
 def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
-    """A capsule around each shape, or one around all of them where it is hardly larger than what they hold."""
+    """One capsule per shape, or one around all shapes if it is hardly larger in volume."""
     each = [_around(solid) for solid in solids]
     if len(each) < 2:
         return each
@@ -163,12 +164,12 @@ def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
 
 
 def _bulge(solid: Solid) -> float:
-    """Distance that a round shape reaches beyond the facets between its corners [m]."""
+    """Largest distance between a round surface and its facets [m]."""
     return 0.0 if solid.spec.kind in ("box", "mesh") else _FACETS * max(solid.spec.sizes)
 
 
 def _around(solid: Solid) -> tuple[Array, float]:
-    """Segment (2, 3) and radius of a capsule that holds a shape."""
+    """Segment (2, 3) and radius of the capsule around one shape."""
     spec = solid.spec
     if spec.kind in ("sphere", "capsule"):
         half = 0.5 * spec.sizes[1] if spec.kind == "capsule" else 0.0
@@ -183,7 +184,7 @@ def _volume(ends: Array, r: float) -> float:
 
 
 def capsule_around(points: Array) -> tuple[Array, float]:
-    """The least capsule that a short search finds around points."""
+    """Smallest capsule around points, found by a short local search."""
     from scipy.optimize import minimize
 
     middle = points.mean(axis=0)
@@ -217,26 +218,26 @@ def capsule_around(points: Array) -> tuple[Array, float]:
 
 # ── Distances between moving capsules, and their gradients by the joints
 
-# Of segments p + s d and q + t e, s and t from 0 to 1, the nearest points are those of the lines where these are within,
-# else one of them is an end. When the joints move, the distance changes by n · (dp_B - dp_A), with n from A to B and the
-# nearest points fixed to their links: that these slide along the segments changes it in second order only.
+# The nearest points of segments p + s d and q + t e lie on the infinite lines if s and t are within 0 and 1. Otherwise
+# one of them is an end point. If the joints move, the distance changes by n · (dp_B - dp_A), with n from A to B and
+# both nearest points fixed to their links. Their sliding along the segments changes the distance only in second order.
 #
 # Source: Ericson, "Real-Time Collision Detection", 2005, 5.1.9.
 
 MARGIN = 0.02
-"""m: what capsules stay away from each other and from the floor."""
+"""Clearance [m] between capsules, and between capsules and the floor."""
 _SAMPLES = 200
 Pullback = Callable[[Array], Array]
-"""Function that takes weights of results to the derivative of their weighted sum."""
+"""Function from weights of the results to the gradient of their weighted sum."""
 ALWAYS = 0.95
-"""Share of random configurations from which on a pair of capsules, or one and the floor, is near by how the robot is built."""
+"""Share of random configurations in contact above which a pair (of capsules, or capsule and floor) counts as always near."""
 _STILL = 1e-9
-_POINT = 1e-14  # m²: segments that are points
+_POINT = 1e-14  # m²: shorter segments count as points
 _PARALLEL = 1e-12
 
 
 def nearest_points(a: Array, b: Array) -> tuple[Array, Array]:
-    """Closest points of segments, as shares of their lengths."""
+    """Closest points of two segments, as fractions of their lengths."""
     d, e, r = a[1] - a[0], b[1] - b[0], a[0] - b[0]
     dd, ee, de, dr, er = _dot(d, d), _dot(e, e), _dot(d, e), _dot(d, r), _dot(e, r)
     det = dd * ee - de**2
@@ -257,20 +258,20 @@ class CapsuleDistances:
 
     robot: Robot
     capsules: LinkCapsules
-    pairs: Array  # (m, 2), capsules that are looked at together
-    above: Array  # (k,), capsules that are looked at together with the floor: those whose heights change
+    pairs: Array  # (m, 2), capsule pairs that are evaluated
+    above: Array  # (k,), capsules checked against the floor: those whose height changes
     floor: float | None  # height [m]
-    margins: Array  # (m,), what pairs stay away from each other [m]
-    itself: bool  # true if links are looked at together
-    unwatched: tuple[str, ...] = ()  # distances that are not looked at, as they are near by how the robot is built
+    margins: Array  # (m,), required clearance of each pair [m]
+    itself: bool  # true if link pairs are evaluated
+    unwatched: tuple[str, ...] = ()  # distances left out because the construction keeps them near
 
     @classmethod
     def from_capsules(
         cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool
     ) -> CapsuleDistances:
-        """The pairs that can touch: of links that no joint connects, and that are not always near each other.
+        """Select the pairs that can touch: links not connected by a joint and not always near each other.
 
-        The capsules of a link whose origin stays at one height, and that are always near the floor, are left out too.
+        Capsules that are always near the floor, on a link with an origin of constant height, are also left out.
         """
         names = robot.link_names
         bodies = np.array([robot.model.frames[names[k]].body for k in capsules.links], int)
@@ -280,7 +281,7 @@ class CapsuleDistances:
         apart = every.evaluate(q)[0]
         near = (apart < MARGIN).mean(axis=0) >= ALWAYS
         built = near if capsules.assumed else (apart <= 0.0).mean(axis=0) >= ALWAYS
-        margins = np.where(near, 0.0, MARGIN)[~built]  # true shapes that are near by design must not touch
+        margins = np.where(near, 0.0, MARGIN)[~built]  # pairs near by construction: their true shapes must not touch
         poses = robot.link_poses(q)
         heights = capsules.placed(poses)[:, 2].min(axis=0)
         above = low = none
@@ -303,17 +304,17 @@ class CapsuleDistances:
         return len(self.pairs) + 2 * len(self.above)
 
     def evaluate(self, q: Array, near: float = np.inf) -> tuple[Array, Pullback]:
-        """Distances of the pairs and of the ends above the floor [m], below 0 where capsules overlap, and their pullback.
+        """Distances of the pairs and of the ends above the floor [m], negative if capsules overlap, and their pullback.
 
         Parameters
         ----------
         q : (n, nq) array
-        near : float, distance [m] beyond which a lower one, that of spheres around the capsules, stands for a pair's
+        near : float, distance [m] above which a pair gets a lower bound, the distance of the capsules' bounding spheres
 
         Returns
         -------
         distances : (n, m + 2 k) array
-        pullback : function of weights (n, m + 2 k) that returns the derivative (n, nv) of the weighted sum by the joints
+        pullback : function of weights (n, m + 2 k) that returns the gradient (n, nv) of the weighted sum
         """
         ends, (i, j), r = self.capsules.placed(self.robot.link_poses(q)), self.pairs.T, self.capsules.radii
         middle, count = 0.5 * (ends[0] + ends[1]), len(self.pairs)
@@ -344,9 +345,9 @@ class CapsuleDistances:
         return found, pullback
 
     def _joint_forces(self, q: Array, rows: Array, links: Array, points: Array, forces: Array) -> Array:
-        """Σ J' F (n, nv) of forces (3, p) at points (3, p), each on a link in one configuration of q."""
+        """Σ J' F (n, nv) of forces (3, p) at points (3, p); each force acts on one link in one configuration of q."""
         found = np.zeros((len(q), self.robot.nv))
-        wrenches = np.concatenate([np.cross(points, forces, axis=0), forces]).T  # about the base's origin
+        wrenches = np.concatenate([np.cross(points, forces, axis=0), forces]).T  # about the base origin
         for link in np.unique(links):
             mine = links == link
             total = np.zeros((len(q), 6))

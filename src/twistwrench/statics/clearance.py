@@ -1,11 +1,12 @@
-"""Clearance: least distances between the links of a robot. Capsules around the links prune, the library coal decides.
+"""Clearance: smallest distances between the links of a robot. Capsules around the links prune pairs before coal is used.
 
-The distance of two capsules is a lower bound of the distance of what they hold. Only pairs whose bound is below the least
-distance found so far are evaluated, and the answer is that of all pairs. Meshes are their triangles, not their convex hulls,
-which are in contact where the meshes are far from it. Without coal the bounds are the answer. Nothing is evaluated between
-configurations.
+The distance of two capsules is a lower bound of the distance of the shapes inside. Only pairs with a bound below the
+smallest distance found so far are evaluated, so the result holds for all pairs. Meshes are evaluated as triangles,
+since convex hulls can touch where the meshes are far apart. Without coal the capsule bounds are returned. Motion
+between configurations is not checked.
 
-Source: Montaut et al., "GJK++: Leveraging Acceleration Methods for Faster Collision Detection", 2024, for distances by coal.
+Source: Montaut et al., "GJK++: Leveraging Acceleration Methods for Faster Collision Detection", 2024, for distances by
+coal.
 """
 
 from __future__ import annotations
@@ -38,19 +39,19 @@ if TYPE_CHECKING:
 
 Exact = Literal["auto"] | bool
 STEP = 0.01
-"""s: rows of a motion that are nearer to each other are left out."""
+"""s: rows of a motion closer in time than this are skipped."""
 _POSES = 2000
-"""Random configurations by which pairs count as always in contact."""
+"""Number of random configurations used to find pairs that are always in contact."""
 _ROWS = 4096
-"""Configurations worked on at a time."""
+"""Number of configurations processed at a time."""
 _NAMED = 4
-_CONTACT = 1e-9  # m: nearer surfaces are in contact
+_CONTACT = 1e-9  # m: surfaces closer than this are in contact
 _DECIDES = f"decided by coal: {MissingExtraError.advice('clearance')}"
 
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Least distance between links, for each of a batch of configurations.
+    """Smallest distance between links, for each configuration of a batch.
 
     Examples
     --------
@@ -61,42 +62,42 @@ class Clearance:
     """
 
     distance: Array
-    """(...) least distance [m], 0 in contact; a lower bound unless :attr:`exact`.
+    """(...) smallest distance [m], 0 in contact; a lower bound unless :attr:`exact`.
 
     Without pairs it is inf, or NaN if links are :attr:`unknown`.
     """
     pair: Array
     """(..., 2) names of the two links; empty without pairs."""
     exact: bool
-    """True if coal evaluated the distances of the shapes, False for those of capsules around them."""
+    """True if coal evaluated the shapes, False if the distances are those of capsules around them."""
     unknown: tuple[str, ...]
-    """Links with mass of which a shape is missing in the file or could not be read."""
+    """Links with mass and a missing or unreadable shape."""
     undecided: tuple[str, ...] = ()
-    """Pairs left out since their capsules always overlap; only where coal is not installed or not used."""
+    """Pairs left out because their capsules always overlap; empty if coal is used."""
     touching: tuple[str, ...] = ()
-    """Pairs left out since they are in contact in 95 % of random configurations."""
+    """Pairs left out because they are in contact in 95 % of random configurations."""
 
 
-# ── The pairs, and the search for the nearest
+# ── Link pairs and the search for the nearest
 
 
 @dataclass(frozen=True, eq=False)
 class LinkPairs:
-    """Pairs of links that can touch; a lower bound of each distance by capsules, and the distance by coal."""
+    """Pairs of links that can touch, with lower bounds of their distances from capsules and the distances from coal."""
 
     robot: Robot
     capsules: CapsuleDistances
-    links: Array  # (p, 2), numbers of the links
-    starts: Array  # (p,), the first pair of capsules of each; the others follow
+    links: Array  # (p, 2), indices of the links
+    starts: Array  # (p,), index of each link pair's first capsule pair; its others follow
     shapes: Sequence[Sequence[tuple[Any, Array]]] | None  # geometries and their poses on each link; None: capsules only
     unknown: tuple[str, ...]
-    known: int  # links that have all their shapes
+    known: int  # number of links with all their shapes
     undecided: tuple[str, ...] = ()
     touching: tuple[str, ...] = ()
 
     @classmethod
     def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
-        """Pairs of links that no joint connects, and that neither the SRDF file nor constant contact leaves out."""
+        """Pairs of links not connected by a joint, disabled in the SRDF file or always in contact."""
         disabled = disabled_pairs(robot, srdf) if srdf is not None else frozenset()
         decides = _has_coal(exact)
         made: LinkPairs = robot.engine.cached(
@@ -112,7 +113,7 @@ class LinkPairs:
         partly = {name for name, mine in zip(names, solids, strict=True) if mine}
         every = capsules.separable_pairs(robot)
         every = every[[frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[every]]]
-        every = every[np.lexsort(capsules.links[every].T[::-1])]  # pairs of capsules of the same links side by side
+        every = every[np.lexsort(capsules.links[every].T[::-1])]  # capsule pairs of the same links are adjacent
         none = np.zeros(0, int)
 
         def with_pairs(pairs: Array) -> LinkPairs:
@@ -129,7 +130,7 @@ class LinkPairs:
         return replace(kept, touching=left_out) if exact else replace(kept, undecided=left_out)
 
     def _always_in_contact(self) -> Array:
-        """Mask (p,) of the pairs in contact in :data:`ALWAYS` of random configurations, for capsules if there is no coal."""
+        """Mask (p,) of pairs in contact (without coal: of capsules) in a share :data:`ALWAYS` of random configurations."""
         q = self.robot.random_configuration(0, _POSES)
         touch = self.bounds(q) <= 0.0
         always = np.asarray(touch.mean(axis=0) >= ALWAYS)
@@ -154,12 +155,12 @@ class LinkPairs:
         return np.minimum.reduceat(np.concatenate(parts), self.starts, axis=1)
 
     def distance(self, poses: Array, k: int, most: float = np.inf) -> float:
-        """Distance of pair k by coal [m], from the poses of all links (links, 4, 4); ``most`` if that is less."""
+        """Distance of pair k by coal [m], from the poses of all links (links, 4, 4), or ``most`` if that is smaller."""
         import coal
 
         assert self.shapes is not None
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        result.min_distance = most  # where the search in the trees of two meshes begins
+        result.min_distance = most  # initial bound of the search in the trees of two meshes
         first, second = (
             [
                 (shape, coal.Transform3s(T[:3, :3], T[:3, 3]))
@@ -174,7 +175,7 @@ class LinkPairs:
         return float(most)
 
     def _least(self, poses: Array, low: Array, most: float) -> tuple[float, int]:
-        """Least distance in one configuration and its pair, from the bounds (p,); ``most`` and -1 if none is less."""
+        """Smallest distance in one configuration and its pair, from bounds (p,); ``most`` and -1 if none is smaller."""
         found = -1
         for k in np.argsort(low, kind="stable").tolist():
             if low[k] >= most or most <= 0.0:
@@ -185,7 +186,7 @@ class LinkPairs:
         return most, found
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
-        """Least distances (n,) [m] in configurations (n, nq), and the numbers of their pairs (n,)."""
+        """Smallest distances (n,) [m] in configurations (n, nq), and the indices of their pairs (n,)."""
         if not len(self.links) or not len(q):
             return np.full(len(q), np.inf), np.zeros(len(q), int)
         rows = zip(self.robot.link_poses(q), self.bounds(q), strict=True)
@@ -193,7 +194,7 @@ class LinkPairs:
         return np.array([distance for distance, _ in found]), np.array([k for _, k in found])
 
     def nearest_row(self, q: Array, most: float) -> tuple[float, int, int]:
-        """Least distance of all configurations, its row, of contacts the first, and its pair; both -1 if ``most`` is less."""
+        """Smallest distance over all configurations, its row (the first in contact) and pair; -1, -1 if above ``most``."""
         row = found = -1
         if not len(self.links) or not len(q):
             return most, row, found
@@ -211,7 +212,7 @@ class LinkPairs:
 
 
 def _has_coal(exact: Exact) -> bool:
-    """True if coal is to be used; raises MissingExtraError if it is required and not there."""
+    """True if coal is to be used; raises MissingExtraError if it is required but not installed."""
     if exact is not True and exact is not False and exact != "auto":
         raise ValueRangeError(f"exact is {arguments.shown(exact)}: give True, False or 'auto'.")
     try:
@@ -224,7 +225,7 @@ def _has_coal(exact: Exact) -> bool:
 
 
 def _geometries(solids: Sequence[Solid]) -> list[tuple[Any, Array]]:
-    """Geometries of coal and their poses (4, 4) on the link; meshes as their triangles."""
+    """Geometries of coal and their poses (4, 4) on the link; meshes as triangles."""
     import coal
 
     from ..viz.surface import joined, read_mesh
@@ -248,14 +249,14 @@ def _geometries(solids: Sequence[Solid]) -> list[tuple[Any, Array]]:
     return made
 
 
-# ── Pairs that an SRDF file disables
+# ── Pairs disabled by an SRDF file
 
 
 def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
-    """Pairs of links of ``<disable_collisions>`` in an SRDF file, a path or its text.
+    """Link pairs of ``<disable_collisions>`` in an SRDF file, given as a path or as its text.
 
-    Pairs with a link that the robot does not have are ignored. Raises RobotFileError for a file that is not SRDF, or without a
-    pair of links of this robot, and NotFoundError.
+    Pairs with a link that the robot does not have are ignored. Raises NotFoundError, and RobotFileError if the file is
+    not SRDF or has no pair of links of this robot.
     """
     text, name = read_robot_text(srdf)
     try:
@@ -299,20 +300,20 @@ def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | No
 
 @dataclass(frozen=True)
 class PathClearance:
-    """Least distance between links along a motion, and the verdict on it."""
+    """Smallest distance between links along a motion, and its verdict."""
 
     pairs: LinkPairs
-    asked: float  # the distance to keep [m]
+    asked: float  # required distance [m]
     distance: float = np.inf  # [m]
-    pair: tuple[str, str] = ("", "")  # links of it; empty without pairs
-    time: float = np.nan  # of it [s]
-    step: float = 0.0  # the longest between the rows that were looked at [s]
+    pair: tuple[str, str] = ("", "")  # nearest links; empty without pairs
+    time: float = np.nan  # time of the smallest distance [s]
+    step: float = 0.0  # longest interval between evaluated rows [s]
 
     @classmethod
     def along(
         cls, robot: Robot, samples: Iterable[tuple[Array, Array]], asked: float, srdf: str | Path | None = None
     ) -> PathClearance:
-        """Least distance over portions of times (n,) [s] and configurations (n, nq), at rows of about :data:`STEP`."""
+        """Smallest distance over portions of times (n,) [s] and configurations (n, nq), at rows about :data:`STEP` apart."""
         pairs = LinkPairs.from_robot(robot, "auto", srdf)
         found = cls(pairs, arguments.positive(asked, "clearance", "m", zero=True))
         for time, q in samples:
@@ -328,7 +329,7 @@ class PathClearance:
 
     @property
     def words(self) -> str:
-        """Nearest links, their distance, its time, and how it was computed."""
+        """Nearest links, their distance, its time, and the method of evaluation."""
         if not self.pair[0]:
             return "Closest links: not known" if self.pairs.unknown else "Closest links: no two can touch"
         exact = self.pairs.shapes is not None
@@ -342,7 +343,7 @@ class PathClearance:
 
     @property
     def lines(self) -> list[str]:
-        """Sentences on the nearest links, and on the pairs left out since they are always in contact."""
+        """Sentences on the nearest links and on the pairs left out because they are always in contact."""
         left_out = listed(self.pairs.touching, _NAMED, "; ")
         return [
             f"{self.words}.",
@@ -351,7 +352,7 @@ class PathClearance:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """COLLISION in contact, OVER LIMIT if nearer than required, UNSURE if capsules or missing shapes do not decide."""
+        """COLLISION in contact, OVER LIMIT if too near, UNSURE if decided only by capsules or with missing shapes."""
         collision, over, unsure = list[str](), list[str](), list[str]()
         links, when = " and ".join(self.pair), f"at t = {seconds(self.time)} s"
         if self.distance <= 0.0 and self.pairs.shapes is not None:
@@ -376,7 +377,7 @@ class PathClearance:
 
 
 def distances_for_search(robot: Robot) -> Callable[[Array], Clearance]:
-    """Clearance of configurations, for inverse kinematics; warns of links without shapes, and raises ModelError if all are."""
+    """Clearance function for inverse kinematics; warns of links without shapes, and raises ModelError if none has one."""
     pairs = LinkPairs.from_robot(robot)
     if pairs.unknown and not pairs.known:
         raise ModelError(f"the clearance of robot {robot.name!r} is not known: no link has a shape that could be read.")

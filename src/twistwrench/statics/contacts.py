@@ -1,4 +1,4 @@
-"""Friction cones of point contacts, and linear programmes of contact forces."""
+"""Friction cones of point contacts, and linear programmes for contact forces."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ..typing import Array
 class Contact:
     r"""Point contact with Coulomb friction: a force within the friction cone about ``normal``.
 
-    That is \|tangential\| ≤ μ · normal part. For one body, ``point`` and ``normal`` are in the frame of its wrench. For
-    a robot, ``point`` is in ``frame``, a link of it, and ``normal`` in the base frame, so that the floor's is (0, 0, 1)
-    at every foot. The normal points into what is held, and is made of unit length.
+    The cone is \|tangential\| ≤ μ · normal part. For one body, ``point`` and ``normal`` are in the frame of its wrench.
+    For a robot, ``point`` is in the link frame ``frame`` and ``normal`` in the base frame, so the floor's normal is (0,
+    0, 1) at every foot. The normal points into the held body and is scaled to unit length.
 
     Raises
     ------
@@ -38,11 +38,11 @@ class Contact:
     point: Any = (0.0, 0.0, 0.0)
     """(3,) m."""
     normal: Any = (0.0, 0.0, 1.0)
-    """(3,), into the body held."""
+    """(3,), into the held body."""
     friction: float = 0.5
-    """μ, the Coulomb coefficient; 0 for none."""
+    """Coulomb coefficient μ; 0 without friction."""
     frame: str | None = None
-    """The robot's link that touches; the tip if None. On a single body it has to be None."""
+    """Link of the robot in contact; the tip if None. For a single body it must be None."""
 
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
@@ -66,9 +66,9 @@ class Contact:
         return f"Contact at {vector(self.point)} m{at}, normal {vector(self.normal)}, friction {printed(self.friction)}"
 
     def edges(self, count: int, *, around: bool = False) -> Array:
-        """Edges of a pyramid that lies inside the friction cone, or ``around`` it: forces with unit normal part.
+        """Edges of a pyramid inside the friction cone, or ``around`` it, as forces with unit normal part.
 
-        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
+        Edge k has the tangential part μ at the angle 2πk/count; edges around the cone have μ / cos(π/count).
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class Contact:
         -------
         forces : (count, 3) array; (1, 3) for μ = 0
         """
-        count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer have no inside
+        count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer edges enclose no volume
         if self.friction == 0:
             return np.array(self.normal[None])
         lean = self.friction / np.cos(np.pi / count) if around else self.friction
@@ -94,7 +94,7 @@ class Contact:
         Parameters
         ----------
         force : (..., 3) array_like [N]
-        slack : float, part of its size by which it may lie outside
+        slack : float, tolerance as a share of the force
 
         Returns
         -------
@@ -107,34 +107,34 @@ class Contact:
 
 
 def _across(n: Array) -> Array:
-    """A unit vector perpendicular to ``n``: the first axis, made so, or where that is near the normal, the second."""
+    """Unit vector perpendicular to ``n``, from the first axis, or from the second if the first is nearly along ``n``."""
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     t = axis - (axis @ n) * n
     return t / np.linalg.norm(t)
 
 
-# ── Linear programmes: balance within the cones, or an unresisted motion
+# ── Linear programmes: balance within the cones, or a motion without resistance
 
 _TOLERANCE = 1e-7
-"""Power, as a share of the drive's, above which a motion counts as driven: ten times the solver's tolerance."""
+"""Power, as a share of the driving power, above which a motion counts as driven: ten times the solver's tolerance."""
 
 _BALANCED = 1e-6
-"""Largest remainder of the load, relative to the forces, that counts as balanced; checked before a positive answer."""
+"""Largest residual of the load, relative to the forces, that counts as balanced; checked before a positive result."""
 
 _ROUNDING = 1e-14
-"""The same beside the sum of all that presses, which may be much more than the load where levers are short."""
+"""Rounding tolerance relative to the sum of all contact loads, which may far exceed the load if levers are short."""
 
 
 def force_balance(
     contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, turning: Array, edges: int
 ) -> tuple[Array, float | None] | None:
-    """Forces (contacts, 3) that balance at the least share of the limits, then with the least sum; None if none do.
+    """Contact forces (contacts, 3) that balance, with the least limit share, then the least sum; None if impossible.
 
-    The share is None where no torque has a limit above zero to be a share of.
+    The share is None if no torque has a limit above zero.
     """
     from scipy.optimize import linprog
 
-    cones = [np.vstack([c.normal, c.edges(edges)]) for c in contacts]  # the normal alone, lest forces lean without need
+    cones = [np.vstack([c.normal, c.edges(edges)]) for c in contacts]  # the normal itself avoids tilted forces
     size = _size(load)
     E = np.column_stack([np.zeros((len(load), 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
     k, fixed, driven = E.shape[1], limits == 0, (limits > 0) & np.isfinite(limits)
@@ -165,9 +165,9 @@ def force_balance(
 
 
 def _balanced(E: Array, x: Array, load: Array, limits: Array, turning: Array) -> Array | None:
-    """Shares of the edges near ``x``, 0 at least, that balance the load to :data:`_BALANCED` of it; None where none do.
+    """Non-negative edge forces near ``x`` that balance the load to :data:`_BALANCED`; None if there are none.
 
-    The solver keeps to its tolerance beside the largest number, which may be far above the load.
+    The solver's tolerance is relative to the largest number, which may be far above the load.
     """
     fixed = limits == 0
     for _ in range(3):
@@ -184,11 +184,12 @@ def _balanced(E: Array, x: Array, load: Array, limits: Array, turning: Array) ->
 def least_norm_forces(
     contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
 ) -> Array | None:
-    """Forces (contacts, 3) of least norm that balance the load within pyramids and limits; None where none do.
+    """Contact forces (contacts, 3) of least norm that balance the load within pyramids and limits; None if impossible.
 
-    Least distance programming: of min |x|, G x ≥ h the answer is x = -r[:-1] / r[-1], with r = E u - e the remainder of the
-    non-negative least squares E = (G, h)', e = (0, …, 0, 1). Source: Lawson and Hanson, Solving Least Squares Problems,
-    chapter 23.4. What has to be met exactly, entries with limits of zero, is taken out first: x = x₀ + N z.
+    Least distance programming: min |x| with G x ≥ h has the solution x = -r[:-1] / r[-1]. Here r = E u - e is the
+    residual of the non-negative least squares with E = (G, h)', e = (0, …, 0, 1). Equality constraints (entries with
+    limits of zero) are eliminated first: x = x₀ + N z. Source: Lawson and Hanson, Solving Least Squares Problems,
+    chapter 23.4.
     """
     from scipy.optimize import nnls
 
@@ -213,7 +214,7 @@ def least_norm_forces(
 
 
 def pyramid_facets(contact: Contact, edges: int) -> Array:
-    """Inward normals of a pyramid's sides, n · f ≥ 0; of a contact without friction, of the half line along its normal."""
+    """Inward normals n of a pyramid's sides, n · f ≥ 0; without friction, those of the half line along the normal."""
     if contact.friction == 0:
         across = _across(contact.normal)
         sideways = np.stack([across, np.cross(contact.normal, across)])
@@ -232,29 +233,29 @@ def _block_diagonal(blocks: list[Array]) -> Array:
 def unresisted_motion(
     contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
 ) -> tuple[Array | None, float]:
-    """A motion that the load drives against all torques, and no force of cones around the true ones resists."""
+    """Motion that the load drives against all torques and that no contact force resists, for cones around the true ones."""
     from scipy.optimize import linprog
 
     n, size = len(load), _size(load)
     cones = [c.edges(edges, around=True) for c in contacts]
     E = np.column_stack([np.zeros((n, 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
     motors = np.where(np.isfinite(limits), limits, 0.0) / size
-    moves = np.isfinite(limits)  # an unlimited joint resists any motion of its own
+    moves = np.isfinite(limits)  # a joint without limit resists any motion of its own
     one = np.eye(n)
     resisted = np.block([[-E.T, np.zeros((E.shape[1], n))], [one, -one], [-one, -one]])
-    drive = np.concatenate([-load / size, motors])  # times (V, abs(V)): less than nothing for a motion that is driven
+    drive = np.concatenate([-load / size, motors])  # times (V, abs(V)): negative for a driven motion
     bounds: Any = [(-1, 1) if m else (0, 0) for m in moves] + [(0, 1)] * n
     most = linprog(drive, A_ub=resisted, b_ub=np.zeros(len(resisted)), bounds=bounds, method="highs")
     if most.status != 0 or most.x is None or (power := float(-drive @ most.x)) <= _TOLERANCE:
         return None, 0.0
-    # Of all motions that take as much, the one with the least sum of entries: it has few, and is read more easily.
+    # Among equally driven motions the least sum of entries is chosen: it has few entries and is easier to read.
     bounds = [(None, None) if m else (0, 0) for m in moves] + [(0, None)] * n
     A, b = np.vstack([resisted, drive]), np.append(np.zeros(len(resisted)), -power)
     plain = linprog([0.0] * n + [1.0] * n, A_ub=A, b_ub=b, bounds=bounds, method="highs")
     for found in (plain, most):
-        if found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5:  # 1 but for rounding
+        if found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5:  # 1 up to rounding
             continue
-        motion = found.x[:n] / peak + 0.0  # no minus zeros
+        motion = found.x[:n] / peak + 0.0  # remove negative zeros
         power = float(load @ motion - size * motors @ np.abs(motion))
         if power > 0:
             return motion, power

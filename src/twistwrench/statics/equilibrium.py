@@ -32,32 +32,33 @@ _MOST_EDGES = 512
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium:
-    r"""Static equilibrium with its proof: contact forces and torques that balance, or a motion nothing resists.
+    r"""Static equilibrium with its proof: contact forces and torques that balance, or a motion without resistance.
 
-    Contacts push and never pull. So if along some motion no contact can take power out, and the loads put in more than
-    the motors can take out, then no forces balance: in balance all powers along every motion add up to zero. That
-    motion, the certificate, is the proof of a no, and two lines check it by hand: at each contact n · v ≥ μ \|v - n (n ·
-    v)\|, with v its row of ``velocities``, n its normal; and ``power`` > 0, for one body F · V of its wrench F = (m, f)
-    and V = ``motion``.
+    Contacts push but do not pull. In equilibrium the powers along every motion add up to zero. Suppose that along some
+    motion no contact can absorb power and the loads supply more than the motors can absorb. Then no forces balance.
+    This motion, the certificate, proves that the body cannot hold, and can be checked by hand. At each contact n · v ≥
+    μ \|v - n (n · v)\|, with v its row of ``velocities`` and n its normal. Moreover ``power`` > 0; for one body it is F
+    · V of its wrench F = (m, f) and V = ``motion``.
     """
 
     holds: bool | None
-    """True if forces balance; None if the friction cones, at the largest number of edges, do not decide:
-    the case is then marginal, within one part in 10⁴ of the friction coefficients."""
+    """True if forces balance; None if the friction cones, at the largest number of edges, are not decisive:
+    the case is marginal, within 1e-4 of the friction coefficients."""
     forces: Array | None
     """(contacts, 3) N on the body: in its frame, or for a robot in the base frame; None unless it holds."""
     torques: Array | None
-    """(nv,) of the joints, 0 for floating ones; (6,) zeros for a body; None unless it holds."""
+    """(nv,) joint torques, 0 for floating joints; (6,) zeros for a body; None unless it holds."""
     share: float | None
-    """The largest share of a torque limit, made as small as can be; None unless it holds by torques with limits."""
+    """Largest share of a torque limit, minimised; None unless it holds by torques with limits."""
     motion: Array | None
     """(nv,) or (6,): the certificate, dq or the body's twist V, largest entry 1; None unless it cannot hold.
 
-    V is as well a direction in the space of wrenches: all that contacts can apply have F · V ≥ 0, rest needs F · V < 0."""
+    V is also a direction in wrench space: all wrenches of the contacts have F · V ≥ 0, while rest requires F · V <
+    0."""
     velocities: Array | None
-    """(contacts, 3) m/s: of the contact points in that motion, in the frame of the normals; None unless it cannot hold."""
+    """(contacts, 3) m/s: velocities of the contact points, in the frame of the normals; None unless it cannot hold."""
     power: float | None
-    """Power of the loads in that motion beyond the most that the motors can take out [W]; contacts add at least 0."""
+    """Excess of the loads' power in that motion over the most that the motors can absorb [W]; contacts add at least 0."""
     edges: int
     """Number of edges of the friction cones."""
     names: tuple[str, ...]
@@ -91,8 +92,9 @@ class Equilibrium:
 def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, edges: int = 8) -> Equilibrium:
     """Force closure of one body: decides if contacts can balance a wrench on it (MR section 12.2).
 
-    Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V with F·V > 0 along
-    which no contact force does negative work. One wrench at a time, as each is a linear programme.
+    Finds forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0. If there are none, by Farkas' lemma a twist
+    V exists with F·V > 0 along which no contact force does negative work. Takes one wrench per call (a linear
+    programme).
 
     Parameters
     ----------
@@ -102,7 +104,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     Raises
     ------
     FrameError
-        A contact has a ``frame``: that is a link of a robot, and its normal in the base frame.
+        A contact has a ``frame``, which is for links of a robot with normals in the base frame.
 
     Examples
     --------
@@ -110,8 +112,8 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     >>> print(body_equilibrium(legs, [0, 0, 0, 0, 0, -30.0]))
     holds, with contact forces up to 15 N
     >>> print(body_equilibrium([], [0, 0, 0, 0, 0, -30.0]))
-    cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points and
-    normals, into which the load puts 30 W
+    cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points
+    and normals, into which the load puts 30 W
     """
     contacts, edges = _clean(contacts, edges)
     for k, c in enumerate(contacts):
@@ -121,7 +123,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
                 "of its wrench. Give them in that frame, with frame=None, or use robot_equilibrium."
             )
     F = arguments.finite(arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
-    # About the middle of the contacts, lest far away a moment be the small difference of large ones.
+    # About the mean contact point, to avoid cancellation in moments of distant contacts.
     points = np.array([c.point for c in contacts]).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
     maps = [np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
@@ -143,12 +145,12 @@ def robot_equilibrium(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     edges: int = 8,
 ) -> Equilibrium:
-    """Static equilibrium of a robot: decides if it holds itself at one pose by contacts and by torques within limits.
+    """Static equilibrium of a robot: decides if contacts and torques within limits hold it at one pose.
 
-    Forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits, 0 on a floating base, and the
-    largest share of a limit made least; or a motion dq with -τ₀·dq - Σ L abs(dq) > 0 (τ₀ the torques without contacts)
-    along which no contact force does negative work. Joints without a limit bear anything. One pose at a time, as each
-    is a linear programme of its own.
+    Finds forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits and 0 on a floating base,
+    with the least largest share of a limit. If there are none, finds a motion dq with -τ₀·dq - Σ L abs(dq) > 0 (τ₀ the
+    torques without contacts) along which no contact force does negative work. Joints without a limit bear any torque.
+    Takes one pose per call (a linear programme).
 
     Parameters
     ----------
@@ -177,11 +179,11 @@ def least_norm_contact_forces(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     edges: int = 8,
 ) -> Equilibrium:
-    """Contact forces of a robot at rest that share its weight: of all that balance, those of least norm.
+    """Contact forces of least norm that hold a robot at rest.
 
-    The least Σ f_i² over forces within the friction pyramids, with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits and 0 on
-    a floating base; one answer, which changes continuously with the pose. It holds exactly where :func:`robot_equilibrium`
-    does, with pyramids of as many edges.
+    Minimises Σ f_i² over forces within the friction pyramids, with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits
+    and 0 on a floating base. The solution is unique and continuous in the pose. It exists exactly if
+    :func:`robot_equilibrium` holds with pyramids of as many edges.
 
     Parameters
     ----------
@@ -190,8 +192,8 @@ def least_norm_contact_forces(
     Returns
     -------
     found : Equilibrium
-        Of :func:`robot_equilibrium`, with the ``forces`` (contacts, 3) in the base frame, ``torques`` (nv,) and ``share`` of
-        least norm where it holds. [N, N m]
+        Result of :func:`robot_equilibrium`. If it holds, ``forces`` (contacts, 3) in the base frame, ``torques`` (nv,)
+        and ``share`` are those of least norm. [N, N m]
 
     Examples
     --------
@@ -208,7 +210,7 @@ def least_norm_contact_forces(
     if not found.holds:
         return found
     forces = least_norm_forces(contacts, maps, load, most, found.edges)
-    if forces is None:  # on the edge of what is possible: the forces of the other programme are the only ones
+    if forces is None:  # at the limit of feasibility the forces of the linear programme are the only ones
         return found
     torques = np.where(most == 0, 0.0, -load - sum(M @ f for M, f in zip(maps, forces, strict=True)))
     limited = (most > 0) & np.isfinite(most)
@@ -223,7 +225,7 @@ def _balance(
     limits: ArrayLike | None,
     wrench_on_robot: Mapping[str, ArrayLike] | None,
 ) -> tuple[list[Array], Array, Array, Array]:
-    """Maps of each contact's force to torques, f → J_point' f; the load, the limits, and which entries turn."""
+    """Maps of contact forces to torques, f → J_point' f; the load, the limits, and a mask of rotational entries."""
     refuse_couplings(robot.model, "robot_equilibrium")
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
     unloaded = resting_torques(robot, q, wrench_on_robot)
@@ -248,7 +250,7 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
     for k, c in enumerate(given):
         if not isinstance(c, Contact):
             raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
-    return given, arguments.whole(edges, "edges", 3)  # cones of fewer have no inside
+    return given, arguments.whole(edges, "edges", 3)  # cones of fewer edges have no interior
 
 
 def _decide(
@@ -261,9 +263,9 @@ def _decide(
     names: tuple[str, ...],
     frame: str,
 ) -> Equilibrium:
-    """Cut the cones ever finer until forces inside them, or a motion against cones around them, settle it.
+    """Refine the cones until forces inside them, or a motion against cones around them, decide.
 
-    The ``turning`` rows are worked on as forces at the length of the contacts' levers, so that all rows are in N.
+    Rotational rows are divided by the contacts' lever, so that all rows are in N.
     """
     units = np.where(turning, _lever(maps, load, turning), 1.0)
     scaled, weight, most = [M / units[:, None] for M in maps], load / units, limits / units
@@ -285,7 +287,7 @@ def _decide(
 
 
 def _lever(maps: list[Array], load: Array, turning: Array) -> float:
-    """The longest lever of the contacts [m], or without one that of the load."""
+    """Longest lever of the contacts [m], or of the load if there are no contacts."""
     longest = max((float(np.abs(M[turning]).max(initial=0.0)) for M in maps), default=0.0)
     if longest > 0:
         return longest
@@ -310,43 +312,43 @@ RANK_TOLERANCE = 1e-9
 class TorqueWrench:
     """Wrench of a set of torques at rest, with the wrenches and torques that the other side does not determine.
 
-    Balance reads τ - g(q) = J' F + ``unbalanced``. Every F = ``wrench`` + ``borne`` @ x, for any x (6 - rank), fits it
-    equally: what the structure bears takes no torque, so torques do not determine it. ``print`` it for the whole in words.
+    Balance is τ - g(q) = J' F + ``unbalanced``. Torques do not determine the part that the structure bears: every
+    F = ``wrench`` + ``borne`` @ x, for any x (6 - rank), fits equally. ``print`` shows the result as text.
     """
 
     wrench: Array
-    """(6,): (m, f) by the robot on the world, the smallest of those that fit [N m, N]."""
+    """(6,): smallest wrench (m, f) that fits, by the robot on the world [N m, N]."""
     unbalanced: Array
     """(nv,): the part of τ - g that no wrench at the frame balances; it would set the robot in motion."""
     producible: Array
-    """(6, rank): an orthonormal basis of the wrenches that torques make, the smallest of their kind; range of J."""
+    """(6, rank): orthonormal basis of the wrenches that torques produce, of least norm; range of J."""
     borne: Array
-    """(6, 6 - rank): a basis of the wrenches the structure bears without torque, null space of J'; sparse."""
+    """(6, 6 - rank): sparse basis of the wrenches that the structure bears without torque, null space of J'."""
     idle: Array
-    """(nv, nv - rank): a basis of the joint motions that leave the frame at rest, null space of J; sparse."""
+    """(nv, nv - rank): sparse basis of the joint motions that leave the frame at rest, null space of J."""
     singular_values: Array
     """Singular values of J with lengths in units of ``length``, descending."""
     gravity: Array
-    """(nv,): g(q), taken off first; use ``robot.with_gravity((0, 0, 0))`` to leave it out."""
+    """(nv,): g(q), subtracted first; use ``robot.with_gravity((0, 0, 0))`` to exclude it."""
     joint_names: tuple[str, ...]
     """Names of the joints."""
     frame: str
-    """The frame at which the wrench is applied."""
+    """Frame of application of the wrench."""
     kind: Kind
     """Axes and reference point, as in :meth:`Robot.jacobian`."""
     length: float
-    """The length by which moments and forces were compared [m]."""
+    """Characteristic length that relates moments to forces [m]."""
     size: float
-    """The largest of the torques given, which rounding goes by [N m or N]."""
+    """Largest given torque, the scale of rounding errors [N m or N]."""
 
     @property
     def rank(self) -> int:
-        """Number of independent wrenches that the torques make."""
+        """Number of independent wrenches that torques can produce."""
         return self.producible.shape[1]
 
     @property
     def balanced(self) -> bool:
-        """True if the wrench balances the torques, to a billionth of them."""
+        """True if the wrench balances the torques to within 1e-9 of them."""
         return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * self._torques)
 
     @property
@@ -375,9 +377,9 @@ def wrench_from_torques(
 ) -> TorqueWrench:
     r"""Wrench from joint torques: the wrench that the robot at rest applies at a frame with torques ``tau``.
 
-    Solves τ - g(q) = J' F by singular values, MR eq. 5.26, section 5.2; right at singular poses and for any number of
-    joints. The smallest of many wrenches is that with the least \|f\|² + \|m\|² / length²; what torques and structure
-    can do does not depend on ``length``. One state at a time, as the rank differs from pose to pose.
+    Solves τ - g(q) = J' F by singular values, MR eq. 5.26, section 5.2, also at singular poses and for any number of
+    joints. If several wrenches fit, the one with the least \|f\|² + \|m\|² / length² is returned. The range and null
+    space do not depend on ``length``. Takes one state per call, as the rank depends on the pose.
 
     Parameters
     ----------
@@ -402,7 +404,7 @@ def wrench_from_torques(
     tau = arguments.one(tau, "wrench_from_torques: tau", robot.nv, names=robot.model.velocity_names)
     tau = arguments.finite(tau, "wrench_from_torques: tau")
     length = arguments.positive(length, "length [m]")
-    g = np.asarray(robot.holding_torques(q))  # springs too, where joints are elastic
+    g = np.asarray(robot.holding_torques(q))  # includes springs of elastic joints
     J = np.asarray(robot.jacobian(q, frame, kind))
     rank, U, Vt, rows, columns = _equilibrated(J)
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
@@ -410,7 +412,7 @@ def wrench_from_torques(
     borne = rows[:, None] * U[:, rank:]
     lost = np.linalg.qr(idle)[0]
     unbalanced = lost @ (lost.T @ (tau - g))
-    # Any wrench that fits, less what the structure bears anyway: the smallest, in the metric of ``length``.
+    # The wrench of least norm in the metric of ``length``: any solution minus its part in the null space.
     B = rows[:, None] * J * columns
     F = rows * np.linalg.lstsq(B.T, columns * (tau - g - unbalanced), rcond=RANK_TOLERANCE)[0]
     free = np.linalg.qr(borne / scale[:, None])[0]
@@ -432,10 +434,10 @@ def wrench_from_torques(
 
 
 def _equilibrated(J: Array) -> tuple[int, Array, Array, Array, Array]:
-    """The rank of J (6, nv), U and V' of R J C by singular values, and the diagonals of R and C, which make its entries alike.
+    """Rank of J (6, nv), U and V' of R J C by singular values, and the diagonals of R and C, which equilibrate J.
 
-    R counts turning at the length of the longest lever that a turning joint has, so that robots of a micrometre have the
-    ranks of those of a metre, and C every joint as if it moved the frame as much as any.
+    R divides rotational rows by the longest lever of a revolute joint, so that ranks do not depend on the robot's size.
+    C scales every joint to the same effect on the frame.
     """
     turn, move = (np.linalg.norm(part, axis=0) for part in (J[:3], J[3:]))
     lever = np.max(move[turn > 0] / turn[turn > 0], initial=0.0)
@@ -448,7 +450,7 @@ def _equilibrated(J: Array) -> tuple[int, Array, Array, Array, Array]:
 
 
 def _sparse_basis(B: Array) -> Array:
-    """A basis (n, k) of the same space with as many zeros as elimination brings, each column's largest entry 1."""
+    """Sparse basis (n, k) of the same space by elimination, each column's largest entry 1."""
     rows = B.T.copy()
     for k in range(len(rows)):
         r, c = divmod(int(np.argmax(np.abs(rows[k:]))), rows.shape[1])
@@ -458,13 +460,13 @@ def _sparse_basis(B: Array) -> Array:
             if other != k:
                 rows[other] -= rows[other, c] * rows[k]
                 rows[other, c] = 0.0
-    rows[np.abs(rows) < 1e-12] = 0.0  # beside the 1 that each row was divided to
+    rows[np.abs(rows) < 1e-12] = 0.0  # relative to the pivot 1 of each row
     peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)] if rows.size else np.ones(len(rows))
     return (rows / peaks[:, None]).T
 
 
 def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", least: float = 0.0) -> str:
-    """Numbers with their names, without round-off: ``0.5 mx − 2 fz``."""
+    """Linear combination as text, without rounding errors: ``0.5 mx − 2 fz``."""
     least = max(least, 1e-9 * float(np.abs(x).max(initial=0.0)))
     shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
     if not shown:
@@ -486,7 +488,7 @@ class BeyondStop:
     stop: float
     """Nearest position within the limits [rad or m]."""
     turns: bool
-    """True if it turns, False if it slides."""
+    """True for a revolute joint, False for a prismatic joint."""
 
     @property
     def by(self) -> float:
@@ -495,7 +497,7 @@ class BeyondStop:
 
 
 def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) -> tuple[BeyondStop, ...]:
-    """The joints of one pose (nq,) outside their position limits, the robot's own or those given, farthest first."""
+    """Joints of one pose (nq,) outside the robot's or the given position limits, in descending order of excess."""
     limits = robot.limits if limits is None else limits
     beyond = limits.exceeded(robot.model.positions(q))
     found = []

@@ -31,22 +31,22 @@ if TYPE_CHECKING:
     from ..robot.arguments import Kind
 
 PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
-"""The rows of a wrench that each part means."""
+"""Rows of a wrench for each part."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrenchEllipsoid:
-    """Force ellipsoid: all x (n,) with x' A x ≤ 1, centred where the torques of gravity would put nothing.
+    """Force ellipsoid: all x (n,) with x' A x ≤ 1, centred at zero, without gravity.
 
-    Leading axes are the poses'.
+    Leading axes are those of the poses.
     """
 
     matrix: Array
-    """(..., n, n): A = J W⁻² J', with the rows of J that are meant and W the scale of each torque."""
+    """(..., n, n): A = J W⁻² J', with the rows of J of this part and W the scale of each torque."""
     axes: Array
     """(..., n, n): the directions of the semi-axes, as columns, strongest first."""
     semi_axes: Array
-    """(..., n): their lengths, descending; inf along directions that the structure bears."""
+    """(..., n): lengths of the semi-axes, descending; inf along directions that the structure bears."""
     part: str
     """"force", "moment" or "wrench"."""
     kind: Kind
@@ -103,7 +103,7 @@ def wrench_ellipsoid(
     kind: Kind = "world_aligned",
     limits: ArrayLike | None = None,
 ) -> WrenchEllipsoid:
-    """Force ellipsoid: the wrenches whose torques have norm at most 1, without gravity (MR section 5.4).
+    """Force ellipsoid: wrenches with torques of norm at most 1, without gravity (MR section 5.4).
 
     With ``limits`` the ellipsoid lies inside the polytope of :func:`~twistwrench.statics.wrench_polytope` without
     gravity.
@@ -143,7 +143,7 @@ def wrench_ellipsoid(
 
 
 def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
-    """One over each limit, (nv,); zero where a joint has none. Raises ValueRangeError for a limit of zero."""
+    """Reciprocal limits, (nv,); zero for joints without a limit. Raises ValueRangeError for a limit of zero."""
     L = effort_limits(robot, limits)
     if (L == 0).any():
         raise ValueRangeError(
@@ -154,7 +154,7 @@ def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
 
 
 def part_rows(part: str) -> slice:
-    """The rows of a wrench meant by ``part``; UnknownNameError lists the choices."""
+    """Rows of a wrench for ``part``; UnknownNameError lists the choices."""
     try:
         return PARTS[part]
     except (KeyError, TypeError):
@@ -166,21 +166,21 @@ def part_rows(part: str) -> slice:
 
 @dataclass(frozen=True, eq=False)
 class LargestWrench:
-    """Largest wrench along a direction: how much the robot can apply at rest.
+    """Largest wrench along a direction that the robot can apply at rest.
 
-    Leading axes are the poses' and directions'.
+    Leading axes are those of the poses and directions.
     """
 
     magnitude: Array
-    """(...) N (N m for a moment): 0 where the robot cannot hold even itself, inf where the structure bears it."""
+    """(...) N (N m for a moment): 0 if the robot cannot hold itself, inf if the structure bears the wrench."""
     wrench: Array
     """(..., 6): the direction, of unit length, as (m, f)."""
     joint: Array
-    """(...) of int: the joint that is then at its limit; -1 if none."""
+    """(...) of int: index of the limiting joint; -1 if none."""
     side: Array
     """(...): +1 if at its upper limit, -1 at its lower; 0 if none."""
     joint_names: tuple[str, ...]
-    """Names of the joints, as ``joint`` counts them."""
+    """Names of the joints, indexed by ``joint``."""
 
     def __str__(self) -> str:
         if self.magnitude.ndim:
@@ -188,7 +188,7 @@ class LargestWrench:
         if np.isnan(self.magnitude):
             return "unknown: q has an entry that is not a number"
         name = self.joint_names[int(self.joint)] if self.joint >= 0 else "no joint"
-        along = ", ".join(number(round(x, 12) + 0.0, 3) for x in self.wrench)  # no minus zeros
+        along = ", ".join(number(round(x, 12) + 0.0, 3) for x in self.wrench)  # no negative zeros
         return f"{number(self.magnitude)} along ({along}), limited by {name}"
 
 
@@ -203,8 +203,8 @@ def largest_wrench(
 ) -> LargestWrench:
     """Largest force or wrench along a direction: the largest s with s · direction within the torque limits, at rest.
 
-    Closed form: the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
-    gravity and of springs. MR section 5.2.
+    Closed form: the minimum over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
+    gravity and springs. MR section 5.2.
 
     Parameters
     ----------
@@ -237,10 +237,12 @@ def weakest_direction(
     kind: Kind = "world_aligned",
     limits: ArrayLike | None = None,
 ) -> LargestWrench:
-    """Weakest direction: the one in which the robot at rest can apply least.
+    """Weakest direction: the direction in which the robot at rest can apply the smallest force.
 
-    The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i
-    is the joint's column of J, and its normal ±J_i / |J_i| is the direction. Any batch of q; rows with NaN have NaN.
+    It is the normal of the polytope's nearest facet. That facet belongs to the joint and sign with the least
+    (L ∓ g_i) / |J_i|, where J_i is the joint's column of J, and has the normal ±J_i / |J_i|. Takes any batch of q; rows
+    with NaN have NaN.
+    with NaN have NaN.
 
     Parameters
     ----------
@@ -293,7 +295,7 @@ def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrenc
 class WrenchPolytope:
     """Wrench polytope: all x (n,) with ``normals`` @ x ≤ ``offsets``.
 
-    A bounded cross-section, times what the structure bears.
+    It is the sum of a bounded cross-section and the space that the structure bears.
 
     Examples
     --------
@@ -306,19 +308,19 @@ class WrenchPolytope:
     normals: Array
     """(h, n): outward, of unit length."""
     offsets: Array
-    """(h,): distance of each half-space's edge from zero, negative where zero is outside."""
+    """(h,): distance of each half-space's boundary from zero, negative if zero is outside."""
     vertices: Array
     """(k, n): corners of the cross-section perpendicular to ``borne``."""
     borne: Array
-    """(n, b): an orthonormal basis of the directions without bound; no columns for a bounded polytope."""
+    """(n, b): orthonormal basis of the unbounded directions; no columns for a bounded polytope."""
     sides: tuple[str, ...]
-    """(h,): the joint and sign behind each half-space, such as "+elbow"; empty for a projection."""
+    """(h,): joint and sign of each half-space, such as "+elbow"; empty for a projection."""
     part: str
     """"force", "moment" or "wrench"."""
     rest: str
     """Value of the other three numbers: "zero" or "any"."""
     frame: str
-    """The frame at which the wrench is applied."""
+    """Frame of application of the wrench."""
     kind: Kind
     """Axes and reference point, as in :meth:`Robot.jacobian`."""
 
@@ -355,7 +357,7 @@ class WrenchPolytope:
 
     @property
     def facets(self) -> tuple[str, ...]:
-        """The sides that do bound it: those that pass through as many corners as its dimension."""
+        """Sides that bound the polytope: those that contain at least as many corners as its dimension."""
         dimension = self.normals.shape[1] - self.borne.shape[1]
         gap = np.abs(self.normals @ self.vertices.T - self.offsets[:, None])
         touching = np.sum(gap <= 1e-7 * (1.0 + np.abs(self.offsets[:, None])), axis=1)
@@ -380,7 +382,7 @@ def wrench_polytope(
 ) -> WrenchPolytope:
     """Wrench polytope (force polytope): every x with abs(g(q) + J' F) ≤ limits, at one pose.
 
-    Joints without a limit bound nothing. One pose at a time, as poses differ in how many corners they have;
+    Joints without a limit do not bound it. Takes one pose per call, as the number of corners depends on the pose.
     :func:`~twistwrench.statics.largest_wrench`, :func:`~twistwrench.statics.weakest_direction` and
     :func:`~twistwrench.statics.wrench_ellipsoid` take any batch.
 
@@ -412,7 +414,7 @@ def wrench_polytope(
         raise UnknownNameError.from_choices("value of rest", rest, ("zero", "any"))
     q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
     rows, whole = part_rows(part), slice(0, 6)
-    effort_weights(robot, limits)  # refuses limits of zero
+    effort_weights(robot, limits)  # rejects limits of zero
     L, g = effort_limits(robot, limits), motor_torques(robot.model, resting_torques(robot, q))
     J = motor_torques(robot.model, robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
     some = np.isfinite(L)
@@ -437,7 +439,7 @@ def wrench_polytope(
 
 
 def _corners(A: Array, b: Array) -> tuple[Array, Array]:
-    """Corners (k, n) of A x ≤ b perpendicular to its lines, and an orthonormal basis (n, l) of these."""
+    """Corners (k, n) of A x ≤ b perpendicular to its lines, and an orthonormal basis (n, l) of the lines."""
     from scipy.spatial import HalfspaceIntersection
 
     _, s, Vt = np.linalg.svd(A, full_matrices=True)
@@ -459,7 +461,7 @@ def _corners(A: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _deepest_point(H: Array, b: Array) -> Array:
-    """The centre (r,) of the largest ball in H x ≤ b, by linear programming."""
+    """Centre (r,) of the largest ball in H x ≤ b, by linear programming."""
     from scipy.optimize import linprog
 
     scale = np.abs(b).max(initial=1e-300)
@@ -475,7 +477,7 @@ def _deepest_point(H: Array, b: Array) -> Array:
 
 
 def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> WrenchPolytope:
-    """The shadow on three numbers: hull of the corners' shadows across the lines' shadows."""
+    """Projection on three numbers: hull of the projected corners across the projected lines."""
     from scipy.spatial import ConvexHull
 
     U, s, _ = np.linalg.svd(lines, full_matrices=True)

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LargestPayload:
-    """Largest payload: the largest mass held at rest, and the joint that is then at its limit.
+    """Largest payload: largest mass held at rest, and the joint at its limit.
 
-    Leading axes are the poses'. Mimic joints that have a limit of effort and bear the payload, or more than their limit
-    without it, are joints like others here, after those of dq. Coupled motors stand in the places of their joints.
+    Leading axes are those of the poses. Mimic joints with an effort limit are added after the joints of dq if they bear
+    the payload or exceed their limit without it. Coupled motors replace their joints.
     """
 
     mass: Array
-    """(...) kg: 0 where the robot cannot hold even itself, inf if the mass does not load any joint, nan where q is nan."""
+    """(...) kg: 0 if the robot cannot hold itself, inf if the mass does not load any joint, nan if q is nan."""
     joint: Array
     """(...) of int: index of the limiting joint in ``joint_names``; -1 if none."""
     side: Array
@@ -48,26 +48,26 @@ class LargestPayload:
     holds: Array
     """(...) of bool: True if the robot holds itself without a payload."""
     unloaded: Array
-    """(..., nv): g(q), the torques that hold the robot alone [N m or N]."""
+    """(..., nv): g(q), holding torques without payload [N m or N]."""
     per_kilogram: Array
-    """(..., nv): torques of each kilogram."""
+    """(..., nv): additional torques per kilogram."""
     per_joint: Array
-    """(..., nv) kg: the mass each joint could hold, were it the only weak one."""
+    """(..., nv) kg: largest mass by each joint's limit alone."""
     limits: Array
     """(nv,): the limits used."""
     joint_names: tuple[str, ...]
-    """Names of the joints, as ``joint`` counts them."""
+    """Names of the joints, indexed by ``joint``."""
 
     @property
     def torques(self) -> Array:
-        """Holding torques with the largest payload (..., nv) [N m or N]; without one where that is not finite."""
+        """Holding torques with the largest payload (..., nv) [N m or N]; without payload if it is not finite."""
         mass = np.where(np.isfinite(self.mass), self.mass, 0.0)
         return self.unloaded + mass[..., None] * self.per_kilogram
 
     @property
     def share(self) -> Array:
         """Holding torques as shares of the limits (..., nv), 1 for the limiting joint."""
-        idle = np.where(self.torques == 0, 0.0, np.inf)  # a joint that can give nothing
+        idle = np.where(self.torques == 0, 0.0, np.inf)  # a joint with a limit of zero
         return np.divide(np.abs(self.torques), self.limits, out=idle, where=self.limits > 0)
 
     def __str__(self) -> str:
@@ -91,10 +91,10 @@ class LargestPayload:
 def torques_per_kilogram(
     robot: Robot, q: ArrayLike, com: ArrayLike = (0.0, 0.0, 0.0), frame: str | None = None
 ) -> Array:
-    """Holding torques of one kilogram at a point of a frame, the robot's own weight left out.
+    """Holding torques of one kilogram at a point of a frame, without the robot's own weight.
 
-    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of
-    q and com broadcasts.
+    τ = J_b' F with F = (c × f, f), where f = -R' g carries one kilogram, in the frame: MR eq. 5.26. Any batch of q and
+    com broadcasts.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def torques_per_kilogram(
 
 
 def _wrench_per_kilogram(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None) -> Array:
-    """The wrench (..., 6) that carries a kilogram at a point of a frame, in the frame."""
+    """Wrench (..., 6) that carries one kilogram at a point of a frame, in that frame."""
     c = points(com)
     R = np.asarray(robot.forward_kinematics(q, frame))[..., :3, :3]
     same_batch(q=R[..., 0], com=c)
@@ -121,9 +121,9 @@ def _wrench_per_kilogram(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str 
 def _followers(
     robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None
 ) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """Torques of mimic joints with an effort limit, alone and per kilogram, (..., k) each, their limits (k,), their names.
+    """Torques of mimic joints with an effort limit, without payload and per kilogram (..., k), their limits (k,) and names.
 
-    Of those that the payload loads, or that are beyond their limits without one.
+    Includes joints that the payload loads or that exceed their limits without it.
     """
     model, zero = robot.model, np.zeros(robot.nv)
     where, F = robot.tip if frame is None else frame, _wrench_per_kilogram(robot, q, com, frame)
@@ -146,10 +146,10 @@ def largest_payload(
     frame: str | None = None,
     limits: ArrayLike | None = None,
 ) -> LargestPayload:
-    """Largest payload: the largest mass held at rest within the torque limits.
+    """Largest payload: largest mass held at rest within the torque limits.
 
-    Any batch of q and com broadcasts. Joint friction, which helps to hold, is left out, and a torque per kilogram below
-    1e-6 of the robot's reach times gravity is zero.
+    Any batch of q and com broadcasts. Joint friction, which helps to hold, is neglected. A torque per kilogram below
+    1e-6 of the robot's reach times gravity counts as zero.
 
     Returns
     -------
@@ -188,16 +188,16 @@ def largest_payload(
 
 @dataclass(frozen=True, eq=False)
 class RegionPayload:
-    """Largest payload when its centre of mass is only known, or may be chosen, within a convex region."""
+    """Largest payload with its centre of mass anywhere in a convex region, unknown or free to choose."""
 
     sure: float
-    """kg held wherever in the region the centre of mass is."""
+    """Mass [kg] held for every centre of mass in the region."""
     worst_com: Array
-    """(3,) m: the corner of the region that allows no more."""
+    """(3,) m: corner of the region with the smallest payload."""
     best: float
-    """kg held with the centre of mass where it suits the robot most."""
+    """Mass [kg] held with the most favourable centre of mass."""
     best_com: Array
-    """(3,) m: that place."""
+    """(3,) m: most favourable centre of mass."""
 
 
 def payload_in_region(
@@ -205,8 +205,9 @@ def payload_in_region(
 ) -> RegionPayload:
     """Largest payload with its centre of mass in the convex hull of a region, at one pose.
 
-    What is held surely is the least of the corners, since torques are affine in the centre of mass. The best place is a
-    linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, where m = Σ λ and m c = Σ λ_k c_k.
+    The guaranteed payload is the minimum over the corners, since torques are affine in the centre of mass. The best
+    centre of mass solves a linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, m = Σ λ and m
+    c = Σ λ_k c_k.
 
     Parameters
     ----------
@@ -235,7 +236,7 @@ def payload_in_region(
 
 
 def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
-    """The λ (k,) of the linear programme; inf where it is unbounded."""
+    """Solution λ (k,) of the linear programme; inf if unbounded."""
     from scipy.optimize import linprog
 
     bounded = np.isfinite(limits)
@@ -245,39 +246,39 @@ def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
 
 
 def points(com: ArrayLike) -> Array:
-    """``com`` as finite float64 (..., 3), x, y, z [m] in the frame. Raises ShapeError, ValueRangeError."""
+    """Check ``com``: finite float64 (..., 3), x, y, z [m] in the frame. Raises ShapeError, ValueRangeError."""
     return np.asarray(arguments.finite(com, "com", 3), float)
 
 
 # ── Payload over a slice of the workspace, from sampled configurations
 
 SLICES = {"xz": (0, 2, 1), "yz": (1, 2, 0), "xy": (0, 1, 2)}
-"""The two axes of a plane slice, and the one across it; beside them "rz" is radius and height, any direction around z."""
+"""In-plane axes of each slice and the axis across it; "rz" is radius and height, for any direction around z."""
 _CHUNK = 1 << 15
 _CELLS, _PER_CELL = (8, 60), 40
-"""Cells along the longer side, and configurations for each cell of a square; slices fill half of theirs, as arms go."""
+"""Cells along the longer side, and configurations per cell of a square; typical slices fill half their cells."""
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadMap:
-    """Payload map: largest payloads of the sampled configurations whose tip falls in each cell of a slice of the workspace.
+    """Payload map: largest payloads of sampled configurations, by the cell of a workspace slice that contains the tip.
 
-    Sampling bounds: the true best of a cell is at least ``best``, the true worst at most ``worst``. No inverse
-    kinematics is involved, so an empty cell may still be reachable by configurations that were not drawn.
+    Sampling gives bounds: the true maximum of a cell is at least ``best``, the true minimum at most ``worst``. Inverse
+    kinematics is not used, so an empty cell may still be reachable by configurations that were not drawn.
     """
 
     plane: str
     """"xz", "yz", "xy" or "rz"."""
     across: float
-    """Position of the slice on the axis across it [m]; 0 for "rz"."""
+    """Position of the slice on the perpendicular axis [m]; 0 for "rz"."""
     thickness: float
     """Thickness of the slice [m]; inf for "rz"."""
     edges: tuple[Array, Array]
     """Cell borders along both axes, (nx + 1,) and (ny + 1,) m."""
     best: Array
-    """(ny, nx) kg: the largest payload over the cell's configurations; nan where no tip fell."""
+    """(ny, nx) kg: maximum of the largest payloads in the cell; nan if it is empty."""
     worst: Array
-    """(ny, nx) kg: the least of their largest payloads."""
+    """(ny, nx) kg: minimum of the largest payloads in the cell."""
     count: Array
     """(ny, nx): number of configurations in the cell."""
 
@@ -363,14 +364,14 @@ def payload_map(
 
 
 def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
-    """Checked plane and number of samples. Raises UnknownNameError, ValueRangeError."""
+    """Check the plane and the number of samples. Raises UnknownNameError, ValueRangeError."""
     if not isinstance(plane, str) or plane not in (*SLICES, "rz"):
         raise UnknownNameError.from_choices("slice", plane, (*SLICES, "rz"))
     return plane, arguments.whole(samples, "samples", 1)
 
 
 def _binned(found: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
-    """Rows (x, y, mass) into square cells: borders, largest, least, and number."""
+    """Sort rows (x, y, mass) into square cells: borders, maximum, minimum and count."""
     low, high = found[:, :2].min(axis=0), found[:, :2].max(axis=0)
     size = max(float((high - low).max()), 1e-9) / cells
     nx, ny = (np.maximum(np.ceil((high - low) / size - 1e-9), 1)).astype(int)

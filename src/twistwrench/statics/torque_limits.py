@@ -21,16 +21,15 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _NO_LEVER = 1e-12
-"""Levers shorter than this [m], or this share of the longest, are round-off: a load there has no effect on the joint."""
+"""Levers below this [m], or below this share of the longest, are rounding errors: their load does not affect the joint."""
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
-    """Largest torque of each drive, (nv,) N m or N: ``limits`` if given, else the robot's own.
+    """Largest torque of each joint, (nv,) N m or N: ``limits`` if given, otherwise the robot's own limits.
 
-    Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. At rest an elastic joint
-    carries what its motor gives, so the motor's limit is the joint's. Raises
-    :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot
-    has one.
+    Entries of floating joints are zero, and joints without a limit have inf. At rest an elastic joint transmits its
+    motor's torque, so the motor's limit applies to the joint. Raises :class:`~twistwrench.ShapeError`, and
+    :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot has a limit.
     """
     names = robot.model.drive_names
     try:
@@ -61,10 +60,10 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
 
 
 def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, ArrayLike] | None = None) -> Array:
-    """Torques that hold the robot at rest, (..., nv): those of gravity, of springs, and of wrenches on the robot.
+    """Torques that hold the robot at rest, (..., nv), against gravity, springs and wrenches on the robot.
 
-    Elastic gears are stretched as that needs, wherever q has their motors, so that they add nothing: see
-    :func:`effort_limits`.
+    Torques of elastic transmissions are left out. At rest their deflection balances the load, so motor positions in
+    ``q`` have no effect: see :func:`effort_limits`.
     """
     tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
     motors = {name for name, a in robot.actuators.items() if name != a.joint}
@@ -81,12 +80,12 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
 
 
 def floating_entries(robot: Robot) -> Array:
-    """True for entries of τ that belong to floating joints; (nv,)."""
+    """Mask (nv,), True for entries of τ that belong to floating joints."""
     return np.array([not b.joint.driven for b in robot.model.leaders for _ in range(b.joint.nv)], bool)
 
 
 def span(values: Array) -> str:
-    """Least and greatest of many numbers, and the number of unknown ones."""
+    """Text of the minimum and maximum of an array, and the number of NaN values."""
     known = values[~np.isnan(values)]
     some = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
     unknown = values.size - known.size
@@ -94,7 +93,7 @@ def span(values: Array) -> str:
 
 
 def require_fixed_base(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError for a robot on a floating base, or without joints: its torques cannot hold it."""
+    """Raise ValueRangeError for a robot with a floating base or without joints, whose torques cannot hold it."""
     if robot.nv == 0:
         raise ValueRangeError(
             f"{what} of {robot.name!r} has no answer: it has no joint that moves. If joints are locked, lock fewer of them."
@@ -111,21 +110,21 @@ class Growth:
     """Interval of s in which start + s · step stays within the limits."""
 
     least: Array
-    """(...): the smallest s; above ``most`` where there is none."""
+    """(...): smallest s; greater than ``most`` if the interval is empty."""
     most: Array
-    """(...): the largest s, inf if the load does not act on any joint."""
+    """(...): largest s, inf if the load does not act on any joint."""
     per_joint: Array
-    """(..., nv): the largest s of each joint alone."""
+    """(..., nv): largest s of each joint alone."""
     joint: Array
-    """(...) of int: the joint that bounds ``most``; -1 if none."""
+    """(...) of int: joint that bounds ``most``; -1 if none."""
     side: Array
-    """(...): +1 if that joint is then at its upper limit, -1 at its lower; 0 if none."""
+    """(...): +1 if the bound is the joint's upper limit, -1 if its lower limit, 0 if none."""
 
 
 def growth(start: Array, step: Array, limits: Array) -> Growth:
     """Range of s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
 
-    Joint by joint, s lies between (∓L - sign(a) τ₀) / abs(a), with a the step and τ₀ the start.
+    For each joint, s lies between (∓L - sign(a) τ₀) / abs(a), with a the step and τ₀ the start.
     """
     start, step = np.broadcast_arrays(start, step)
     size = np.abs(step)
@@ -145,7 +144,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
 
 
 def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
-    """``q`` (nq,), finite; ShapeError and ValueRangeError name ``what`` takes one pose only, and ``why``."""
+    """Check that ``q`` is one finite configuration (nq,). ShapeError and ValueRangeError quote ``what`` and ``why``."""
     array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 1:
         raise ShapeError(
@@ -159,10 +158,10 @@ def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
 
 
 def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
-    """``direction`` (..., n) made of unit length, with n one of ``sizes``. Raises ShapeError, ValueRangeError."""
+    """Scale ``direction`` (..., n) to unit length; n must be one of ``sizes``. Raises ShapeError, ValueRangeError."""
     try:
         given = np.shape(direction)[-1:]
-    except ValueError:  # ragged, which is refused below
+    except ValueError:  # ragged; rejected below
         given = ()
     n = given[0] if given and given[0] in sizes else sizes[0]
     try:
@@ -177,7 +176,7 @@ def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
 
 
 def same_batch(**arrays: Array) -> None:
-    """Refuse batches that do not broadcast, the last axis of each left out. Raises ShapeError."""
+    """Check that batch shapes (all axes but the last) broadcast. Raises ShapeError."""
     try:
         np.broadcast_shapes(*(x.shape[:-1] for x in arrays.values()))
     except ValueError:
@@ -187,16 +186,16 @@ def same_batch(**arrays: Array) -> None:
 # ── Unit checks: millimetres for metres, degrees for radians
 
 _FAR = 1.0
-"""m: few hands carry anything so far out, and few slides pass their stops by as much."""
+"""m: lever or excess of a sliding joint above which a wrong unit is suspected."""
 
 
 def unit_slips(
     robot: Robot, q: Array, limits: Limits, places: Mapping[str, Array], *, degrees: bool = False
 ) -> Iterator[str]:
-    """Sentences on values that suggest a wrong unit: ``places`` (3,) [m] by name, and the joints of q (nq,).
+    """Warnings about values that suggest a wrong unit, in the named positions ``places`` (3,) [m] and in q (nq,).
 
-    A place is more than 1 m out; a joint that turns more than a turn beyond its limits, or a turn beyond a whole one where it
-    has none, unless angles are in ``degrees`` anyway; a joint that slides more than 1 m beyond.
+    Suspect values are a position beyond 1 m and a sliding joint more than 1 m beyond its limits. Unless angles are in
+    ``degrees``, so is a revolute joint more than one turn beyond its limits, or beyond ±2 turns if it has none.
     """
     for name, place in places.items():
         if (far := float(np.linalg.norm(place))) > _FAR:
