@@ -1,4 +1,4 @@
-"""Export of a robot's quantities as C99 functions with a program that checks them, and as CUDA kernels."""
+"""Export of a robot's quantities as C99 functions with a self-test, and as CUDA kernels."""
 
 from __future__ import annotations
 

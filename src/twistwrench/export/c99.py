@@ -1,4 +1,4 @@
-"""Export as C99 or CUDA source: header and functions with their comments, self-test, files."""
+"""Export as C99 or CUDA source: header, functions with comments, self-test and files."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ write, so an output may be an input's array; two outputs must not overlap."""
 
 
 def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) -> str:
-    """The .h file: conventions, the order of the joints, a prototype with its meaning and its cost for each function."""
+    """Text of the .h file: conventions, joint order, and a prototype with meaning and cost for each function."""
     precision = requests[0].function.precision
     gx, gy, gz = map(in_file, robot.gravity)
     about = [
@@ -75,7 +75,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
 
 
 def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
-    """The .c file."""
+    """Text of the .c file."""
     precision = requests[0].function.precision
     about = f"Dynamics of the robot {robot.name} in C99, one operation a line. See {stem}.h for the interface."
     parts = [
@@ -90,7 +90,7 @@ def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
 
 
 def comment(lines: Sequence[str]) -> str:
-    """A block comment; names from robot files can neither end it nor hide in it."""
+    """Block comment; names from robot files cannot end it or hide in it."""
     safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
     plain = (
         "".join(c if c.isprintable() or c == "\n" else "?" for c in safe).encode("ascii", "backslashreplace").decode()
@@ -100,7 +100,7 @@ def comment(lines: Sequence[str]) -> str:
 
 
 def entries(robot: Robot) -> Iterator[str]:
-    """The entries of q and of dq, with their units."""
+    """Entries of q and dq, with their units."""
     yield "Entries of q:"
     names = robot.coordinate_names
     wide = max(map(len, names))
@@ -119,7 +119,7 @@ def entries(robot: Robot) -> Iterator[str]:
 
 
 def about_request(robot: Robot, request: Request) -> list[str]:
-    """Comment of one function."""
+    """Comment lines of one function."""
     function, full = request.function, request.full
     program = function.program
     lines = [f"{request.quantity}: {QUANTITIES[request.quantity].meaning}."]
@@ -151,10 +151,10 @@ def about_request(robot: Robot, request: Request) -> list[str]:
     return lines
 
 
-# ── Export of quantities as C99 (header, source and test) and as CUDA source: all files or none
+# ── Export of quantities as C99 (header, source and test) and as CUDA source; files are written together
 
 _LONGEST_CUDA = 40_000
-"""Most instructions of a program exported as one CUDA kernel."""
+"""Maximum number of instructions of a program exported as one CUDA kernel."""
 
 
 def export_c(
@@ -173,9 +173,9 @@ def export_c(
     Parameters
     ----------
     path : str or Path, a folder, or the .c file
-    test : bool, write a program that compares the functions with the kernels, too
-    label : str, what the user calls ``path``, for messages
-    inputs : {what the user calls it: path}, optional, files that were read: no output may overwrite them
+    test : bool, also write a program that compares the functions with the kernels
+    label : str, name of ``path`` in messages
+    inputs : {name in messages: path}, optional, input files, which outputs must not overwrite
 
     Raises
     ------
@@ -213,7 +213,7 @@ def export_cuda(
 
     Parameters
     ----------
-    path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
+    path : str or Path, a folder for one file per kernel; or the .cu file of one kernel
 
     Raises
     ------
@@ -243,7 +243,7 @@ def export_cuda(
 
 
 def _cuda_source(robot: Robot, request: Request) -> str:
-    """The .cu file of one request. Raises KernelError for programs that are too long for NVIDIA's compiler."""
+    """Text of the .cu file of one request. Raises KernelError for programs that are too long for NVIDIA's compiler."""
     function = request.function
     if (length := len(function.program.instructions)) > _LONGEST_CUDA:
         raise KernelError(
@@ -262,7 +262,7 @@ def _cuda_source(robot: Robot, request: Request) -> str:
 
 
 def _source_path(path: str | Path, prefix: str, label: str) -> Path:
-    """The .c file: the given one, or the one of the robot's name in a folder."""
+    """Path of the .c file: the given one, or one with the robot's name in a folder."""
     given = Path(path)
     if given.is_dir():
         return given / f"{prefix}.c"
@@ -279,7 +279,7 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
 
 
 def file_of(robot: Robot) -> str | None:
-    """The file that the robot was read from, if there is one."""
+    """File that the robot was read from, or None."""
     source = robot.model.source
     try:
         return source if source and Path(source).is_file() else None
@@ -287,12 +287,12 @@ def file_of(robot: Robot) -> str | None:
         return None
 
 
-# ── Self-test of an export: every function at a few states, against the results of the kernels
+# ── Self-test of an export: every function at a few states, compared with kernel results
 
 STATES = 3
 
 _MARGIN = 16.0
-"""Factor by which the C function may round more than the kernel: it has other sines, and two roundings without fma."""
+"""Factor on the kernel's rounding error allowed for C, which has other sines and two roundings without fma."""
 
 _EPS = {"double": float(np.finfo(np.float64).eps), "float": float(np.finfo(np.float32).eps)}
 
@@ -319,7 +319,7 @@ static int check(const char *what, {type} worst, {type} allowed)
 
 
 def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
-    """The .c file with ``main``: exit status 0 if every function returns the kernels' results, else 1.
+    """Text of the .c file with ``main``: exit status 0 if every function reproduces the kernels' results, else 1.
 
     Raises KernelError for a quantity that is not finite at the test states.
     """
@@ -343,7 +343,7 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
 
 
 def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
-    """Data and test of one function."""
+    """Data and test code of one function."""
     function = request.function
     program, precision = function.program, function.precision
     dtype = np.float32 if precision == "float" else np.float64
@@ -377,7 +377,7 @@ def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
 
 
 def inputs_at_states(robot: Robot, request: Request, dtype: type, count: int = STATES) -> list[Array]:
-    """Configurations inside the limits, everything else of order 1; reproducible."""
+    """Reproducible inputs: configurations inside the limits, everything else of order 1."""
     rng = np.random.default_rng(0)
 
     def values(port: TensorSpec) -> Array:
@@ -391,10 +391,10 @@ def inputs_at_states(robot: Robot, request: Request, dtype: type, count: int = S
 def results_at_states(
     robot: Robot, request: Request, inputs: list[Array], kernel: Callable[..., Any]
 ) -> tuple[list[Array], list[float]]:
-    """Results of the kernel, and the deviation of another order of rounding from the largest entry; one for each output.
+    """Kernel results, and for each output the deviation by another order of rounding, relative to the largest entry.
 
-    The kernel in single precision differs from the one in double by its rounding, which grows with the condition of the state;
-    the deviation in double precision is smaller by the ratio of the precisions.
+    The deviation is the difference of single- and double-precision kernels, which grows with the condition of the
+    state. In double precision it is smaller by the ratio of the precisions.
     """
     several = len(request.function.program.outputs) > 1
     rounded = [a.astype(np.float32) for a in inputs]
@@ -418,7 +418,7 @@ def results_at_states(
 
 
 def largest_entry(values: Array) -> float:
-    """The largest size of an entry, 1 where all are zero."""
+    """Largest absolute value of an entry; 1 if all are zero."""
     return float(np.abs(values).max()) or 1.0
 
 
@@ -428,7 +428,7 @@ def _array(name: str, values: Array, precision: str) -> str:
 
 
 def _hex(value: float, precision: str) -> str:
-    """A number by its bits."""
+    """Exact hexadecimal literal of a number."""
     exact = float(np.float32(value)) if precision == "float" else float(value)
     return f"{exact.hex()}{PRECISIONS[precision]}"
 

@@ -1,4 +1,4 @@
-"""Quantities as functions of JavaScript, in an ES module that uses Math only, one operation a line; and of CasADi."""
+"""Quantities as JavaScript functions, in an ES module that uses only Math, one operation a line; and as CasADi functions."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _RESERVED = frozenset([
 
 
 def javascript_module(quantity: BridgedQuantity) -> str:
-    """The module's text: a function of arrays of numbers, matrices flat in C order, that fills and returns ``out``."""
+    """Text of the module: a function of arrays of numbers, matrices flat in C order, that fills and returns ``out``."""
     program = quantity.program
     names = [_name(port.name) for port in program.inputs]
     results = [_name(port.name) for port in program.outputs]
     lines: list[str] = []
     elements = [f"{name}[{k}]" for name, port in zip(names, program.inputs, strict=True) for k in range(port.size)]
-    read = {e: f"{e[:-1].replace('[', '_')}_" for e in elements}  # all that goes in is read before anything is written
+    read = {e: f"{e[:-1].replace('[', '_')}_" for e in elements}  # read all inputs before writing any output
     used = sorted({int(i.value) for i in program.instructions if i.op == "input"})
     lines += [f"const {read[elements[k]]} = {elements[k]};" for k in used]
     found = iter(evaluated(program, [read[e] for e in elements], _functions(lines)))
@@ -53,7 +53,7 @@ def javascript_module(quantity: BridgedQuantity) -> str:
 
 
 def _functions(lines: list[str]) -> dict[str, Any]:
-    """Writers of operations: each adds a line and returns the name of its result."""
+    """Functions that write an operation: each adds a line and returns the name of its result."""
 
     def local(pattern: str) -> Any:
         def run(*operands: Any) -> str:
@@ -72,7 +72,7 @@ def _functions(lines: list[str]) -> dict[str, Any]:
 
 
 def _number(value: Any) -> str:
-    """A name unchanged, a constant so that it reads back to the bit."""
+    """Names are unchanged; constants are written with enough digits to read back exactly."""
     return value if isinstance(value, str) else f"({float(value)!r})" if value < 0 else repr(float(value))
 
 
@@ -81,11 +81,14 @@ def _name(text: str) -> str:
     return f"{name}_" if name in _RESERVED or not name or name[0].isdigit() else name
 
 
-# ── A quantity as a function of CasADi: the program in symbols, which CasADi differentiates and generates code from
+# ── A quantity as a CasADi function: the program in CasADi symbols, for its derivatives and code generation
 
 
 def casadi_function(quantity: BridgedQuantity) -> Any:
-    """A ``casadi.Function`` of columns; a result of more than two axes has its first as rows. Raises MissingExtraError."""
+    """A ``casadi.Function`` of columns; results of more than two axes are flattened to rows of the first axis.
+
+    Raises MissingExtraError.
+    """
     try:
         import casadi
     except ImportError:
@@ -101,7 +104,7 @@ def casadi_function(quantity: BridgedQuantity) -> Any:
 
 
 def _matrix(casadi: Any, elements: list[Any], port: TensorSpec) -> Any:
-    """Elements in C order as CasADi's matrix: a column, or rows."""
+    """CasADi matrix of elements in C order: a column, or rows."""
     rows = port.shape[0] if port.shape else 1
     columns = port.size // rows if rows else 0
     whole = casadi.SX.zeros(rows, columns)

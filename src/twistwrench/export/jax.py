@@ -1,8 +1,8 @@
-"""Quantities as functions of JAX, and kernels as calls of XLA on the processor by its typed FFI, on buffers in place.
+"""Quantities as JAX functions, and kernels as in-place XLA calls on the CPU by its typed FFI.
 
-For machine code the handler is machine code too (:mod:`twistwrench.runtime.xla_handler`). For a kernel on NumPy, or one
-composed in Python, it is the callback below, which reads the needed fields of the same structures of
-``xla/ffi/api/c_api.h``; later versions only add to their ends.
+Machine-code kernels have machine-code handlers (:mod:`twistwrench.runtime.xla_handler`). Kernels on NumPy, or composed
+in Python, use the callback below. It reads the needed fields of the structures of ``xla/ffi/api/c_api.h``, which later
+versions only extend at the end.
 """
 
 from __future__ import annotations
@@ -76,15 +76,16 @@ _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
 _CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
 _numbers = itertools.count()
 _targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
-"""Targets with their kernels and handlers, by the kernel's id, the type, and a flag for one sample. They live as long as the
-process: XLA has their addresses.
+"""Targets with kernels and handlers, by kernel id, type and scalar flag.
+
+They are never freed, because XLA keeps their addresses.
 """
 
 
 def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, scalar: bool) -> str:
-    """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; returns its name.
+    """Register ``kernel(*inputs, out=results)`` with ``count`` inputs as a target of ``jax.ffi.ffi_call``; returns its name.
 
-    ``char`` is the type's letter; ``scalar`` is true for one sample at a time.
+    ``char`` is the letter of the type; ``scalar`` is true for single samples.
     """
     key = id(kernel), char, scalar
     if key not in _targets:
@@ -106,12 +107,12 @@ def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[
         frame = pointer.contents
         try:
             query = _Extension.from_address(frame.extension) if frame.extension else None
-            if query is not None and query.type == _METADATA:  # XLA only asks for the version
+            if query is not None and query.type == _METADATA:  # XLA queries the version only
                 answer = query.metadata.contents.version
                 answer.major, answer.minor = version
             elif frame.stage == _EXECUTE:
                 kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
-        except Exception as error:  # nothing may be raised through C
+        except Exception as error:  # exceptions must not propagate through C
             failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=f"{name}: {error}".encode(), code=_INTERNAL)
             found: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
             return found
@@ -121,7 +122,7 @@ def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[
 
 
 def _version(jax: Any) -> tuple[int, int]:
-    """Version of the interface in the header of the installed JAX."""
+    """Version of the FFI interface in the header of the installed JAX."""
     header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
     major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
     return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
@@ -141,16 +142,16 @@ def _array(buffer: Any) -> Any:
     return np.frombuffer(memory, dtype).reshape(shape)
 
 
-# ── A program as one operation of JAX, made when XLA lowers it: on the processor the compiled kernel, elsewhere JAX's own
+# ── A program as one JAX operation, lowered to the compiled kernel on the CPU and to JAX operations elsewhere
 
-# Nothing is compiled while JAX traces, and the kernel is not compiled for a computation that runs only on a GPU.
+# Kernels are compiled at lowering, not while JAX traces, and not for computations that run only on a GPU.
 
 BATCH = 16
-"""States from which on a kernel that enters Python is faster than XLA's code of the program."""
+"""Smallest batch for which a kernel that enters Python is faster than XLA's code of the program."""
 
 
 class JaxOperation:
-    """Operation of one quantity: called with arrays, it returns a tuple of results. ``plain`` are JAX's own operations."""
+    """JAX operation of one quantity: takes arrays, returns a tuple of results. ``plain`` is the version in JAX operations."""
 
     def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
         self.quantity, self.plain = quantity, plain
@@ -163,11 +164,11 @@ class JaxOperation:
         return tuple(_primitive().bind(*arrays, operation=self))
 
     def runs_plain(self, arrays: Sequence[Any]) -> bool:
-        """True if JAX's operations run on the processor: for a few states, if the kernel would enter Python."""
+        """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
         return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
 
     def at_once(self, *arrays: Any) -> tuple[Any, ...]:
-        """Evaluation outside of jit: operations of JAX that are computed once are not compiled by XLA."""
+        """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
         import jax
 
         given = [jax.numpy.asarray(a) for a in arrays]
@@ -176,7 +177,7 @@ class JaxOperation:
         return tuple(jax.jit(self)(*given))
 
     def on_processor(self, *arrays: Any) -> tuple[Any, ...]:
-        """The kernel as a call of XLA."""
+        """Kernel as an XLA call."""
         import jax
 
         if self.runs_plain(arrays):
@@ -192,7 +193,7 @@ class JaxOperation:
 
 @cache
 def _primitive() -> Any:
-    """JAX's primitive of all these operations, with its rules for shapes and code."""
+    """JAX primitive of all these operations, with its rules for shapes and lowering."""
     import jax
     from jax.extend.core import Primitive
     from jax.interpreters import mlir
@@ -217,14 +218,14 @@ def _primitive() -> Any:
     return made
 
 
-# ── A quantity as a function of JAX arrays, which jits, vmaps and differentiates: the program itself, in JAX's operations
+# ── A quantity as a function of JAX arrays for jit, vmap and differentiation: the program in JAX operations
 
-# Its derivatives are those of the analytic programs, J = df/d(x ⊕ v), in both modes, and so are those of J, H = dJ/dx:
+# First derivatives J = df/d(x ⊕ v) and second derivatives H = dJ/dx come from analytic programs, in both modes:
 #
 #     forward   df = J B dx,  dJ = H dx,    backward   dx = Bᵀ Jᵀ w,
 #
-# with B from the rates of coordinates to velocities, 1 but for quaternions, by which the derivatives of J are JAX's; third
-# derivatives are JAX's as well. On the processor the compiled kernels run.
+# B maps rates of coordinates to velocities and is the identity without quaternions. With quaternions JAX differentiates
+# J, and JAX always computes third derivatives. On the CPU the compiled kernels run.
 
 
 def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
@@ -252,7 +253,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
 
 
 class _Differentiable:
-    """One quantity as a function that JAX differentiates twice by the analytic programs."""
+    """One quantity as a function with analytic first and second derivatives in JAX."""
 
     def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
         self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
@@ -264,7 +265,7 @@ class _Differentiable:
         self.values.defjvp(self.along, symbolic_zeros=True)
 
     def with_jacobian(self, by: tuple[str, ...]) -> Callable[..., Any]:
-        """The values and J by some inputs, with derivatives of their own."""
+        """Values and J with respect to some inputs, with their own derivatives."""
         if by not in self._jacobians:
             found = self._jacobians[by] = self.jax.custom_jvp(
                 _compiled(self.jax, self.quantity.derivative(by, values=True))
@@ -273,13 +274,13 @@ class _Differentiable:
         return self._jacobians[by]
 
     def hessian(self, by: tuple[str, ...]) -> Callable[..., Any]:
-        """H by some inputs."""
+        """H with respect to some inputs."""
         if by not in self._hessians:
             self._hessians[by] = _compiled(self.jax, self.quantity.derivative(by, "hessian"))
         return self._hessians[by]
 
     def along(self, primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
-        """Values and df = J B dx, for moving inputs."""
+        """Values and df = J B dx for the inputs with tangents."""
         moved, curved, count = _moved(self.jax, tangents), self.quantity.curved, len(self.outputs)
         by = tuple(self.names[k] for k in moved)
         found = self.with_jacobian(by)(*primals)
@@ -301,7 +302,7 @@ class _Differentiable:
     def along_again(
         self, by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Values and J by some inputs, and df = J dx and dJ = H dx, for moving inputs."""
+        """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
         jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
         moved = _moved(jax, tangents)
         every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
@@ -331,7 +332,7 @@ class _Differentiable:
 
 
 def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
-    """The program in JAX's operations, or its kernel, by the device and the size of the batch; derivatives are JAX's."""
+    """Program in JAX operations, or its kernel, by device and batch size; JAX differentiates it."""
     import jax.numpy as jnp
 
     program = quantity.program
@@ -344,7 +345,7 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
 
     @run.def_vmap  # type: ignore[untyped-decorator]
     def batched(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
-        """One call for all: the new axis comes before those of the widest batch."""
+        """Single call for the whole batch: the new axis precedes the batch axes of all inputs."""
         ranks = [a.ndim - len(p.shape) - m for a, p, m in zip(arrays, program.inputs, mapped, strict=True)]
         wide = [
             a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:])) if m else a
@@ -359,12 +360,12 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
 
 
 def _moved(jax: Any, tangents: Sequence[Any]) -> list[int]:
-    """Inputs whose tangents are not symbolic zeros."""
+    """Inputs with tangents other than symbolic zeros."""
     return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
 
 
 def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
-    """The program on arrays whose last axes are its own."""
+    """Program on arrays whose last axes are those of its inputs."""
     functions = functions_of(jnp, jnp.where)
 
     def run(*arrays: Any) -> Any:
@@ -382,7 +383,7 @@ def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
 
 
 def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: TensorSpec, dtype: Any) -> Any:
-    """One result from its elements, some of which may be constants."""
+    """Stack the elements of one result, some of which may be constants."""
     if not elements:
         return jnp.zeros((*batch, *port.shape), dtype)
     whole = jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), batch) for e in elements], axis=-1)
@@ -390,12 +391,12 @@ def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Te
 
 
 def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
-    """J v, of a result of that shape: over the last ``rank`` axes of J, which are those of v; batch shapes broadcast."""
+    """J v for a result of that shape: contracts the last ``rank`` axes of J with those of v; batch shapes broadcast."""
     split = J.ndim - rank
     size = prod(J.shape[split:])
     rows = J.reshape((*J.shape[:split], size))
     steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
-    # XLA makes less of a product of matrices: rows of the identity are not a special case
+    # faster in XLA than a matrix product, which does not exploit rows of the identity
     return jnp.sum(rows * steps, axis=-1)
 
 

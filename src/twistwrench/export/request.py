@@ -1,4 +1,4 @@
-"""Quantities with their options: requests of export, each with its function in C, and quantities as the bridges need them."""
+"""Quantities with their options: export requests with the names of their C functions, and quantities for the bridges."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, M
 
 @dataclass(frozen=True)
 class Request:
-    """One quantity with its options, and its function."""
+    """One quantity with its options and its function."""
 
     quantity: str
     options: Mapping[str, Any]
-    """Options as given, for :meth:`~twistwrench.Robot.kernel`."""
+    """Given options, for :meth:`~twistwrench.Robot.kernel`."""
     full: Mapping[str, Any]
-    """Options checked, with defaults."""
+    """Validated options, with defaults."""
     function: CFunction
 
 
 def prefix_of(robot: Robot, prefix: str | None) -> str:
-    """Prefix of the functions' names: ``prefix``, or the robot's name made a C identifier.
+    """Prefix of the functions' names: ``prefix``, or the robot's name converted to a C identifier.
 
     Raises ValueRangeError for an invalid prefix.
     """
@@ -58,8 +58,9 @@ def prefix_of(robot: Robot, prefix: str | None) -> str:
 def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) -> list[Request]:
     """Requests for the quantities, in their order.
 
-    Raises UnknownNameError for unknown names, KernelError for options that do not apply and for quantities without a function,
-    SingularMassMatrixError for a missing inverse of the mass matrix, ValueRangeError for none, or for the same twice.
+    Raises UnknownNameError for unknown names, KernelError for options that do not apply and for quantities without a
+    function, SingularMassMatrixError if the mass matrix has no inverse, ValueRangeError for an empty or repeated
+    request.
     """
     if precision not in PRECISIONS:
         raise UnknownNameError.from_choices("precision", precision, PRECISIONS)
@@ -84,14 +85,14 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
 
 
 def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """(name, options) from one name, a mapping, or names with or without options."""
+    """Pairs (name, options) from one name, a mapping, or names with or without options."""
     given: list[Any]
     if isinstance(quantities, str):
         given = [quantities]
     elif isinstance(quantities, Mapping):
         given = list(quantities.items())
     else:
-        given = list(quantities) if isinstance(quantities, Iterable) else [quantities]  # the latter is refused below
+        given = list(quantities) if isinstance(quantities, Iterable) else [quantities]  # others are rejected below
     for entry in given:
         if isinstance(entry, str):
             yield entry, {}
@@ -105,7 +106,7 @@ def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _require_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
-    """Raise KernelError for quantities that a program without branches computes wrongly everywhere."""
+    """Raise KernelError for quantities that a program without branches cannot compute correctly."""
     if QUANTITIES[name].needs_inverse:
         robot.engine.require_invertible()
     if len(full.get("rows", ())) > robot.nv:
@@ -117,7 +118,7 @@ def _require_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
 
 
 def _words(full: Mapping[str, Any]) -> Iterator[str]:
-    """The options as parts of a name, in the order of the table."""
+    """Options as parts of a name, in the order of the table."""
     if frame := full.get("frame"):
         yield identifier(frame)
     if kind := full.get("kind"):
@@ -137,14 +138,14 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
             yield derivative.form
 
 
-# ── One quantity for a bridge: program, derivatives, and rates of the entries of q
+# ── One quantity for a bridge: program, derivatives, and rates of the coordinates
 
 BRIDGE_PRECISIONS = ("double", "single")
 
 
 @dataclass(frozen=True, eq=False)
 class BridgedQuantity:
-    """One quantity with its options; its parts are built once, since functions use them in every call."""
+    """One quantity with its options; its parts are cached, since functions use them in every call."""
 
     robot: Robot
     name: str
@@ -155,7 +156,7 @@ class BridgedQuantity:
     def from_robot(
         cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str
     ) -> BridgedQuantity:
-        """Checked quantity. Raises KernelError and UnknownNameError before the other package is used."""
+        """Validated quantity. Raises KernelError and UnknownNameError before the other package is imported."""
         arguments.choice(precision, f"{what}: precision", BRIDGE_PRECISIONS)
         if options.get("by") is not None:
             raise KernelError(
@@ -173,7 +174,7 @@ class BridgedQuantity:
 
     @cached_property
     def program(self) -> Program:
-        """The program of the quantity."""
+        """Program of the quantity."""
         return self.engine.program((self.name,), self.options)
 
     @cached_property
@@ -182,7 +183,7 @@ class BridgedQuantity:
         return self.engine.kernel((self.name,), self.options)
 
     def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
-        """Derivative of the quantity by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
+        """Derivative with respect to some inputs; for configurations along :meth:`twistwrench.Robot.add`."""
         key = tuple(by), form, values
         if key not in self._derivatives:
             asked = {**self.options, "by": tuple(by), "form": form, "values": values}
@@ -195,7 +196,7 @@ class BridgedQuantity:
         return self.program.inputs
 
     def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
-        """Arrays of the other package as they are, all else as real arrays. Raises ShapeError and ValueRangeError."""
+        """Keep arrays of the other package and convert all else to real arrays. Raises ShapeError and ValueRangeError."""
         ports = self.inputs
         if len(given) != len(ports):
             names = ", ".join(port.name for port in ports)
@@ -206,7 +207,7 @@ class BridgedQuantity:
         ]
 
     def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
-        """Raise ShapeError unless these are the inputs' shapes behind batch shapes that broadcast."""
+        """Raise ShapeError unless the shapes end in the inputs' shapes and the batch shapes broadcast."""
         ports = self.inputs
         for shape, port in zip(shapes, ports, strict=True):
             if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
@@ -223,18 +224,18 @@ class BridgedQuantity:
 
     @property
     def curved(self) -> tuple[str, ...]:
-        """Inputs whose entries are not integrals of velocities: configurations with quaternions or other angles."""
+        """Inputs whose rates differ from velocities: configurations with quaternions or other angles."""
         plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
         return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
 
     def velocities(self) -> Program:
-        """(q, rates of its entries) -> joint velocities, linear in the rates; rates along a quaternion give zero."""
+        """(q, coordinate rates) -> joint velocities, linear in the rates; the radial rate of a quaternion gives zero."""
         model = self.engine.model
         return trace(
             lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
         )
 
     def slopes(self) -> Program:
-        """(q, derivative along the velocities) -> derivative by the entries of q: the transpose of :meth:`velocities`."""
+        """(q, derivative along velocities) -> derivative by the entries of q: transpose of :meth:`velocities`."""
         model = self.engine.model
         return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

@@ -1,7 +1,7 @@
 """Export as a ROS 2 package: a plug-in of ``inverse_dynamics_solver`` around the C functions of a robot.
 
-Source of the interface: inverse_dynamics_solver.hpp of unisa-acg/inverse-dynamics-solver. Its five pure virtual methods and
-``getTorques`` are overridden.
+Source of the interface: inverse_dynamics_solver.hpp of unisa-acg/inverse-dynamics-solver. The plug-in overrides its
+five pure virtual methods and ``getTorques``.
 """
 
 from __future__ import annotations
@@ -324,9 +324,9 @@ def export_ros2(
 
     Parameters
     ----------
-    path : str or Path, the folder to make; its last part is the name of the package
+    path : str or Path, folder to create; its last part is the package name
     license : str, for package.xml
-    label : str, what the user calls ``path``, for messages
+    label : str, name of ``path`` in messages
 
     Returns
     -------
@@ -371,7 +371,7 @@ def export_ros2(
 
 
 def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A002
-    """Text of each file of the package, by its path."""
+    """Text of each file of the package, by path."""
     if wide := [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]:
         raise KernelError(
             f"joints {', '.join(wide)} of robot {robot.name!r} have several coordinates, and the vectors of the ROS interface "
@@ -413,7 +413,7 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
 
 
 def _quoted(name: str) -> str:
-    """A string literal of C++ in ASCII."""
+    """C++ string literal in ASCII."""
     return '"' + "".join(c if c.isascii() and c.isprintable() and c not in '"\\?' else _octal(c) for c in name) + '"'
 
 
@@ -422,7 +422,7 @@ def _octal(character: str) -> str:
 
 
 def _data(robot: Robot) -> str:
-    """States and results as constant arrays; numbers by their bits."""
+    """States and results as constant arrays, with exact literals."""
     rng = np.random.default_rng(0)
     q, qd, qdd = robot.random_configuration(rng, STATES), *rng.standard_normal((2, STATES, robot.nv))
     tables = {

@@ -1,7 +1,7 @@
-"""Export as Structured Text (IEC 61131-3): a function block for each quantity, and a program that checks them.
+"""Export as Structured Text (IEC 61131-3): a function block for each quantity, and a program that checks the blocks.
 
-One assignment a line, on names and literals of the second edition of the standard. Not run on a PLC: the tests execute the
-text by an interpreter over the tree of an independent parser.
+Writes one assignment a line, with names and literals of the standard's second edition. Not run on a PLC: the tests
+interpret the text with the tree of an independent parser.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 TYPES = {"double": "LREAL", "float": "REAL"}
 STYLES = ("function_block", "codesys")
 STATES = 10
-"""States of the program that checks the blocks."""
+"""Number of states in the program that checks the blocks."""
 _WIDTH = 76
 
 RESERVED = frozenset("""
@@ -51,7 +51,7 @@ RESERVED = frozenset("""
     tod tof ton tp transition true trunc type udint uint ulint union until usint using var var_access var_config
     var_external var_global var_in_out var_input var_output var_temp while with word wstring xor
 """.split())  # noqa: SIM905  # fmt: skip
-"""Keywords, types, standard functions and function blocks, in lower case; further ones of CODESYS and Siemens."""
+"""Keywords, types, standard functions and function blocks, in lower case, including names of CODESYS and Siemens."""
 
 _CONVENTIONS = """\
 Not run on a PLC: check it with the program below, and at low power, before a machine moves by it.
@@ -64,13 +64,13 @@ memory of the instance, not of the stack. Products and sums are rounded apart.""
 
 
 class Names:
-    """Names in one scope; no two differ by case only, and none is reserved."""
+    """Names in one scope: unique regardless of case, and not reserved."""
 
     def __init__(self, taken: Sequence[str] = ()) -> None:
         self._taken = set(map(str.lower, taken))
 
     def free(self, wanted: str) -> str:
-        """The name made an identifier: ``dt``, a type, becomes ``dt_value``, and a second ``m`` beside ``M`` ``m_2``."""
+        """Unused identifier for a name: ``dt``, a type, becomes ``dt_value``, and a second ``m`` beside ``M`` ``m_2``."""
         base = identifier(wanted)
         base = base if base[:1].isalpha() else f"x_{base}".strip("_")
         base = f"{base}_value" if base.lower() in RESERVED else base
@@ -82,7 +82,7 @@ class Names:
 
 
 def real_literal(value: float, precision: str = "double") -> str:
-    """A real number with digits on both sides of its point, negative ones in parentheses. KernelError if it is not finite.
+    """Real literal with digits on both sides of the point; negative ones in parentheses. KernelError if not finite.
 
     Examples
     --------
@@ -138,7 +138,7 @@ _OPERATIONS: Mapping[str, str] = {
     **{name: f"{name.upper()}({{0}})" for name in ("sqrt", "sin", "cos", "exp")},
     **{op: f"{'' if a > 0 else '-'}({{0}} * {{1}}) {'+' if b > 0 else '-'} {{2}}" for op, (a, b) in FUSED.items()},
 }  # fmt: skip
-"""Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no effects."""
+"""Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no side effects."""
 
 
 def _elements(names: Sequence[str], ports: Sequence[TensorSpec]) -> list[str]:
@@ -150,7 +150,7 @@ def _type(size: int, real: str) -> str:
 
 
 def _wrapped(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
-    """Items in lines, ``end`` behind each line or, with a comma between lines, behind the last."""
+    """Items wrapped into lines; ``end`` follows each line or, with commas between lines, only the last."""
     line = ""
     for item in items:
         if line and len(line) + len(item) + 2 + len(end) > _WIDTH:
@@ -161,16 +161,16 @@ def _wrapped(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[s
 
 
 def _comment(lines: Sequence[str]) -> str:
-    """A comment that names from robot files cannot end."""
+    """Comment that names from robot files cannot end."""
     plain = comment([line.replace("*)", "* )").replace("(*", "( *") for line in lines])
     return f"(*{plain[2:-2]}*)"
 
 
-# ── Torques at the shafts of the motors
+# ── Torques at the motor shafts
 
 
 def with_motor_torques(robot: Robot, request: Request) -> Request:
-    """The request for inverse dynamics with its torques taken to the motors' side of the gears.
+    """Request for inverse dynamics with torques converted to the motor side of the gears.
 
     Raises KernelError for another quantity, and ModelError for a joint without an actuator.
     """
@@ -229,8 +229,8 @@ def export_st(
     Parameters
     ----------
     path : str or Path, a folder, or the file
-    label : str, what the user calls ``path``, for messages
-    inputs : {what the user calls it: path}, optional, files that were read: no output may overwrite them
+    label : str, name of ``path`` in messages
+    inputs : {name in messages: path}, optional, input files, which outputs must not overwrite
 
     Raises
     ------
@@ -369,7 +369,7 @@ def _test_of(
 
 
 def _codesys(name: str, block: str, request: Request) -> str:
-    """Wrapper for CODESYS' SM3_Dynamics, to be completed by a person."""
+    """Wrapper for CODESYS' SM3_Dynamics, to be completed by the user."""
     inputs = [
         f"    {parameter} : {_type(port.size, 'LREAL')};"
         for parameter, port in zip(request.function.parameters, request.function.program.inputs, strict=False)

@@ -1,12 +1,13 @@
-"""A quantity as a function of PyTorch's tensors: compiled kernels behind it, and behind its gradients, where the tensors are.
+"""A quantity as a function of PyTorch tensors, with compiled kernels for values and gradients on the tensors' device.
 
-With f the quantity, w the gradient that comes back from its results, and v the one that comes back from those of G:
+Let f be the quantity, w the incoming gradient of its results, and v the incoming gradient of the results of G:
 
     backward        G(x, w) = d(w . f)/dx                          form "weighted"
     backward of G   d(G . v)/dx = d2(w . f)/dx2 v,  d(G . v)/dw = (df/dx) v      forms "hessian_along", "along"
 
-Derivatives along the joint twists become derivatives by the entries of q, which differ where there are quaternions. There the
-backward of G is PyTorch's own, of the program in PyTorch's operations; elsewhere third derivatives are.
+Derivatives along joint twists are converted to derivatives by the entries of q, which differ for quaternions. With
+quaternions PyTorch differentiates G, from the program in PyTorch operations; otherwise it does so for third derivatives
+only.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     except ImportError:
         raise MissingExtraError.from_extra("torch", "torch", "robot.to_torch") from None
     compute = _Differentiable(torch, quantity).apply
-    inputs, _ = quantity.inputs, quantity.kernel  # made now: torch.compile cannot follow how a kernel is made
+    inputs, _ = quantity.inputs, quantity.kernel  # built now: torch.compile cannot trace the construction of a kernel
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
 
     def function(*tensors: Any) -> Any:
@@ -43,7 +44,7 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
 
 
 class _Differentiable:
-    """One quantity as a function that PyTorch differentiates twice."""
+    """One quantity as a function with two derivatives in PyTorch."""
 
     def __init__(self, torch: Any, quantity: BridgedQuantity) -> None:
         self.torch, self.quantity, self.names = torch, quantity, [port.name for port in quantity.inputs]
@@ -53,10 +54,10 @@ class _Differentiable:
         self.apply = _function(torch, quantity, self.backward)
 
     def backward(self, tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
-        """dx = d(w . f)/dx of those inputs that need it, by their entries."""
+        """Gradients dx = d(w . f)/dx of the needed inputs, by their entries."""
         by = tuple(name for name, needs in zip(self.names, needed, strict=True) if needs)
         gradient = self.quantity.derivative(by, "weighted")
-        weighed = weights if len(gradient.inputs) > len(tensors) else ()  # one number has no weight within
+        weighed = weights if len(gradient.inputs) > len(tensors) else ()  # a scalar result has its weight factored out
         if self.curved and self.torch.is_grad_enabled():
             found = _on_tensors(self.torch, gradient.program, [*tensors, *weighed])
         else:
@@ -73,7 +74,7 @@ class _Differentiable:
         return dx
 
     def _gradient(self, by: tuple[str, ...]) -> Callable[..., Any]:
-        """G of some inputs, as a function with a backward of its own."""
+        """G of some inputs, as a function with its own backward."""
         if by not in self._made:
             gradient = self.quantity.derivative(by, "weighted")
             self._made[by] = _function(self.torch, gradient, lambda *given: self._backward_again(by, *given))
@@ -82,7 +83,7 @@ class _Differentiable:
     def _backward_again(
         self, by: tuple[str, ...], tensors: Sequence[Any], v: Sequence[Any], needed: Sequence[bool]
     ) -> list[Any]:
-        """d(G . v) of the inputs and of the weights: second derivatives along v, and first ones."""
+        """d(G . v) with respect to inputs and weights: second derivatives along v, and first derivatives."""
         x, w = tensors[: len(self.names)], tensors[len(self.names) :]
         steps = dict(zip(by, v, strict=True))
         second = self.quantity.derivative(self.names, "hessian_along")
@@ -94,7 +95,7 @@ class _Differentiable:
         return [g if needs else None for g, needs in zip(found, needed, strict=True)]
 
     def _last(self, derivative: BridgedQuantity) -> Callable[..., Any]:
-        """Kernel of a derivative, whose own derivatives are PyTorch's."""
+        """Kernel of a derivative that PyTorch differentiates further."""
         if derivative not in self._made:
             torch = self.torch
 
@@ -107,7 +108,7 @@ class _Differentiable:
 
 
 def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., list[Any]]) -> Callable[..., Any]:
-    """Kernel of a quantity as a function of tensors with that backward: of tensors, weights, and flags for needed gradients."""
+    """Kernel as a function of tensors with the given backward, called with tensors, weights and flags of needed gradients."""
     ports = quantity.inputs
 
     def save(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG001  PyTorch passes them
@@ -124,7 +125,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
         return tuple(g if g is None else _summed(g, t) for g, t in zip(found, ctx.saved_tensors, strict=True))
 
     class Transformed(torch.autograd.Function):  # type: ignore[misc]
-        """Variant for torch.func, which passes the context apart from the values; PyTorch reads the signature in every call."""
+        """Variant for torch.func, with the context set up separately; PyTorch inspects the signature in every call."""
 
         forward = staticmethod(lambda *tensors: _called(torch, quantity, tensors))
         setup_context = staticmethod(save)
@@ -132,7 +133,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
         @staticmethod
         def vmap(info: Any, dims: Any, *tensors: Any) -> Any:  # noqa: ARG004  PyTorch passes them
-            """One call for all: the new axis comes before those of the widest batch."""
+            """Single call for the whole batch: the new axis precedes the batch axes of all inputs."""
             ranks = [t.ndim - len(p.shape) - (d is not None) for t, p, d in zip(tensors, ports, dims, strict=True)]
             wide = list(tensors)
             for k, (t, d, rank) in enumerate(zip(tensors, dims, ranks, strict=True)):
@@ -143,7 +144,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
             return found, tuple(0 for _ in found) if isinstance(found, tuple) else 0
 
     class Plain(torch.autograd.Function):  # type: ignore[misc]
-        """Variant outside of torch.func: a third of the time for one state."""
+        """Variant without torch.func: takes a third of the time for one state."""
 
         @staticmethod
         def forward(ctx: Any, *tensors: Any) -> Any:
@@ -158,20 +159,20 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
 
 def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
-    """Results of the kernel in the tensors' memory; on a GPU those of the program in PyTorch's operations."""
+    """Kernel results in the tensors' memory; on a GPU, results of the program in PyTorch operations."""
     if tensors[0].device.type == "cuda":
         found = _on_tensors(torch, quantity.program, tensors)
         return tuple(found) if len(found) > 1 else found[0]
     found = quantity.kernel(
         *(t.numpy(force=True) for t in tensors)
-    )  # a conjugate's imaginary part is not in plain memory
+    )  # the memory of a lazy conjugate has the wrong imaginary part
     if isinstance(found, tuple):
         return tuple(torch.as_tensor(x) for x in found)
     return torch.as_tensor(found)
 
 
 def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
-    """The program in PyTorch's operations, which PyTorch differentiates."""
+    """Program in PyTorch operations, which PyTorch can differentiate."""
     batch = batch_shape(tensors, program)
     flat = [
         t.reshape((*t.shape[: t.ndim - len(p.shape)], p.size)) for t, p in zip(tensors, program.inputs, strict=True)
@@ -195,12 +196,12 @@ def _several(found: Any) -> list[Any]:
 
 
 def _summed(gradient: Any, tensor: Any) -> Any:
-    """A gradient of the tensor's own shape, summed over the axes of broadcasting."""
+    """Gradient summed over broadcast axes to the shape of the tensor."""
     return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
 
 
 def _of_one_kind(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> list[Any]:
-    """The same numbers in float32 if all are, else in float64. Raises ValueRangeError with the name of invalid ones."""
+    """Tensors in a common type: float32 if all are, else float64. Raises ValueRangeError, naming the invalid input."""
     ports = quantity.inputs
     for t, port in zip(tensors, ports, strict=True):
         _require_computable(torch, quantity.name, t, port.name)

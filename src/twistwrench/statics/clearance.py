@@ -5,8 +5,7 @@ smallest distance found so far are evaluated, so the result holds for all pairs.
 since convex hulls can touch where the meshes are far apart. Without coal the capsule bounds are returned. Motion
 between configurations is not checked.
 
-Source: Montaut et al., "GJK++: Leveraging Acceleration Methods for Faster Collision Detection", 2024, for distances by
-coal.
+Source: Montaut et al., "GJK++: Leveraging Acceleration Methods for Faster Collision Detection", 2024, for distances by coal.
 """
 
 from __future__ import annotations

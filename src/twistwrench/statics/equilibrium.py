@@ -112,8 +112,8 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     >>> print(body_equilibrium(legs, [0, 0, 0, 0, 0, -30.0]))
     holds, with contact forces up to 15 N
     >>> print(body_equilibrium([], [0, 0, 0, 0, 0, -30.0]))
-    cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points
-    and normals, into which the load puts 30 W
+    cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points and
+    normals, into which the load puts 30 W
     """
     contacts, edges = _clean(contacts, edges)
     for k, c in enumerate(contacts):

@@ -242,7 +242,6 @@ def weakest_direction(
     It is the normal of the polytope's nearest facet. That facet belongs to the joint and sign with the least
     (L ∓ g_i) / |J_i|, where J_i is the joint's column of J, and has the normal ±J_i / |J_i|. Takes any batch of q; rows
     with NaN have NaN.
-    with NaN have NaN.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Collocation of limit curves x(s) in the phase plane, and the timing s(t) that follows from ds² = x.
 
-Along a touched row a x'/2 + b x + d √x + c = ±L is a differential equation for x; where a passes through zero it is singular,
-and collocation, which divides by nothing, goes through. Source: Hairer & Wanner, Solving Ordinary Differential Equations II,
-section IV.5, for the points; Pham, IEEE T-RO 30(6), 2014, for what happens at zero inertia.
+Along an active limit, a x'/2 + b x + d √x + c = ±L is a differential equation for x. It is singular where a crosses
+zero, but collocation does not divide by a and passes through. Source: Hairer & Wanner, Solving Ordinary Differential
+Equations II, section IV.5, for the nodes; Pham, IEEE T-RO 30(6), 2014, for the behaviour at zero inertia.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from .limit_rows import PathRows, Row, Rows
 
 STAGES = 5
 TOLERANCE = 2e-8
-"""Part of a limit by which a piece may be off it, over or under."""
+"""Largest deviation of a piece from its limit, above or below, as a share of the limit."""
 AT_REST = 4e-7
-"""Tolerance of the first piece from rest with viscous friction, whose √x is not a polynomial: some 1e-5 s."""
+"""Tolerance of the first piece from rest with viscous friction, where √x is not a polynomial; costs about 1e-5 s."""
 _RATIO = 4.0
-"""x may grow or shrink by no more within a piece, or the time along it would be hard to integrate."""
+"""Largest ratio by which x may change within a piece; larger ratios make the time integral inaccurate."""
 
 
 _P = np.polynomial.legendre.Legendre
 NODES = np.sort(0.5 * (1.0 + (_P.basis(STAGES) - _P.basis(STAGES - 1)).roots().real))
-"""The points of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
+"""Nodes of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
 _POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
 """Coefficients of u in powers of ζ from its values at the nodes."""
 INTEGRALS = (NODES[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
@@ -44,7 +44,7 @@ _FLIP = np.array([[comb(j, i) * (-1.0) ** i for j in range(STAGES + 1)] for i in
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """x(s) on [low, high] with one limit touched."""
+    """x(s) on [low, high] with one active limit."""
 
     low: float
     high: float
@@ -52,14 +52,14 @@ class Cell:
     """(STAGES + 1,) coefficients of x in powers of ζ = (s - low) / (high - low)."""
     active: Row
     side: int
-    """+1 if it is at its upper limit, -1 at its lower."""
+    """+1 if the upper limit is active, -1 if the lower."""
 
     def at(self, s: Array) -> Array:
         """x at s."""
         return np.polynomial.polynomial.polyval((s - self.low) / (self.high - self.low), self.x)
 
     def since(self, low: float) -> Cell:
-        """The part from ``low`` to its end."""
+        """Part of the cell from ``low`` to its end."""
         P = np.polynomial.Polynomial
         z = (low - self.low) / (self.high - self.low)
         moved = P(self.x)(P([z, 1.0 - z])).coef
@@ -69,10 +69,10 @@ class Cell:
 
 
 def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_caps: bool) -> tuple[Cell | None, bool]:
-    """The piece from (s, x) over h in direction ``way`` (±1 of s) at the extreme acceleration, and whether to try less of it.
+    """Piece from (s, x) of length h in direction ``way`` (±1 of s) at extreme acceleration, and True if a shorter h may help.
 
-    Forward the largest acceleration, backward the least. No piece where no row can be touched throughout without passing
-    another; then the flag says whether that is for lack of accuracy only.
+    Uses the largest acceleration forward and the least backward. The piece is None if no limit can be active throughout
+    without violating another. The flag is then True if only accuracy is lacking.
     """
     end = s + way * h
     low, high = (s, end) if way > 0 else (end, s)
@@ -96,10 +96,10 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     mine = np.array(
         [[row == own for row in rows.rows] for own in labels[:free]] + [[False] * len(rows.rows)] * (len(u) - free)
     )
-    keeps = (rows.L + slack >= V) | mine[:, None, :]  # of its own row, whether it is near enough is asked below
+    keeps = (rows.L + slack >= V) | mine[:, None, :]  # a row's own deviation is checked below
     fits = keeps.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
     over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))
-    over[:, STAGES] *= 2.0  # where the last piece ended, as far over as it may be
+    over[:, STAGES] *= 2.0  # twice the tolerance where the last piece ended
     fits &= (X[:, :, None] <= found.cap * (1 + over)).all(axis=(1, 2))
     if not fits.any():
         return None, False
@@ -115,19 +115,19 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
         return None, True
     powers = np.concatenate([[x], 2 * way * h * (_POWERS @ u[n]) / np.arange(1, STAGES + 1)])
     cell = Cell(low, high, powers, row, sides[n])
-    # Backward ζ was counted from the other end.
+    # Backward, ζ was counted from the other end.
     return (cell if way > 0 else replace(cell, x=_FLIP @ cell.x)), False
 
 
 def _candidates(rows: PathRows, found: Rows, x: float, way: int, h: float) -> tuple[Array, list[Row], list[int]]:
-    """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row touched."""
+    """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row active."""
     a = found.a[:STAGES]
     inner = np.sign(a[:-1])
     one_sided = (inner == inner[0]).all(axis=0) & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
     k = np.flatnonzero(one_sided & (inner[0] != 0) & ~rows.flat)
     if not len(k):
         return np.zeros((0, STAGES)), [], []
-    side = way * inner[0, k]  # forward the upper bound of u, backward the lower
+    side = way * inner[0, k]  # forward the upper bound of u, backward the lower bound
     a, b, c, d = (y[:STAGES, k].T for y in (found.a, found.b, found.c, found.d))
     H = 2 * way * h * INTEGRALS
     matrix = b[:, :, None] * H + a[:, :, None] * np.eye(STAGES)
@@ -159,12 +159,12 @@ def _solved(matrix: Array, right: Array) -> Array:
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _GAUSS, _WEIGHTS = 0.5 * (_GAUSS + 1.0), 0.5 * _WEIGHTS
 _AT_ONCE = 2048
-"""Samples whose numbers at the points of Gauss's rule fit into a near cache."""
+"""Block size for which the values at the Gauss nodes fit into the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class FastestScaling:
-    """Path scaling s(t) with ds² = x(s) by pieces; rate and acceleration come from x, so limits hold at any time."""
+    """Path scaling s(t) with piecewise ds² = x(s); rate and acceleration come from x, so limits hold at any time."""
 
     cells: tuple[Cell, ...]
     name: str = "fastest"
@@ -179,12 +179,12 @@ class FastestScaling:
 
     @cached_property
     def _flipped(self) -> Array:
-        """True if a piece slows down: then its time is counted from its end."""
+        """True for pieces that slow down; their time is counted from the end."""
         return np.array([c.x.sum() < c.x[0] for c in self.cells])
 
     @cached_property
     def times(self) -> Array:
-        """When each piece begins, and the end; (n + 1,) s."""
+        """Start times of the pieces, and the end time; (n + 1,) s."""
         k = np.arange(len(self.cells))
         return np.concatenate([[0.0], np.cumsum(self._since(k, np.ones(len(k))))])
 
@@ -194,7 +194,7 @@ class FastestScaling:
         return float(self.times[-1])
 
     def _square(self, k: Array, z: Array) -> Array:
-        """x at the share z of piece k; (n), (n, m) → (n, m)."""
+        """x at the fraction z of piece k; (n), (n, m) → (n, m)."""
         out = np.zeros(np.shape(z))
         for c in self._x[k].T[::-1]:
             out = out * z + c[:, None]
@@ -202,28 +202,28 @@ class FastestScaling:
 
     @cached_property
     def _whole(self) -> Array:
-        """∫ ds/√x over each piece, counted from where it is slowest."""
+        """∫ ds/√x over each piece, from its slowest end."""
         k = np.arange(len(self.cells))
         one = np.ones(len(k))
         return np.where(self._flipped, self._integral(k, one, -1.0), self._integral(k, one, 1.0))
 
     def _since(self, k: Array, z: Array) -> Array:
-        """∫ ds/√x over the first share z of piece k; (n), (n) → (n)."""
+        """∫ ds/√x over the first fraction z of piece k; (n), (n) → (n)."""
         flipped = self._flipped[k]
         found = self._integral(k, np.where(flipped, 1.0 - z, z), np.where(flipped, -1.0, 1.0)[:, None])
         return np.where(flipped, self._whole[k] - found, found)
 
     def _integral(self, k: Array, z: Array, way: Array | float) -> Array:
-        """∫ ds/√x over the share z from the beginning, or for ``way`` -1 the end; ζ = z w² takes away the root at rest."""
+        """∫ ds/√x over the fraction z from the start (``way`` -1: the end); ζ = z w² removes the square root at rest."""
         w = _GAUSS[None, :]
         at = z[:, None] * w * w
         with np.errstate(divide="ignore", invalid="ignore"):
             f = 2 * w / np.sqrt(self._square(k, np.where(way > 0, at, 1.0 - at)))
-        # Row by row, so that what is found at one sample does not depend on how many others there are.
+        # Row by row, so that the result for one sample does not depend on the batch size.
         return self._size[k] * z * np.vecdot(np.where(np.isfinite(f), f, 0.0), _WEIGHTS)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T the path is at rest at its ends."""
         given = np.asarray(arguments.real(t, "t"), float)
         flat = np.clip(given.ravel(), 0.0, self.duration)
         known = ~np.isnan(flat)
@@ -245,13 +245,13 @@ class FastestScaling:
         return tuple((y + lost).reshape(given.shape) for y in out)  # type: ignore[return-value]
 
     def _inverted(self, k: Array, since: Array) -> Array:
-        """The share z of piece k covered in the time ``since``: Newton's method kept within a bracket."""
+        """Fraction z of piece k covered in the time ``since``: Newton's method within a bracket."""
         whole = np.diff(self.times)[k]
         low, high = np.zeros(len(k)), np.ones(len(k))
         share = np.clip(since / np.where(whole > 0, whole, 1.0), 0.0, 1.0)
         begins, ends = self._x[k, 0] == 0, k == len(self.cells) - 1
         z = np.where(begins, share**2, np.where(ends, 1.0 - (1.0 - share) ** 2, share))
-        left = np.arange(len(k))  # samples whose share is not known yet
+        left = np.arange(len(k))  # samples that have not converged
         for _ in range(60):
             mine, at = k[left], z[left]
             off = self._since(mine, at) - since[left]

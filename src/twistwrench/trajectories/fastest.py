@@ -1,11 +1,11 @@
 """Fastest timing of a path under limits of torque, velocity and acceleration. Modern Robotics section 9.4.
 
-Two passes find x(s) = ds². Backward, the largest x from which the path can still end at rest; forward, the largest x
-that stays below it. Both follow one limit after another in pieces (:mod:`.collocation`), so structure is found and
-never guessed. Backward, where the curve runs into the limit curve, it is that curve until the least acceleration
-leads below it: there it leaves. These are the switching points of MR section 9.4, tangent, at corners, or at zero
-inertia. Source: the passes are those of Pham & Pham, "A new approach to time-optimal path parameterization based on
-reachability analysis", IEEE T-RO 34(3), 2018, without its grid.
+Two passes find x(s) = ds². The backward pass finds the largest x from which the path can still end at rest. The forward
+pass finds the largest x below that curve. Both follow the active limits in pieces (:mod:`.collocation`), so the
+switching structure is computed. If the backward curve meets the limit curve, it follows that curve until the least
+acceleration leads below it. These are the switching points of MR section 9.4: tangent, at corners, or at zero inertia.
+Source: the passes are those of Pham & Pham, "A new approach to time-optimal path parameterization based on reachability
+analysis", IEEE T-RO 34(3), 2018, without its grid.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _SMALLEST = 1e-9
-"""Pieces this short [of s] do not get ahead."""
+"""Smallest length [of s] of a piece; shorter pieces do not make progress."""
 _MOST = 20_000
-"""Pieces of one pass."""
+"""Maximum number of pieces of one pass."""
 _FEW = 20
-"""Pieces of such a step."""
+"""Maximum number of pieces in one test step of leaving the limit curve."""
 _BESIDE = 1e-5
-"""Distance from breaks, on both sides, at which the limit curve is checked for leaving it."""
+"""Distance on both sides of breaks at which the test for leaving the limit curve is made."""
 _STEP = 1e-7
-"""The step [of s] over which slopes of the limit curve are compared with accelerations."""
+"""Step [of s] over which slopes of the limit curve are compared with accelerations."""
 _SCAN = 1e-3
-"""The step [of s] by which leaving the limit curve is tried: passing it by more than what is allowed shows by then."""
+"""Step [of s] of the test for leaving the limit curve; within it a violation exceeds the tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """Pieces of largest deceleration that lead to an anchor: the end, or a point of the limit curve. Ascending in s."""
+    """Pieces of largest deceleration that lead to an anchor (the end, or a point of the limit curve), ascending in s."""
 
     cells: tuple[Cell, ...]
 
@@ -78,13 +78,13 @@ class Arc:
 
 
 class _Stuck(Exception):
-    """No piece of any size leads on."""
+    """No piece of any size continues the curve."""
 
 
 def _advance(
     rows: PathRows, s: float, x: float, way: int, target: float, *, caps: bool, below: Arc | None, hint: float = 1.0
 ) -> Cell:
-    """The longest piece from (s, x) towards ``target``; ends exactly where the touched limit changes."""
+    """Longest piece from (s, x) towards ``target``; ends exactly where the active limit changes."""
 
     def tried(h: float) -> tuple[Cell | None, bool]:
         cell, rough = try_cell(rows, s, x, h, way, along_caps=caps)
@@ -106,7 +106,7 @@ def _advance(
         found, rough = tried(h)
     if was_rough:
         return found
-    while over - h > 1e-11 * over and over - h > 1e-15:  # to the very place where the limit changes
+    while over - h > 1e-11 * over and over - h > 1e-15:  # locate the change of the active limit
         middle = 0.5 * (h + over)
         cell, rough = tried(middle)
         if cell is None:
@@ -119,7 +119,7 @@ def _advance(
 
 
 def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
-    """The arcs of the viability curve, ascending in s; between them it is the limit curve, looked at in ``count`` places."""
+    """Arcs of the viability curve, ascending in s; between them it is the limit curve, tested at ``count`` points."""
     arcs: list[Arc] = []
     breaks = rows.breaks
     s, x = 1.0, 0.0
@@ -151,7 +151,7 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
 
 
 def _falls_away(rows: PathRows, s: Array) -> Array:
-    """True if, just before s (m,), the limit curve is steeper than the least acceleration there; not at breaks."""
+    """True if the limit curve just before s (m,) is steeper than the least acceleration there; False at breaks."""
     early = rows.at(s - _STEP)
     x = np.stack([rows.cap_of(rows.at(s)).x, rows.cap_of(early).x])
     low = rows.accelerations(early, np.where(np.isfinite(x[1]), x[1], 0.0))[0]
@@ -160,7 +160,7 @@ def _falls_away(rows: PathRows, s: Array) -> Array:
 
 
 def _leaves(rows: PathRows, s: float) -> bool:
-    """True if the least acceleration leads, backward, from the limit curve at s to below it, by a detectable step."""
+    """True if, backward from s, the least acceleration leads below the limit curve by a detectable step."""
     x = float(rows.cap(np.array([s])).x[0])
     if not np.isfinite(x):
         return False
@@ -178,7 +178,7 @@ def _leaves(rows: PathRows, s: float) -> bool:
 
 
 def _leaving(rows: PathRows, s: float, places: Array, falls: Array) -> float:
-    """The first place below s at which the curve leaves the limit curve; 0 if it never does."""
+    """First s below the given one at which the viability curve leaves the limit curve; 0 if there is none."""
     edges = np.concatenate([places, rows.breaks, [s]])
     chosen = np.unique(np.concatenate([falls, rows.breaks]))
     for place in chosen[(chosen < s - _SMALLEST) & (chosen > 0)][::-1]:
@@ -197,7 +197,7 @@ def _leaving(rows: PathRows, s: float, places: Array, falls: Array) -> float:
 
 
 def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
-    """The pieces of the fastest timing, ascending in s."""
+    """Pieces of the fastest timing, ascending in s."""
     ends = np.unique(np.concatenate([rows.breaks, *([arc.low, arc.high] for arc in arcs)]))
     cells: list[Cell] = []
     s, x, hint = 0.0, 0.0, 1.0
@@ -232,20 +232,20 @@ def _lost(s: float) -> PathError:
 # ── Fastest timing of a path. Modern Robotics section 9.4
 
 _SHORTEST = 1e-6
-"""Part of the path: limits of torque and acceleration by which the robot is at its velocity limit sooner count as lower."""
+"""Part of the path. Torque and acceleration limits are reduced to those that need this much to reach the velocity limit."""
 _ROOM = 4e-8
-"""Part of each limit kept free, so that what the pieces are off it, both ways, stays below it."""
+"""Margin kept to each limit, as a share, that covers the deviations of the pieces in both passes."""
 _KINDS = ("velocity", "acceleration", "deceleration", "effort", "jerk")
 
 
 @dataclass(frozen=True)
 class LimitContact:
-    """Part of a fastest motion, and the limit it touches."""
+    """Part of a fastest motion with its active limit."""
 
     begin: float
-    """s."""
+    """Time at the start [s]."""
     end: float
-    """s."""
+    """Time at the end [s]."""
     joint: str
     """Name of the joint."""
     kind: str
@@ -253,51 +253,51 @@ class LimitContact:
     side: int
     """+1 if at the upper limit, -1 at the lower."""
     s: float
-    """Path position of its start."""
+    """Path position at the start."""
 
 
 @dataclass(frozen=True, eq=False)
 class LimitCurves:
-    """Bounds of the rate ds/dt along the path: no admissible motion lies above them."""
+    """Upper bounds of the rate ds/dt along the path for every admissible motion."""
 
     s: Array
     """(n,)."""
     torque: Array
-    """(n,) 1/s: where torques and accelerations leave one acceleration of s only; inf where they never do."""
+    """(n,) 1/s: rate at which torques and accelerations leave a single path acceleration; inf if there is none."""
     velocity: Array
-    """(n,) 1/s: where a joint is at its largest velocity."""
+    """(n,) 1/s: rate at which a joint reaches its velocity limit."""
     path: tuple[Array, Array]
     """s and ds/dt of the fastest timing."""
     switches: tuple[Array, Array]
-    """s and ds/dt where another limit begins to be touched."""
+    """s and ds/dt where the active limit changes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fastest(Trajectory):
-    """Time-optimal motion along a path, with what limits it when."""
+    """Time-optimal motion along a path, with its active limits."""
 
     bounds: Limits
-    """The limits kept."""
+    """Limits of the motion."""
     rows: PathRows
     """The limits as rows along the path."""
     arcs: tuple[Arc, ...]
-    """The phase plane's arcs that make up the timing, or the time-optimal one."""
+    """Arcs in the phase plane that make up the timing (with jerk limits: the time-optimal one)."""
     time_optimal: Fastest | None = None
-    """The motion without limits of jerk from which this one is made; None if jerk is not limited."""
+    """Motion without jerk limits from which this one was made; None if jerk is not limited."""
 
     @property
     def slower(self) -> float:
-        """Share by which it takes longer than without limits of jerk; 0 if jerk is not limited."""
+        """Relative increase of the duration by jerk limits; 0 if jerk is not limited."""
         return 0.0 if self.time_optimal is None else self.duration / self.time_optimal.duration - 1.0
 
     @property
     def price_of_jerk(self) -> str:
-        """Sentence on what limits of jerk cost."""
+        """Sentence on the time that jerk limits cost."""
         return f"{percent(self.slower)} slower than without jerk limits; not proven shortest"
 
     @property
     def limit_contacts(self) -> tuple[LimitContact, ...]:
-        """Limits that are active along the motion, in order; together they cover all of it. With limits of jerk, none."""
+        """Active limits along the motion, in order, without gaps. Empty with jerk limits."""
         if self.time_optimal is not None:
             return ()
         model = self.robot.model
@@ -320,7 +320,7 @@ class Fastest(Trajectory):
         return tuple(found)
 
     def shares(self, t: ArrayLike) -> Array:
-        """Share of the most used limit: 1 where one is touched, never above. With limits of jerk it may be below throughout.
+        """Share of the most used limit: at most 1, and 1 if the limit is active. With jerk limits it may stay below 1.
 
         Returns
         -------
@@ -345,7 +345,7 @@ class Fastest(Trajectory):
         return np.asarray(np.abs(np.concatenate(parts, axis=-1)).max(axis=-1))
 
     def limit_curves(self, samples: int = 801) -> LimitCurves:
-        """Limit curves of the phase plane (s, ds/dt), and the motion in it. MR figure 9.11.
+        """Limit curves of the phase plane (s, ds/dt), with the motion. MR figure 9.11.
 
         Parameters
         ----------
@@ -365,7 +365,7 @@ class Fastest(Trajectory):
             path = self.scaling(np.linspace(0.0, self.duration, samples))[:2]
             return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), path, (np.zeros(0), np.zeros(0)))
         cells = self.scaling.cells  # type: ignore[attr-defined]
-        z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # closer at the ends, where it rises as a root does
+        z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # denser at the ends (square-root behaviour)
         place = np.concatenate([c.low + (c.high - c.low) * z for c in cells])
         rate = np.sqrt(np.maximum(np.concatenate([c.at(c.low + (c.high - c.low) * z) for c in cells]), 0.0))
         at = np.array([touch.s for touch in self.limit_contacts[1:]])
@@ -398,9 +398,9 @@ def fastest(
     jerk: ArrayLike | None = None,
     friction: bool = False,
 ) -> Fastest:
-    """Time-optimal time scaling: the shortest motion along a path from rest to rest within the limits.
+    """Time-optimal time scaling: shortest motion along a path from rest to rest within the limits.
 
-    With limits of jerk, a short one: the time-optimal motion averaged over time, on the same path; not proven shortest.
+    With jerk limits, a short motion: the time-optimal motion averaged over time, on the same path, not proven shortest.
 
     Parameters
     ----------
@@ -415,23 +415,23 @@ def fastest(
     Raises
     ------
     PathError
-        The robot cannot hold itself on the path; s, joint and amount are named.
+        The robot cannot hold itself on the path; the message names s, joint and amount.
     ValueRangeError
-        Nothing limits the motion, or the path stands still somewhere.
+        No limit applies to the motion, or the path is stationary somewhere.
 
     Warns
     -----
     ConstraintWarning
-        The path is beyond the joints' positions; it names them, and ``violations`` lists all.
+        The path violates position limits; the warning names the joints, and ``violations`` lists all.
 
     Notes
     -----
-    MR section 9.4, by two passes. One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and
-    acceleration that bring the robot to its velocity limit within a millionth of the path count as lower.
+    MR section 9.4, by two passes. One limit is active at all times and none is exceeded, to 1e-6 of it. Torque and
+    acceleration limits count as lower if they bring the robot to its velocity limit within a millionth of the path.
 
-    Jerk makes the problem non-convex (H. Pham & Q.-C. Pham, "Time-optimal path tracking with jerk constraints", ICRA 2017).
-    Averaging s(t) over two windows of time keeps the path, bounds the jerk and makes it continuous. Windows and rates are
-    searched for, see ``jerk_limited.py``; the duration then is the shortest at which that motion keeps all limits.
+    Jerk limits make the problem non-convex (H. Pham & Q.-C. Pham, "Time-optimal path tracking with jerk constraints",
+    ICRA 2017). Averaging s(t) over two time windows keeps the path, bounds the jerk and makes it continuous. Windows
+    and rates are optimised, see ``jerk_limited.py``; the duration is then the shortest that keeps all limits.
 
     Examples
     --------
@@ -481,7 +481,7 @@ def fastest(
 
 
 def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *, friction: bool) -> Fastest:
-    """The fastest motion within the limits but for those of jerk; ``kept`` are the bounds less a little room."""
+    """Fastest motion within all limits except jerk; ``kept`` are the bounds minus a small margin."""
     rows = PathRows(robot, path, kept, friction=friction)
     if (reachable := _reachable(rows)) is not rows.bounds:
         rows = PathRows(robot, path, reachable, friction=friction)
@@ -494,7 +494,7 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
     try:
         arcs = backward(rows)
         cells = forward(rows, arcs)
-    except PathError:  # a narrow place of the limit curve was missed
+    except PathError:  # a narrow feature of the limit curve was missed
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
     without = replace(bounds, jerk=np.full(robot.nv, np.inf))
@@ -502,7 +502,7 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
 
 
 def _reachable(rows: PathRows) -> Limits:
-    """The limits; those of torque and acceleration are at most what a motion within the velocity limits reaches."""
+    """Limits, with torque and acceleration reduced to what a motion within the velocity limits can reach."""
     found, bounds = rows.at(rows.grid), rows.bounds
     x = found.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
     if not np.isfinite(x):

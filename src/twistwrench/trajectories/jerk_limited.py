@@ -1,8 +1,8 @@
-"""Short motions of bounded jerk on a given path: the time-optimal motion averaged over time, and a local search from there.
+"""Short motions of bounded jerk on a given path: the time-optimal motion averaged over time, improved by a local search.
 
-Limits of jerk make the time-optimal problem non-convex. Source of that: H. Pham & Q.-C. Pham, "Time-optimal path tracking
-with jerk constraints", ICRA 2017. Averaging s(t) over a window of time keeps the path, and the jerk is the change of the
-acceleration over the window divided by its length. Nothing here proves that a motion is the shortest one.
+Jerk limits make the time-optimal problem non-convex: H. Pham & Q.-C. Pham, "Time-optimal path tracking with jerk
+constraints", ICRA 2017. Averaging s(t) over a time window keeps the path. The jerk is then the change of the
+acceleration over the window, divided by its length. The result is not proven to be the shortest motion.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from .paths import JointPath
 
 _SHORT, _APART = 1.0 / 250.0, 1.0 / 1000.0
-"""Shortest window, and least time between places, as parts of the time-optimal duration: samples see what lasts longer."""
+"""Shortest window, and least time between nodes, as shares of the time-optimal duration; samples resolve longer features."""
 _INSTANTS = 801
-"""Instants at which a motion is looked at during the search."""
+"""Number of samples of a motion during the search."""
 _GRID, _TRIALS = 8, 60
-"""Windows tried on a grid, and trials of the simplex search from the best of them."""
+"""Grid of windows, and trials of the simplex search from the best of them."""
 _FACTORS, _STEPS, _TRUST = 24, 10, 0.2
-"""Places at which the rate is changed by a factor, linear programmes solved, and the first bound of log factors."""
+"""Number of nodes with a rate factor, number of linear programmes, and initial trust region of the log factors."""
 
 
 def short_averages(
     robot: Robot, path: JointPath, places: Array, rates: Array, bounds: Limits, *, friction: bool
 ) -> tuple[Averaged, Averaged]:
-    """Averages over time of a motion of the given rates, chosen so that their shortest durations within the bounds are small.
+    """Averages over time of a motion with given rates, optimised for a short duration within the bounds.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def short_averages(
 
     Returns
     -------
-    shapes : two Averaged, whose durations :func:`~twistwrench.trajectories.fitted` finds: the second is seldom the longer one
+    shapes : two Averaged, whose durations :func:`~twistwrench.trajectories.fitted` finds: the second is usually shorter
 
     Notes
     -----
-    Longer windows take longer and lower the jerk; what is still over a limit takes a longer duration of the whole. Windows are
-    searched for first. Then rates and windows are changed by factors: each step is a linear programme for the least
-    largest duration that any sample asks for.
+    Longer windows take longer and lower the jerk; remaining violations are removed by a longer total duration. Windows
+    are optimised first. Then factors of the rates and windows are optimised. Each step is a linear programme that
+    minimises the largest duration required by any sample.
     """
 
     def needed(shape: Averaged) -> Array:
@@ -67,7 +67,7 @@ def short_averages(
 
 
 def _windowed(s: Array, rates: Array, needed: Callable[[Averaged], Array]) -> Averaged:
-    """The best windows for the rates, as they are or with peaks cut off to coasts as long as both windows."""
+    """Best windows for the rates, either unchanged or with peaks replaced by coasts as long as both windows."""
     from scipy.optimize import minimize
 
     T = float((2.0 * np.diff(s) / (rates[1:] + rates[:-1])).sum())
@@ -89,9 +89,10 @@ def _windowed(s: Array, rates: Array, needed: Callable[[Averaged], Array]) -> Av
 
 
 def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Array]:
-    """Places and rates of a motion whose peaks of the rate are cut off, so that each is a coast of at least ``duration``.
+    """Nodes and rates of a motion whose rate peaks are cut to coasts of at least ``duration``.
 
-    Averaged over that time, the change from speeding up to slowing down is two steps of acceleration, one after the other.
+    After averaging over that time, the change from acceleration to deceleration is two successive steps of
+    acceleration.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Ar
     >>> s.round(6).tolist(), ds.round(6).tolist(), round(float((s[2] - s[1]) / ds[1]), 6)
     ([0.0, 0.190983, 0.809017, 1.0], [0.0, 0.618034, 0.618034, 0.0], 1.0)
     """
-    s, x = places, rates**2  # linear in s between places
+    s, x = places, rates**2  # linear in s between nodes
 
     def cut(p: int, level: float) -> tuple[int, int, Array]:
         before, after = int(np.flatnonzero(x[:p] < level)[-1]), p + int(np.flatnonzero(x[p:] < level)[0])
@@ -129,7 +130,7 @@ def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Ar
 
 
 def _improved(shape: Averaged, needed: Callable[[Averaged], Array]) -> Averaged:
-    """The shape with rates and windows changed by factors, as far as linear programmes within a trust region lead down."""
+    """Shape with rates and windows changed by factors, by successive linear programmes within a trust region."""
     from scipy.optimize import linprog
 
     s = np.union1d(shape.places, np.linspace(0.0, 1.0, 201))
@@ -145,7 +146,7 @@ def _improved(shape: Averaged, needed: Callable[[Averaged], Array]) -> Averaged:
 
     shortest = np.full(n, -np.inf)
     shortest[:2] = np.minimum(np.log(_SHORT * shape.duration / np.array(shape.windows)), 0.0)
-    balance = np.r_[0.0, 0.0, np.ones(_FACTORS), 0.0][None]  # all rates by one factor are another duration only
+    balance = np.r_[0.0, 0.0, np.ones(_FACTORS), 0.0][None]  # a common factor of all rates only changes the duration
     x, trust = np.zeros(n), _TRUST
     now = needed(changed(x))
     for _ in range(_STEPS):

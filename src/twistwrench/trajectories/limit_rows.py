@@ -1,8 +1,9 @@
 """Robot limits along a path, as bounds of the path parameter's acceleration and squared rate.
 
-With x = ds² and u = dds every limit is |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L or x ≤ cap(s). For torques, by MR eq. 9.34,
-a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''. If a joint slows
-down by another limit than it speeds up, -d ≤ sign(q') ddq ≤ a is |sign(q') ddq + (d - a)/2| ≤ (d + a)/2.
+With x = ds² and u = dds every limit has the form |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L or x ≤ cap(s). For torques, by
+MR eq. 9.34, a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''.
+If the deceleration limit d differs from the acceleration limit a, -d ≤ sign(q') ddq ≤ a becomes |sign(q') ddq + (d -
+a)/2| ≤ (d + a)/2.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ if TYPE_CHECKING:
     from .paths import JointPath
 
 _FLAT = 1e-11
-"""A row whose a is this part of the largest bounds x alone: what is left is round-off."""
+"""Ratio of a to the largest a below which a row bounds x only, since the rest is rounding error."""
 _NUDGE = 1e-13
-"""Distance by which the ends of a piece are moved inside, if the sides of an end differ."""
+"""Distance by which the ends of a piece are moved inside if one-sided limits differ there."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Row of limits: a torque, acceleration or velocity that is limited."""
+    """Row of limits: a limited torque, acceleration or velocity."""
 
     kind: str
     """``torque``, ``acceleration`` or ``velocity``."""
     joint: int
-    """Number of the entry of dq."""
+    """Index of the entry of dq."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The rows at some places (m,) of the path."""
+    """Limit rows at points (m,) of the path."""
 
     a: Array
     """(m, k)."""
@@ -49,7 +50,7 @@ class Rows:
     c: Array
     d: Array
     cap: Array
-    """Upper bounds of x (m, l) by each of the caps; inf for a cap that does not apply."""
+    """Upper bounds of x (m, l) by each cap; inf for a cap that does not apply."""
 
     def values(self, u: Array, x: Array) -> Array:
         """a u + b x + d √x + c; (..., m), (..., m) → (..., m, k)."""
@@ -59,10 +60,10 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Cap:
-    """The largest x at some places: where the limits leave one acceleration only, or where a velocity is at its limit."""
+    """Largest x at some points: limits leave a single acceleration, or a velocity is at its limit."""
 
     x: Array
-    """(m,), inf where nothing bounds it."""
+    """(m,), inf if unbounded."""
     velocity: Array
     """(m,): by velocities alone."""
     torque: Array
@@ -98,11 +99,11 @@ class PathRows:
 
     @cached_property
     def grid(self) -> Array:
-        """Places from 0 to 1, close enough together to see every change of sign; knots of the path included."""
+        """Points from 0 to 1, dense enough to resolve every sign change; includes knots of the path."""
         return np.unique(np.concatenate([np.linspace(0.0, 1.0, 401), self.path.knots]))
 
     def at(self, s: Array, low: float = 0.0, high: float = 1.0) -> Rows:
-        """The rows at s (m,), those of the ends of a piece [low, high] from inside it."""
+        """Rows at s (m,); at the ends of a piece [low, high] the values from inside it."""
         nudge = _NUDGE * max(1.0, high)
         s = np.clip(s, low + min(nudge, 0.1 * (high - low)), high - min(nudge, 0.1 * (high - low)))
         q, q1, q2 = self.path(s)
@@ -128,7 +129,7 @@ class PathRows:
 
     @cached_property
     def breaks(self) -> Array:
-        """Ends of pieces: knots, and the zeros of each a and, if a limit depends on its sign, of q'; from 0 to 1."""
+        """Ends of pieces from 0 to 1: knots, zeros of each a, and zeros of q' if a limit depends on its sign."""
         places = [np.array([0.0, 1.0]), self.path.knots]
         rows = self.at(self.grid)
         places += [self._zeros(rows.a[:, k], lambda s, k=k: self.at(s).a[:, k]) for k in np.flatnonzero(~self.flat)]
@@ -142,7 +143,7 @@ class PathRows:
         return found[keep]
 
     def _driven(self, s: Array) -> Array:
-        """Velocities of the drives for ds/dt = 1 at s (m,); (m, nv)."""
+        """Velocities of the drives at s (m,) for ds/dt = 1; (m, nv)."""
         return np.asarray(motor_velocities(self.robot.model, self.path(s)[1]))
 
     def _zeros(self, values: Array, f: Any) -> Array:
@@ -161,20 +162,20 @@ class PathRows:
         return np.concatenate([exact, 0.5 * (low + high)])
 
     def cap(self, s: Array) -> Cap:
-        """The largest x at s (m,), from both sides where they differ. MR figure 9.11: the velocity limit curve."""
+        """Largest x at s (m,), from both sides if they differ. MR figure 9.11: the velocity limit curve."""
         sides = [np.clip(s + side, 0.0, 1.0) for side in (-1e-12, 1e-12)]
         below, above = (self.cap_of(self.at(x)) for x in sides)
         return Cap(*(np.minimum(getattr(below, f), getattr(above, f)) for f in ("x", "velocity", "torque")))
 
     def cap_of(self, rows: Rows) -> Cap:
-        """Return the cap at points with known rows."""
+        """Cap at points with known rows."""
         v = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
         start = rows.cap.min(axis=1, initial=np.inf)
         tau = self._meeting(rows, np.minimum(rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf), _HUGE))
         return Cap(np.minimum(start, tau), v, tau)
 
     def _meeting(self, rows: Rows, x: Array) -> Array:
-        """The largest x ≤ the given at which α ≤ β: Newton on the concave β - α from the right, exact after few steps."""
+        """Largest x up to the given one with α ≤ β: Newton's method on the concave β - α from the right, few steps."""
         most, below, above = x, np.zeros_like(x), x.copy()
         for _ in range(200):
             low, high, slope_low, slope_high = self.accelerations(rows, x)
@@ -182,7 +183,7 @@ class PathRows:
             done = (x >= most) & (gap >= 0)
             below, above = np.where(gap >= 0, x, below), np.where(gap < 0, x, above)
             with np.errstate(all="ignore"):
-                new = x - np.where(slope < 0, gap / slope, np.nan)  # viscous friction bends the lines: then halves
+                new = x - np.where(slope < 0, gap / slope, np.nan)  # with viscous friction the lines are curved: bisect
             new = np.where((new >= below) & (new <= above), new, 0.5 * (below + above))
             before, x = x, np.where(done, x, new)
             if (np.abs(x - before) <= 1e-15 * x).all():
@@ -190,7 +191,7 @@ class PathRows:
         return np.where(x >= 0.999 * _HUGE, np.inf, x)
 
     def accelerations(self, rows: Rows, x: Array) -> tuple[Array, Array, Array, Array]:
-        """α and β, the least and the largest u at x (m,), and their slopes by x; (m,) each."""
+        """Least and largest u at x (m,), α and β, and their slopes with respect to x; (m,) each."""
         f = ~self.flat
         a, b, d = rows.a[:, f], rows.b[:, f], rows.d[:, f]
         root = np.sqrt(np.maximum(x, 1e-300))[:, None]
@@ -208,7 +209,7 @@ class PathRows:
         return low[k, i], high[k, j], rate[k, i], rate[k, j]
 
     def require_standing(self) -> None:
-        """Raise PathError where the robot cannot stand still on the path: then it may be unable to follow it at all."""
+        """Raise PathError if the robot cannot stand still somewhere on the path, so that it may be unable to follow it."""
         beside = [np.clip(self.breaks + side, 0, 1) for side in (1e-12, -1e-12)]
         s = np.unique(np.concatenate([self.grid, *beside]))
         c = np.abs(self.at(s).c)

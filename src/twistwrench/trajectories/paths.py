@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """Joint path q(s) with dq/ds and d²q/ds²; made by :func:`joint_line`, :func:`spline`, :func:`follow_poses`."""
+    """Joint path q(s) with dq/ds and d²q/ds², from :func:`joint_line`, :func:`spline` or :func:`follow_poses`."""
 
     name: str
-    """In words."""
+    """Description as text."""
     coordinates: Callable[[Array], tuple[Array, Array, Array]]
-    """Gives q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
+    """Function that returns q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
-    """Ends of pieces, 0 and 1 included."""
+    """Ends of pieces, including 0 and 1."""
     third: Callable[[Array], Array] | None = None
-    """Gives d³q/ds³ at s (m,), (m, n); None: not known, so limits of jerk cannot be kept."""
+    """Function that returns d³q/ds³ at s (m,), (m, n); None if unknown, so that jerk limits cannot be kept."""
     deviation: float = 0.0
-    """Largest deviation from a path of poses between the points where it was solved [m or rad]."""
+    """Largest deviation from a pose path between the points where it was solved [m or rad]."""
 
     def __call__(self, s: ArrayLike) -> tuple[Array, Array, Array]:
         """q (..., nq), dq/ds and d²q/ds² (..., nv) at s (...) from 0 to 1."""
@@ -74,13 +74,13 @@ def spline(
     velocities: ArrayLike | None = None,
     degree: int = 3,
 ) -> JointPath:
-    """Spline path through waypoints (MR section 9.3, eq. 9.27); s is the share of its length, or of ``times``.
+    """Spline path through waypoints (MR section 9.3, eq. 9.27); s is the fraction of its length, or of ``times``.
 
     Parameters
     ----------
     waypoints : (m, nq) array_like, m ≥ 2
     times : (m,) array_like, optional, rising [s]
-        The path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is met at its time.
+        The path is at rest at both ends. With ``uniform(times[-1] - times[0])`` each waypoint is reached at its time.
     velocities : (m, nv) array_like, optional, at the waypoints, with times [rad/s, m/s]; accelerations then jump
     degree : 3 or 5
 
@@ -136,7 +136,7 @@ def spline(
 
 
 def require_path(path: Any, what: str) -> JointPath:
-    """``path``, which must be one of the joints. Raises ValueRangeError."""
+    """Check that ``path`` is a joint path. Raises ValueRangeError."""
     if not isinstance(path, JointPath):
         raise ValueRangeError(
             f"{what}: the path is {arguments.shown(path)}: give a path of the joints, as tw.trajectories.joint_line(robot, q0, "
@@ -146,7 +146,7 @@ def require_path(path: Any, what: str) -> JointPath:
 
 
 def one_degree_joints(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError for a robot with joints of several degrees of freedom, naming them, and for one without joints."""
+    """Raise ValueRangeError if a joint has several degrees of freedom, naming it, or if the robot has no joints."""
     if not robot.nv:
         raise ValueRangeError(f"{what} has no answer: robot {robot.name!r} has no joint that moves.")
     others = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
@@ -158,13 +158,13 @@ def one_degree_joints(robot: Robot, what: str) -> None:
 
 
 def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
-    """A copy of q (nq,), finite."""
+    """Finite copy of q (nq,)."""
     found = arguments.finite(q, name, robot.nq, names=robot.coordinate_names)
     return np.array(arguments.one(found, name, robot.nq))
 
 
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
-    """q (m, nq), finite."""
+    """Finite copy of q (m, nq)."""
     array = np.asarray(arguments.finite(q, name, robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 2:
         raise ShapeError(f"{name} has shape {array.shape[1:] or array.shape}, expected ({robot.nq},) each.")
@@ -176,30 +176,30 @@ def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
 _FIRST, _MOST = 64, 4096
 _ARRIVED = 1e-11
 _NEWTON = 12
-"""Steps of our own, where those compiled for inverse kinematics find nothing near by, with the reason."""
+"""Newton steps of the fallback, used to find the reason if compiled inverse kinematics does not converge near by."""
 _JUMP = 0.5
-"""rad or m: what a joint may move from one place to the next when the places are as close as they get."""
+"""rad or m: largest joint displacement between adjacent points at the smallest spacing."""
 
 
 def follow_poses(
     robot: Robot, poses: Callable[[Array], Array], q0: ArrayLike, frame: str | None = None, *, tolerance: float = 1e-8
 ) -> JointPath:
-    """Joint path of a Cartesian path: moves a frame along T(s), from ``q0`` where it has the pose T(0), on q0's branch.
+    """Joint path of a Cartesian path: moves a frame along T(s), from ``q0`` with the pose T(0), on the branch of q0.
 
     Parameters
     ----------
     poses : function, maps s (m,) from 0 to 1 to (m, 4, 4), as :func:`screw_path` and :func:`straight_path` do
-    tolerance : float, how far the frame may be off between places [m, rad]
+    tolerance : float, largest pose error between points [m, rad]
 
     Raises
     ------
     PathError
-        The robot cannot go on at some s (singular, a limit, out of reach, a jump), which is said with why.
-        The path until there is kept as ``partial``.
+        The robot cannot continue at some s (singular, a limit, out of reach, a jump); the message gives s and the
+        reason. The path up to that point is kept as ``partial``.
 
     Notes
     -----
-    Each place starts from the one before, by least motion where joints are redundant; between places a spline.
+    Each point starts from the previous one, with least motion if joints are redundant. Points are joined by a spline.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def follow_poses(
         s = np.linspace(0.0, 1.0, n + 1)
         q, why = _solved(robot, along(s), q0, frame)
         if len(q) < len(s) and (n < 1024 and "limit" not in why):
-            n *= 4  # closer places may get through
+            n *= 4  # a smaller spacing may succeed
             continue
         arrived, s = len(q) == len(s), s[: len(q)]
         if not arrived and len(q) < 8:
@@ -264,7 +264,7 @@ def follow_poses(
 
 
 def _door(poses: Any) -> Callable[[Array], Array]:
-    """The function, its results held to be poses (m, 4, 4)."""
+    """Wrap the function with a check that it returns poses (m, 4, 4)."""
     what = "the function of poses"
     if not callable(poses):
         raise ValueRangeError(
@@ -297,7 +297,7 @@ def _spline(s: Array, q: Array, deviation: float) -> JointPath:
 
 
 def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
-    """q at each place until the first that fails, and why it does."""
+    """q at each point up to the first failure, and the reason of the failure."""
     found, near, why = [q0], pose_finder(robot, frame, _ARRIVED), ""
     if robot.limits.exceeded(q0).any():
         k = int(robot.limits.exceeded(q0).argmax())
@@ -308,7 +308,7 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
             break
         q, last = found[-1].copy(), found[-1]
         if robot.nv <= 6 and len(found) > 1:
-            q = 2.0 * last - found[-2]  # redundant joints would drift on by themselves
+            q = 2.0 * last - found[-2]  # otherwise redundant joints would drift
         step = near(target, q)
         if step is None or np.abs(step - last).max() > _JUMP:
             step, why = _newton(robot, target, q, last, frame)
@@ -318,7 +318,7 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
 
 
 def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | None) -> tuple[Array, str]:
-    """The configuration near q with the pose wanted, and why there is none that goes on from the last."""
+    """Configuration near q with the target pose, and the reason if none continues from the last one."""
     names, limits = robot.joint_names, robot.limits
     for _ in range(_NEWTON):
         e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], tuple(range(6)))[0]

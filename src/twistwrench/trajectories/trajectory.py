@@ -1,4 +1,4 @@
-"""Trajectory: a path with its time scaling, and its violated limits. Modern Robotics section 9.1."""
+"""Trajectory: a path with its time scaling, and limit violations. Modern Robotics section 9.1."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def violations(
     friction: bool = False,
     samples: int = 2001,
 ) -> tuple[Violation, ...]:
-    """Limits that a motion passes, worst first.
+    """Limits that a motion exceeds, worst first.
 
     Parameters
     ----------
     trajectory : Trajectory or Motion, at its own samples
-    samples : int, instants at which a trajectory is looked at
+    samples : int, number of samples of a trajectory
 
     Examples
     --------
@@ -52,7 +52,7 @@ def violations(
     """
     require_robot(robot, "violations")
     if not hasattr(trajectory, "sample") or isinstance(trajectory, type):
-        motion = getattr(trajectory, "motion", trajectory)  # a simulation's result has one
+        motion = getattr(trajectory, "motion", trajectory)  # a simulation's result has a motion
         if not isinstance(motion, Motion):
             raise ValueRangeError(
                 f"violations: the motion is {arguments.shown(trajectory)}: give a Trajectory, a tw.Motion, or a simulation."
@@ -70,7 +70,7 @@ def violations(
 
 
 def positions_passed(robot: Robot, s: Array, q: Array, bounds: Limits) -> tuple[Violation, ...]:
-    """The limits of position that configurations (n, nq) pass; ``s`` (n,) stands for the time."""
+    """Position limits that configurations (n, nq) exceed; ``s`` (n,) replaces the time."""
     check = LimitCheck(robot.model, bounds)
     check.add(s, q, np.zeros((len(s), robot.nv)))
     return check.violations()
@@ -79,17 +79,17 @@ def positions_passed(robot: Robot, s: Array, q: Array, bounds: Limits) -> tuple[
 # ── Trajectory: path and time scaling
 
 _FIT = 2001
-"""Instants at which a motion is looked at; then between those that bind."""
+"""Initial number of samples of a motion; later samples refine the largest peaks."""
 _CLOSER, _PEAKS, _SPLIT = 3, 8, 20
 """Refinement factor around a peak, number of peaks, and number of parts."""
 
 
 class Scaling(Protocol):
-    """Time scaling of a path: s(t) from 0 to 1, its rate and acceleration."""
+    """Time scaling of a path: s(t) from 0 to 1, with its rate and acceleration."""
 
     @property
     def name(self) -> str:
-        """Name in reports."""
+        """Name used in reports."""
 
     @property
     def duration(self) -> float:
@@ -104,7 +104,7 @@ class Trajectory:
     """Trajectory q(t) = q(s(t)) of one robot, with exact derivatives."""
 
     robot: Robot
-    """The robot that moves."""
+    """Robot of the trajectory."""
     path: JointPath
     """q(s)."""
     scaling: Scaling
@@ -127,11 +127,11 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """From the beginning to the end [s]."""
+        """Duration [s]."""
         return float(self.scaling.duration)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; before and after, it rests at the ends. MR eq. 9.1 to 9.3."""
+        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; at rest at the ends before and after. MR eq. 9.1 to 9.3."""
         s, ds, dds = self.scaling(t)
         q, q1, q2 = self.path(s)
         ds, dds = ds[..., None], dds[..., None]
@@ -147,7 +147,7 @@ class Trajectory:
         Raises
         ------
         ValueRangeError
-            The path or the scaling has no third derivative, as the trapezoidal one.
+            The path or the scaling has no third derivative, such as the trapezoidal scaling.
 
         Examples
         --------
@@ -170,7 +170,7 @@ class Trajectory:
         )
 
     def sample(self, dt: float) -> Motion:
-        """Samples of the trajectory as a :class:`twistwrench.Motion`, every ``dt`` and at its end.
+        """Samples of the trajectory as a :class:`twistwrench.Motion`, every ``dt`` and at the end.
 
         Examples
         --------
@@ -193,7 +193,7 @@ class Trajectory:
         return Motion(t, *self(t), robot=self.robot, in_seconds=True)
 
     def violations(self, bounds: Limits | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
-        """Limits that it passes, worst first; see :func:`~twistwrench.trajectories.violations`.
+        """Limits that the trajectory exceeds, worst first; see :func:`~twistwrench.trajectories.violations`.
 
         Examples
         --------
@@ -204,7 +204,7 @@ class Trajectory:
         return violations(self.robot, self, bounds, friction=friction)
 
     def to_csv(self, path: str | Path, dt: float = 0.002, *, degrees: bool = False) -> Path:
-        """Write time, q, dq and ddq every ``dt`` as ``twistwrench torques`` reads them.
+        """Write time, q, dq and ddq every ``dt``, as read by ``twistwrench torques``.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class Trajectory:
         return self.sample(dt).to_csv(path, degrees=degrees)
 
     def plot(self, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
-        """Plot of motion and torques as shares of their limits, with the phase plane of the fastest; to .png, .pdf or .svg.
+        """Plot motion and torques as shares of their limits, with the phase plane of a fastest motion; .png, .pdf or .svg.
 
         Examples
         --------
@@ -240,11 +240,11 @@ class Trajectory:
 def move(
     robot: Robot, q0: ArrayLike, q1: ArrayLike, scaling: Scaling | None = None, *, waypoints: ArrayLike | None = None
 ) -> Trajectory:
-    """Trajectory from one configuration to another on a straight line of the joints, or on a spline through waypoints.
+    """Trajectory between two configurations on a straight line in joint space, or on a spline through waypoints.
 
     Parameters
     ----------
-    scaling : optional, s(t); None: a quintic one that takes the time the robot's limits ask for
+    scaling : optional, s(t); None: quintic with the shortest duration within the robot's limits
     waypoints : (m, nq) array_like, optional, between the ends
 
     Examples
@@ -268,13 +268,13 @@ def move(
 def fitted(
     robot: Robot, path: JointPath, shape: Any = None, bounds: Limits | None = None, *, friction: bool = False
 ) -> Any:
-    """Time scaling of a given shape as short as the limits of velocity, acceleration, jerk and torque allow.
+    """Shortest time scaling of a given shape within the limits of velocity, acceleration, jerk and torque.
 
     Parameters
     ----------
     path : JointPath
-    shape : a scaling, optional, whose shape it has; None: quintic
-    friction : bool, count the friction of the joints, static friction wholly at all speeds
+    shape : a scaling, optional, that defines the shape; None: quintic
+    friction : bool, include joint friction, with full static friction at all speeds
 
     Returns
     -------
@@ -282,13 +282,13 @@ def fitted(
 
     Notes
     -----
-    Torques are g + (τ - g) (T0/T)² of the time T and jerks go as 1/T³, so each sample gives the shortest T in closed form;
-    friction that grows with the load counts as that of |g| + |τ - g| (T0/T)².
+    Torques depend on the duration T as g + (τ - g) (T0/T)², and jerks as 1/T³, so each sample gives the shortest T in
+    closed form. Load-dependent friction is taken at |g| + |τ - g| (T0/T)².
 
     Raises
     ------
     ValueRangeError
-        Nothing limits the motion; or jerk is limited, and accelerations of this shape or path jump.
+        No limit applies to the motion; or jerk is limited and the shape or path has jumps of acceleration.
 
     Examples
     --------
@@ -311,7 +311,7 @@ def fitted(
         _require_continuous_acceleration(Trajectory(robot, path, unit))
     times = np.union1d(np.linspace(0.0, 1.0, _FIT), getattr(unit, "knots", ()))
     needed = shortest_durations(robot, path, unit, bounds, times, friction=friction)
-    for _ in range(_CLOSER):  # what binds lies between two samples
+    for _ in range(_CLOSER):  # the critical time lies between two samples
         inner = np.concatenate([[-np.inf], needed, [-np.inf]])
         peaks = np.flatnonzero((needed >= inner[:-2]) & (needed >= inner[2:]))
         peaks = peaks[np.argsort(-needed[peaks])[:_PEAKS]]
@@ -331,7 +331,7 @@ def fitted(
 
 
 def _require_continuous_acceleration(trajectory: Trajectory) -> None:
-    """Raise ValueRangeError if the acceleration jumps at the ends or at a knot of the path: no duration bounds that jerk."""
+    """Raise ValueRangeError if acceleration jumps at the ends or at a knot of the path, so that jerk is unbounded."""
     _, dq, ddq = trajectory(np.concatenate([[0.0, trajectory.duration], np.linspace(0.0, trajectory.duration, 101)]))
     where = "at the ends" if any((np.abs(x[:2]).max() > TOLERANCE * np.abs(x).max()) for x in (dq, ddq)) else ""
     knots = trajectory.path.knots[1:-1]
@@ -349,7 +349,7 @@ def _require_continuous_acceleration(trajectory: Trajectory) -> None:
 def shortest_durations(
     robot: Robot, path: JointPath, unit: Any, bounds: Limits, times: Array, *, friction: bool
 ) -> Array:
-    """The shortest duration (n,) by what limits the motion at times (n,) of one that takes 1 s; 0 where nothing does."""
+    """Shortest duration (n,) by the limits at times (n,) of a motion of 1 s; 0 if no limit applies."""
     q, dq, ddq = Trajectory(robot, path, unit)(times)
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
@@ -371,7 +371,7 @@ def shortest_durations(
         )
     moving = motor_torques(model, robot.inverse_dynamics(q, dq, ddq)) - held
     viscous = law.viscous * u if friction else np.zeros_like(dq)
-    fades = (law.static - law.coulomb) * friction  # of what friction takes off a motor that brakes
+    fades = (law.static - law.coulomb) * friction  # friction that helps a braking motor
     # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
     for side in (1.0, -1.0):
         A, B = side * moving + load * np.abs(moving), side * viscous
