@@ -1,4 +1,4 @@
-"""Arguments of quantities: arrays checked and converted, and wrenches ``{frame: (..., 6)}`` summed for each frame."""
+"""Argument validation of quantities: arrays checked and converted, wrenches ``{frame: (..., 6)}`` summed by frame."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 Kind = Literal["body", "space", "world_aligned"]
 Rows = str | Iterable[int | str] | None
-"""Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""
+"""Rows of a twist: names such as ``"vx vz"``, or numbers 0 to 5; None selects all six."""
 Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
 """``{frame: (..., 6)}``, each (m, f) in the axes of its frame."""
 CONFIGURATIONS = ("q", "q0", "q1")
-"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
+"""Inputs that are configurations; derivatives with respect to them are along :meth:`twistwrench.Robot.add`."""
 
 
 def is_symbolic(arrays: Sequence[Any]) -> bool:
@@ -42,7 +42,7 @@ def is_symbolic(arrays: Sequence[Any]) -> bool:
 
 
 def names_of(model: Model, label: str) -> tuple[str, ...]:
-    """The names of the last axis of an input, by which a table is read; none where it has none."""
+    """Names of the entries along an input's last axis, used to look up table columns; empty if there are none."""
     if label in CONFIGURATIONS:
         return model.coordinate_names
     return () if label in ("wrench", "gravity", "parameters") else model.velocity_names
@@ -58,7 +58,7 @@ def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple
 
 
 def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The arrays of a quantity as NumPy's, or Dask's, tables in the robot's order."""
+    """Arrays of a quantity as NumPy or Dask arrays; table columns in the robot's order."""
     from .quantities import QUANTITIES
 
     labels, found = QUANTITIES[name].inputs, []
@@ -73,12 +73,12 @@ def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str
 
 
 def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays third_party."""
+    """State arrays by label, float64 or float32; table columns in the robot's order, Dask arrays unchanged."""
     return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
 
 
 def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of states that are finite, of the right last axis, and whose batch shapes broadcast."""
+    """Finite state arrays with the right last axis and batch shapes that broadcast."""
     found = [
         arguments.finite(array, f"{name}: {x}", model.nq if x in CONFIGURATIONS else model.nv, names=names_of(model, x))
         for x, array in arrays.items()
@@ -91,7 +91,7 @@ def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
 
 
 def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays third_party."""
+    """Arrays of float64, or float32 if given so; table columns ordered by ``names``, Dask arrays unchanged."""
     found = []
     for label, given in arrays.items():
         array = arguments.brought(given, f"{name}: {label}", names.get(label, ()))
@@ -102,7 +102,7 @@ def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLik
 
 
 def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> ShapeError | None:
-    """A shape error that names the argument, or None where types and shapes fit."""
+    """Shape error that names the argument, or None if types and shapes fit."""
     batches = []
     for (label, core), a in zip(inputs_of(model, name, options), arrays, strict=False):
         if not np.can_cast(a.dtype, float):
@@ -118,7 +118,7 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
     except ValueError:
         listed = ", ".join(f"{label} {shape}" for label, shape in batches)
         return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
-    except RuntimeError:  # more axes than NumPy compares
+    except RuntimeError:  # more axes than NumPy supports
         label, shape = max(batches, key=lambda batch: len(batch[1]))
         return ShapeError(
             f"{name}: {label} has {len(shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result included. "
@@ -128,7 +128,7 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
 
 
 def _not_real(name: str, label: str, given: Any) -> ShapeError:
-    """The error for numbers that are neither float32 nor float64, nor exactly one of them."""
+    """Error for values that float32 or float64 cannot represent, or not exactly."""
     dtype = given.dtype
     if dtype.kind == "f":
         what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
@@ -141,7 +141,7 @@ def _not_real(name: str, label: str, given: Any) -> ShapeError:
     )
 
 
-# ── Wrenches ``{frame: (..., 6)}`` by and on the robot, summed for each frame
+# ── Wrenches ``{frame: (..., 6)}`` by and on the robot, summed by frame
 
 
 def check_mapping(wrenches: Any) -> None:
@@ -151,7 +151,7 @@ def check_mapping(wrenches: Any) -> None:
 
 
 def unlabelled(F: Wrench, frame: str) -> Array:
-    """Numbers of a labelled wrench; raises FrameError if its label names another frame than ``frame``."""
+    """Numbers of a labelled wrench; raises FrameError if its label names a frame other than ``frame``."""
     if F.frame != frame:
         raise FrameError(
             f"a wrench in {F.frame!r} was given for frame {frame!r}: move it first, T @ F with "
@@ -161,7 +161,7 @@ def unlabelled(F: Wrench, frame: str) -> Array:
 
 
 def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
-    """The six numbers (..., 6) of a wrench at a frame, float64 or float32."""
+    """Components (..., 6) of a wrench at a frame, float64 or float32."""
     from ..lie.twist_wrench import Wrench
 
     model.frame(frame)
@@ -171,14 +171,14 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     array = numbers("wrench", {}, **{f"the one at {frame!r}": given})[0]
     if array.shape[-1:] != (6,):
         raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")
-    small = np.can_cast(given.dtype, np.float32)  # as a kernel takes it: float16 does not make results double
+    small = np.can_cast(given.dtype, np.float32)  # as in kernels: float16 does not promote results to double
     return array.astype(np.float32, copy=False) if small else array
 
 
 def by_frame(
     model: Model, arrays: Sequence[ArrayLike], by_robot: Wrenches | None, on_robot: Wrenches | None
 ) -> dict[str, Array]:
-    """F_by - F_on of each frame that is named, frames in alphabetical order; ``arrays``: what they are given beside."""
+    """F_by - F_on of each named frame, frames in alphabetical order; ``arrays``: the other inputs of the call."""
     total: dict[str, Array] = {}
     for sign, wrenches in ((1.0, by_robot), (-1.0, on_robot)):
         check_mapping(wrenches)
@@ -191,7 +191,7 @@ def by_frame(
                     f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "
                     f"{total[frame].shape[:-1]} and {mine.shape[:-1]}."
                 ) from None
-    if total and all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # lists do not make them double
+    if total and all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # lists do not promote float32 to double
         given = {**(by_robot or {}), **(on_robot or {})}
         total = {f: F if hasattr(given[f], "dtype") else F.astype(np.float32) for f, F in total.items()}
-    return {frame: total[frame] for frame in sorted(total)}  # whatever the order they were given in, one kernel
+    return {frame: total[frame] for frame in sorted(total)}  # sorted: one kernel for any order of arguments

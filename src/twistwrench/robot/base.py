@@ -30,7 +30,7 @@ class RobotBase:
     """Model and engine of a robot, with its properties, configurations and kernels."""
 
     def __init__(self, model: Model | CachedModel) -> None:
-        self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
+        self.engine = Engine(model, WeakMethod(self._put_in_front))  # weak: a robot without references is freed at once
         self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
 
     @cached_property
@@ -57,10 +57,10 @@ class RobotBase:
         raise NotImplementedError
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
-        """Let calls reach a kernel at once; see :class:`.robot.Robot`."""
+        """Register a kernel for direct calls; see :class:`.robot.Robot`."""
         raise NotImplementedError
 
-    # ── what it is ──
+    # ── properties ──
 
     @property
     def name(self) -> str:
@@ -74,52 +74,52 @@ class RobotBase:
 
     @property
     def nv(self) -> int:
-        """Number of velocities nv, the entries of dq: the degrees of freedom of the tree."""
+        """Number of velocities nv, the entries of dq: degrees of freedom of the open tree."""
         return self.model.nv
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The joints that have coordinates, in the order of q."""
+        """Joints with coordinates, in the order of q."""
         return self.model.joint_names
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """A name for each entry of q: the joint's, with a suffix where it has several."""
+        """A name for each entry of q: the joint's name, with a suffix if the joint has several coordinates."""
         return self.model.coordinate_names
 
     @property
     def velocity_names(self) -> tuple[str, ...]:
-        """A name for each entry of dq, ddq and tau: the joint's, with a suffix where it has several."""
+        """A name for each entry of dq, ddq and tau: the joint's name, with a suffix if the joint has several velocities."""
         return self.model.velocity_names
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """The moving bodies, each by the link its joint carries, in the order of :meth:`joint_wrenches`."""
+        """Moving bodies, named by the link their joint carries, in the order of :meth:`joint_wrenches`."""
         return tuple(body.link for body in self.model.bodies)
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """Every link of the file, in document order."""
+        """Links of the file, in document order."""
         return tuple(self.model.frames)
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames: the links, then the sites of the file."""
+        """Names of all frames: links, then sites of the file."""
         return tuple(self.model.all_frames)
 
     @property
     def tip(self) -> str | None:
-        """The frame meant when none is named; None when the robot has no single tip."""
+        """Default frame; None if the robot has no single tip."""
         return self.model.tip
 
     @property
     def defects(self) -> tuple[str, ...]:
-        """Doubtful entries of the robot's file, a sentence each."""
+        """Doubtful entries of the robot's file, one sentence each."""
         return self.model.defects
 
     @property
     def limits(self) -> Limits:
-        """Joint limits, (nv,) each, inf where none is given."""
+        """Joint limits, (nv,) each; inf if the file gives none."""
         return self.model.limits
 
     @property
@@ -129,27 +129,27 @@ class RobotBase:
 
     @property
     def actuators(self) -> Mapping[str, Actuator]:
-        """Actuators by the joint whose coordinate each moves; see :meth:`with_actuators`."""
+        """Actuators by joint; see :meth:`with_actuators`."""
         return self.model.actuators
 
     @property
     def armature(self) -> Array:
-        """Reflected inertia of the drives, (nv,) kg m² or kg, part of the diagonal of M alone."""
+        """Reflected inertia of the drives, (nv,) kg m² or kg, added to the diagonal of M."""
         return self.model.armature
 
     @property
     def configurations(self) -> Mapping[str, Array]:
-        """Configurations that the file names, such as the keyframes of MJCF; (nq,) each."""
+        """Named configurations of the file, such as MJCF keyframes; (nq,) each."""
         return self.model.configurations
 
     @property
     def closures(self) -> Mapping[str, OfferedClosure]:
-        """Loops that the file closes, by name. The robot is the open tree; :meth:`close` closes them one by one."""
+        """Loops that the file describes, by name. The robot itself is the open tree; :meth:`close` closes a loop."""
         return self.model.closures
 
     @property
     def parameters(self) -> Array:
-        """Inertial parameters π, ten of each moving body, fixed links fused; (10 nbodies,) [kg, kg m, kg m²]. MR 8.2."""
+        """Inertial parameters π, ten for each moving body with its fixed links; (10 nbodies,) [kg, kg m, kg m²]. MR 8.2."""
         return np.concatenate([np.zeros(0), *(body.inertia.parameters for body in self.model.bodies)])
 
     @property
@@ -161,18 +161,18 @@ class RobotBase:
 
     @property
     def neutral(self) -> Array:
-        """Neutral configuration: every joint at zero, inside its limits or not; (nq,), rad or m."""
+        """Neutral configuration: every joint at zero, even outside its limits; (nq,), rad or m."""
         return self.model.neutral
 
     @property
     def screws(self) -> Any:
-        """The book's M, Slist, Blist, Mlist, Glist, link frames as in the file; serial chains only."""
+        """The book's M, Slist, Blist, Mlist and Glist, with link frames as in the file; serial chains only."""
         from ..formats.dh import screw_lists
 
         return screw_lists(self.model)
 
     def screws_at_com(self) -> Any:
-        """The book's lists with link frames at the centres of mass along principal axes: the diagonal G.
+        """The book's lists with link frames at the centres of mass, along principal axes, so that G is diagonal.
 
         Returns
         -------
@@ -181,7 +181,7 @@ class RobotBase:
         Raises
         ------
         ModelError
-            The robot is not a serial chain of one-degree joints.
+            The robot is not a serial chain of joints with one degree of freedom.
         """
         from ..formats.dh import screw_lists
 
@@ -190,7 +190,7 @@ class RobotBase:
     # ── configurations ──
 
     def coordinates(self, **joints: ArrayLike) -> Array:
-        """Configuration from joint names, the other joints neutral.
+        """Configuration from joint names; joints not named are neutral.
 
         Parameters
         ----------
@@ -235,24 +235,24 @@ class RobotBase:
     # ── kernels ──
 
     def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
-        """Compiled kernel of one quantity, or of several at once: a ``numpy.ufunc`` with the robot's own sizes.
+        """Compiled kernel of one or several quantities: a ``numpy.ufunc`` with the robot's sizes.
 
-        Of several quantities, inputs of one name are one input, and what the quantities share is computed once.
+        Quantities share inputs of the same name and common intermediate results.
 
         Parameters
         ----------
         *names : str, quantities
-        **options : by quantity; an option goes to those that take it
+        **options : each option applies to the quantities that accept it
             ``frame=``, ``kind=``, ``rows=``: as for the methods.
-            ``wrenches=(frame, …)``: further inputs, one wrench each, applied by the robot, or by the world at those of
-            ``on_robot=(frame, …)``.
-            ``friction=True``: of inverse and forward dynamics.
-            ``gravity="input"``: a further input, (3,) m/s² in the base frame, in place of the robot's own.
-            ``parameters=(pattern, …)``: the last input, a number for each of ``robot.varying(*patterns)``, so that
-            every sample may have its own masses, inertias, lengths, friction.
-            ``constraints=``: those of a closed robot.
-            ``by="q"``: the derivative of any quantity by that input, or by several, along :meth:`add` on q; ``form``,
-            ``mode`` and ``values`` are those of :func:`twistwrench.differentiate`.
+            ``wrenches=(frame, …)``: one further input per frame, a wrench applied by the robot, or by the world if the
+            frame is in ``on_robot=(frame, …)``.
+            ``friction=True``: for inverse and forward dynamics.
+            ``gravity="input"``: a further input, (3,) m/s² in the base frame, replaces the robot's gravity.
+            ``parameters=(pattern, …)``: a last input with one number for each of ``robot.varying(*patterns)``. Masses,
+            inertias, lengths and friction may then differ in each sample.
+            ``constraints=``: the constraints of a closed robot.
+            ``by="q"``: derivative of a quantity with respect to one or several inputs, along :meth:`add` for q;
+            ``form``, ``mode`` and ``values`` as for :func:`twistwrench.differentiate`.
 
         Returns
         -------
@@ -263,7 +263,7 @@ class RobotBase:
         KernelError
             An option does not apply.
         SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
+            A joint moves no inertia, so that M has no inverse.
 
         Examples
         --------
@@ -276,18 +276,18 @@ class RobotBase:
         return self.engine.kernel(names, options)
 
     def varying(self, *patterns: str) -> dict[str, float]:
-        """Parameters that can be inputs of a kernel (masses, inertias, lengths, friction), with the robot's own numbers.
+        """Parameters that can be inputs of a kernel (masses, inertias, lengths, friction), with the robot's values.
 
-        Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
-        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a payload.
+        Names: ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (position in the
+        parent body), ``<joint>.viscous`` and the other friction parameters. The mass of a massless link is a payload.
 
         Parameters
         ----------
-        *patterns : str, names with wildcards such as ``"*.mass"``; none: all
+        *patterns : str, names with wildcards such as ``"*.mass"``; none given: all parameters
 
         Returns
         -------
-        parameters : {name: float}, in a kernel's order [SI units]
+        parameters : {name: float}, in the order of the kernel's input [SI units]
 
         Examples
         --------
@@ -306,7 +306,7 @@ class RobotBase:
         return {name: known[name] for name in matching(self.model, patterns or ("*",))}
 
     def program(self, *names: str, **options: Unpack[KernelOptions]) -> Program:
-        """Straight-line program behind a kernel, for counting its operations.
+        """Straight-line program behind a kernel, for example to count its operations.
 
         Parameters
         ----------
@@ -320,18 +320,18 @@ class RobotBase:
         return self.engine.program(names, options)
 
     def reference(self, name: str, *arrays: ArrayLike, **options: Unpack[KernelOptions]) -> Any:
-        """Reference value of a quantity: the algorithm itself on floats, one state at a time, nothing compiled.
+        """Reference value of a quantity: the algorithm evaluated on floats, one state at a time, without compilation.
 
         Parameters
         ----------
         name : str, a quantity
-        *arrays : its inputs, of one state
+        *arrays : inputs of the quantity, one state
         **options : as for :meth:`kernel`
 
         Returns
         -------
-        result : array, or tuple of arrays where the quantity has several outputs; symbols of symbols, in a function
-            that is traced
+        result : array, or tuple of arrays if the quantity has several outputs; symbols if the inputs are symbols of a
+            trace
         """
         return self.engine.reference(name, arrays, options)
 

@@ -1,11 +1,11 @@
-"""Closed robots: a robot with loops or other constraints on its velocity, A(q) dq = 0. Modern Robotics section 8.7.
+"""Closed robots: a robot with loops or other velocity constraints, A(q) dq = 0. Modern Robotics section 8.7.
 
-The equations of motion are those of the open robot with the forces of constraint in them,
+The equations of motion are those of the open robot plus constraint forces,
 
-    τ = M q̈ + h + A'λ,   A q̈ + (dA/dt) dq = 0,
+    τ = M q̈ + h + A'λ,   A q̈ + (dA/dt) dq = 0.
 
-so λ is what the robot applies where it is held, as in τ = M q̈ + h + J'F_by. Shapes are those of one state; any leading batch
-shape goes.
+λ is therefore exerted by the robot on its constraints, as F_by in τ = M q̈ + h + J'F_by. Shapes are given for one
+state; any leading batch shape is allowed.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ if TYPE_CHECKING:
 class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"], ActuationMethods):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
-    Made by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7. Methods raise
-    ConstraintError if a state breaks the constraints, and SingularMassMatrixError if they need M⁻¹ and a joint moves nothing
-    with inertia.
+    Created by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7. Methods raise
+    ConstraintError if a state violates the constraints, and SingularMassMatrixError if they need M⁻¹ and a joint moves
+    no inertia.
 
     Examples
     --------
@@ -116,17 +116,17 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         free = self.nv - len(self.independent)
         return f"<ClosedRobot {self.robot.name!r}: {held or 'open'}; {free} degree{'s' * (free != 1)} of freedom>"
 
-    if not TYPE_CHECKING:  # so that checkers of types refuse these names too
+    if not TYPE_CHECKING:  # so that type checkers reject these names too
 
         def __getattr__(self, name: str) -> NoReturn:
-            """Name the open robot's method in the error; forwarding it would ignore the loops."""
+            """Name the open robot's method in the error; forwarding the call would ignore the loops."""
             hint = ""
             if not name.startswith("_") and hasattr(Robot, name):
                 call = "(…)" if callable(getattr(Robot, name)) else ""
                 hint = f" For the robot with its loops open, without the constraints: closed.robot.{name}{call}."
             raise AttributeError(f"a ClosedRobot has no {name!r}.{hint}", name=name, obj=self)
 
-    # ── what the methods that open robots have, too, need ──
+    # ── hooks of the methods shared with open robots ──
 
     def _open(self) -> Robot:
         return self.robot
@@ -135,7 +135,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return self
 
     def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
-        """The robot with one constraint more."""
+        """Robot with one additional constraint."""
         if redundant not in ("error", "accept"):
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
         sizes, spans = row_sizes(self, new)
@@ -182,7 +182,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
 
     @third_party.by_blocks(lambda closed, _: [(sum(with_gaps(closed.constraints)),)])
     def constraint_error(self, q: ArrayLike) -> Array:
-        """Constraint error: by how much loops are open, in the rows that have a position.
+        """Constraint error: gap of the loops, in the rows that constrain a position.
 
         Returns
         -------
@@ -195,13 +195,13 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = checks.NEAR) -> Array:
         """Configuration near q at which the loops are closed, to ``tolerance``.
 
-        Steps are the least in the kinetic metric, and where loops are far open they add up: ``robot.subtract(found, q)`` is
-        how far each joint went.
+        Each step is minimal in the kinetic metric. If loops are far open, the steps add up:
+        ``robot.subtract(found, q)`` is the displacement of each joint.
 
         Parameters
         ----------
-        tolerance : float, how far loops may be open (rad, m, part of a shorter robot's length)
-        within : float, warn where a joint went further than this (rad or m; ``np.inf``: never)
+        tolerance : float, allowed gap of the loops (rad, m; a fraction of the length if the robot is shorter than 1 m)
+        within : float, warn if a joint moves further than this (rad or m; ``np.inf``: never)
 
         Returns
         -------
@@ -210,12 +210,12 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Raises
         ------
         ConstraintError
-            No configuration is reached; the gap that is left is said.
+            No closed configuration is found; the message gives the remaining gap.
 
         Warns
         -----
         ConstraintWarning
-            A joint went further than ``within``.
+            A joint moved further than ``within``.
         """
         (q,) = finite_states(self.robot.model, "consistent", q=q)
         if not arguments.number(tolerance, "tolerance") > 0:
@@ -233,12 +233,12 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return found
 
     def settled(self, starts: Array, tolerance: float) -> tuple[Array, Array]:
-        """Configurations near starts, and the gap left at each: :meth:`consistent` without its judgement.
+        """Configurations near starts and the remaining gaps: :meth:`consistent` without checks.
 
         Parameters
         ----------
         starts : (n, nq) array, configurations
-        tolerance : float, how far loops may be open (rad, m, part of a shorter robot's length)
+        tolerance : float, allowed gap of the loops (rad, m; a fraction of the length if the robot is shorter than 1 m)
 
         Returns
         -------
@@ -256,7 +256,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return settled(starts, self.gaps, rows_and_mass, robot.add, sizes, gap_units(self), tolerance)
 
     def gaps(self, q: Array) -> Array:
-        """Constraint error of checked q; see :meth:`constraint_error`.
+        """Constraint error at validated q; see :meth:`constraint_error`.
 
         Returns
         -------
@@ -281,7 +281,8 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     ) -> ConstrainedMotion:
         """Constrained forward dynamics: q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0.
 
-        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of least norm where rows are redundant or the configuration is singular.
+        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if rows are redundant or the configuration is
+        singular.
 
         Returns
         -------
@@ -291,8 +292,8 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Raises
         ------
         ConstraintError
-            q leaves loops open by a hundredth (rad, and of what the joints' lever is), or a tenth of dq breaks the
-            constraints.
+            A gap of the loops at q exceeds 0.01 (rad, or times the joints' lever), or more than a tenth of dq violates
+            the constraints.
 
         Warns
         -----
@@ -316,7 +317,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         if len(rows) < len(self.sizes) and not again.all():
             usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
             lam[~again] = (self._projector(usual)[1].range @ lam[~again][..., None])[..., 0]
-        if again.any():  # by singular values, however singular A is
+        if again.any():  # pseudo-inverse from singular values: valid for any rank of A
             h = call("bias_forces", (q, dq), by, on, None)
             q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
             _, projector = self._projector(q)
@@ -336,15 +337,15 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> ConstrainedTorques:
-        """Constrained inverse dynamics: τ of the ``actuated`` joints, and λ, for a motion that meets the constraints.
+        """Constrained inverse dynamics: τ of the ``actuated`` joints, and λ, for a motion that satisfies the constraints.
 
-        With more motors than degrees of freedom τ is the one of least norm.
+        With more motors than degrees of freedom, τ is the solution of minimal norm.
 
         Parameters
         ----------
-        friction : bool, add what overcomes the friction of all joints, driven or not
-            As :meth:`forward_dynamics` takes off; friction that grows with the load is that of the torques the open
-            robot would need.
+        friction : bool, add the torques that overcome the friction of all joints, driven or not
+            As in :meth:`forward_dynamics`. Load-dependent friction is evaluated at the torques that the open robot
+            would need.
 
         Returns
         -------
@@ -354,8 +355,8 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Raises
         ------
         ConstraintError
-            q, dq or ddq breaks the constraints, as in :meth:`forward_dynamics`, or the motors named cannot make the
-            motion.
+            q, dq or ddq violates the constraints, as in :meth:`forward_dynamics`, or the named motors cannot produce
+            the motion.
         """
         q, dq, ddq = finite_states(self.robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
         checks.require_met(self, q, dq, ddq)
@@ -367,7 +368,9 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
             f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
         )
         A, projector = self._projector(q)
-        lam, left = balance(f, projector.range @ A, self.sizes, driven)  # λ of what never moves would be any number
+        lam, left = balance(
+            f, projector.range @ A, self.sizes, driven
+        )  # projected: λ of rows without motion is arbitrary
         checks.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
         lam = (projector.range @ lam[..., None])[..., 0]
@@ -401,19 +404,19 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
     ) -> Array:
-        """Wrenches across the joints (bearing loads) of a closed robot: what each moving body receives across its joint.
+        """Wrenches across the joints (bearing loads) of a closed robot, received by each moving body across its joint.
 
-        Those of the open robot under λ of :meth:`inverse_dynamics`, a wrench on both links that a closure joins; what the cut
-        joints themselves carry is λ.
+        They are those of the open robot under λ of :meth:`inverse_dynamics`, which acts on both links of a closure. Cut
+        joints themselves carry λ.
 
         Returns
         -------
-        F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of the open robot's
+        F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, bodies in the order of the open robot
         """
         given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         lam = self.inverse_dynamics(q, dq, ddq, actuated, **given).lam
         found, free = (self.robot.joint_wrenches(q, dq, ddq, **more) for more in (given, {}))
-        for frame, F in applied(self, np.asarray(q, float), lam):  # one frame may stand in several constraints
+        for frame, F in applied(self, np.asarray(q, float), lam):  # a frame may occur in several constraints
             found = found + (self.robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
         return found
 
@@ -428,20 +431,21 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> Explanation:
-        """Why a motor needs its torque: τ of :meth:`inverse_dynamics` split by term and by the link or payload that causes it.
+        """Torques of :meth:`inverse_dynamics` split by term and by the link or payload that causes them.
 
-        What a part asks of all joints of the open robot, the constraints bring to the motors: τ = f + A'λ is linear in f.
+        The constraints transmit each part's torques at the open robot's joints to the motors: τ = f + A'λ is linear in
+        f.
 
         Parameters
         ----------
-        friction : bool, count the friction of all joints, driven or not
+        friction : bool, include the friction of all joints, driven or not
 
         Returns
         -------
-        why : Explanation, whose parts add up to τ; they are zero at joints without a motor
+        why : Explanation, parts that add up to τ; zero at joints without a motor
         """
         given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        self.inverse_dynamics(q, dq, ddq, actuated, friction=friction, **given)  # judges the state and the motors
+        self.inverse_dynamics(q, dq, ddq, actuated, friction=friction, **given)  # checks state and motors
         why = self.robot.explain(q, dq, ddq, friction=friction, **given)
         driven = checks.driven(self.robot, actuated)
         (q,) = finite_states(self.robot.model, "explain", q=q)
@@ -460,25 +464,25 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
     ) -> ConstrainedDerivatives:
-        """Derivatives of the motors' torques by the motors' own q, dq and ddq, along motions that keep to the constraints.
+        """Derivatives of the motor torques by the motors' q, dq and ddq, along motions that satisfy the constraints.
 
-        The other joints' coordinates, velocities and accelerations follow from the constraints. Columns are along
-        :meth:`twistwrench.Robot.add`. Friction is left out.
+        Coordinates, velocities and accelerations of the other joints follow from the constraints. Columns are along
+        :meth:`twistwrench.Robot.add`. Friction is excluded.
 
         Parameters
         ----------
-        actuated : iterable of str, joints with a motor, of as many velocities m as there are degrees of freedom
+        actuated : iterable of str, joints with a motor; their number of velocities m equals the degrees of freedom
 
         Returns
         -------
-        slopes : ConstrainedDerivatives, ``tau_by_q``, ``tau_by_dq`` and ``tau_by_ddq`` (m, m), in the order of the robot's
-            velocities; the last is the mass matrix that the motors see
+        slopes : ConstrainedDerivatives, ``tau_by_q``, ``tau_by_dq`` and ``tau_by_ddq`` (m, m), in the order of the
+            robot's velocities; ``tau_by_ddq`` is the mass matrix reduced to the motors
 
         Raises
         ------
         ConstraintError
-            q, dq or ddq breaks the constraints; the joints named have more or fewer velocities than there are degrees of
-            freedom, or do not determine the others at q.
+            q, dq or ddq violates the constraints; the number of velocities of the named joints differs from the degrees
+            of freedom; or these joints do not determine the others at q.
         """
         robot, held = self.robot, self._independent_constraints
         given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
@@ -508,12 +512,12 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         embed: bool = False,
         control: str | None = None,
     ) -> ShownPage:
-        """Show the robot's page with its loops closed: in a notebook below the cell, elsewhere in the browser.
+        """Show the robot's page with its loops closed: below the cell in a notebook, otherwise in the browser.
 
         Parameters
         ----------
-        q : (nq,) array_like, optional, where it starts
-        actuated, wrench_on_robot, embed, control : those of :func:`twistwrench.viz.write_page`
+        q : (nq,) array_like, optional, initial configuration
+        actuated, wrench_on_robot, embed, control : as for :func:`twistwrench.viz.write_page`
 
         Returns
         -------
@@ -531,16 +535,16 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return show(self, q=q, actuated=actuated, wrench_on_robot=wrench_on_robot, embed=embed, control=control)
 
     def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
-        """Compiled kernel of quantities with constraints, at the independent ones of this robot.
+        """Compiled kernel of quantities with constraints; dependent constraint rows are left out.
 
-        Kernels judge nothing: of constrained dynamics the pivots of A M⁻¹ A' come with the results, and where one is near zero
-        the configuration is singular; :meth:`forward_dynamics` looks at them.
+        Kernels do not check states. Constrained dynamics also returns the pivots of A M⁻¹ A'; a pivot near zero marks a
+        singular configuration. :meth:`forward_dynamics` checks them.
 
         Parameters
         ----------
-        *names : str, ``"constrained_dynamics"``, ``"constraint_jacobian"``, ``"constraint_bias"``, ``"closure_poses"``, and
-            with them any other of the open robot
-        **options : as for :meth:`twistwrench.Robot.kernel`, ``constraints`` filled in
+        *names : str, ``"constrained_dynamics"``, ``"constraint_jacobian"``, ``"constraint_bias"``, ``"closure_poses"``,
+            together with any quantities of the open robot
+        **options : as for :meth:`twistwrench.Robot.kernel`; ``constraints`` is filled in
 
         Returns
         -------
@@ -549,7 +553,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Raises
         ------
         KernelError
-            None of them has constraints, or an option does not apply.
+            No quantity has constraints, or an option does not apply.
         """
         if not any(self._constraint_options(name) for name in names):
             raise KernelError(

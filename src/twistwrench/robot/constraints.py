@@ -49,13 +49,13 @@ class ConstrainedRobot:
     robot: Robot
     """The same robot with its loops open."""
     constraints: tuple[Constraint, ...] = ()
-    """Closures and constraints, in the order in which they were made."""
+    """Closures and constraints, in the order of their creation."""
     sizes: Array = field(default_factory=lambda: np.zeros(0))
-    """Usual size of each row of A, through the mass matrix, which singular values are compared with."""
+    """Typical size of each row of A, scaled by the mass matrix; singular values are compared with it."""
     independent: tuple[int, ...] = ()
-    """Numbers of the rows of A that do not depend on earlier ones."""
+    """Indices of the rows of A that do not depend on earlier rows."""
     spans: Array = field(default_factory=lambda: np.zeros(0))
-    """Scale of a gap of each row: 1 rad, or m, the usual lever of its joints, 1 at most."""
+    """Scale of each row's gap: 1 rad, or the typical lever of its joints in m, at most 1 m."""
 
     def __post_init__(self) -> None:
         for array in (self.sizes, self.spans):
@@ -63,18 +63,18 @@ class ConstrainedRobot:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.__post_init__()  # arrays come out of a pickle writable
+        self.__post_init__()  # unpickled arrays are writable
 
-    # ── what it is ──
+    # ── properties ──
 
     @property
     def nq(self) -> int:
-        """Number of coordinates nq, those of the open robot."""
+        """Number of coordinates nq of the open robot."""
         return self.robot.nq
 
     @property
     def nv(self) -> int:
-        """Number of velocities, those of the open robot."""
+        """Number of velocities nv of the open robot."""
         return self.robot.nv
 
     @property
@@ -84,12 +84,12 @@ class ConstrainedRobot:
 
     @property
     def redundant_rows(self) -> tuple[str, ...]:
-        """The rows that depend on the others wherever loops are closed."""
+        """Rows that depend on the others at every configuration with closed loops."""
         return tuple(name for k, name in enumerate(self.row_names) if k not in self.independent)
 
     @cached_property
     def _independent_constraints(self) -> tuple[Constraint, ...]:
-        """The constraints with their independent rows alone."""
+        """Constraints reduced to their independent rows."""
         return independent_constraints(self.constraints, self.independent)
 
     # ── A, its rank, and projections ──
@@ -122,7 +122,7 @@ class ConstrainedRobot:
 
     @third_party.by_blocks(lambda *_: [()], dtype=int)
     def rank(self, q: ArrayLike) -> Array:
-        """Rank of A at q: how many of its rows are independent; fewer than usual where the configuration is singular.
+        """Rank of A at q: number of independent rows; lower than usual if the configuration is singular.
 
         Returns
         -------
@@ -132,7 +132,7 @@ class ConstrainedRobot:
 
     @third_party.by_blocks(lambda *_: [()], dtype=int)
     def degrees_of_freedom(self, q: ArrayLike) -> Array:
-        """Degrees of freedom at q: nv less the rank of A.
+        """Degrees of freedom at q: nv minus the rank of A.
 
         Returns
         -------
@@ -142,9 +142,9 @@ class ConstrainedRobot:
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
     def projector(self, q: ArrayLike) -> Array:
-        """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which removes from torques the part that the constraints bear.
+        """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which removes the part of the torques that the constraints bear.
 
-        Its transpose takes from velocities what breaks them.
+        Its transpose removes the part of velocities that violates the constraints.
 
         Returns
         -------
@@ -168,7 +168,7 @@ class ConstrainedRobot:
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
     def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
-        """Velocity nearest in the kinetic metric that meets A dq = 0: P'dq.
+        """Velocity nearest to dq in the kinetic metric that satisfies A dq = 0: P'dq.
 
         Returns
         -------
@@ -179,7 +179,7 @@ class ConstrainedRobot:
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
     def project_acceleration(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Acceleration nearest in the kinetic metric that meets A q̈ + (dA/dt) dq = 0.
+        """Acceleration nearest to ddq in the kinetic metric that satisfies A q̈ + (dA/dt) dq = 0.
 
         Returns
         -------
@@ -189,7 +189,7 @@ class ConstrainedRobot:
         return self._nearest(q, ddq, self.constraint_bias(q, dq))
 
     def _projector(self, q: Array) -> tuple[Array, ConstraintProjector]:
-        """A at q and its projector, weighted by the mass matrix."""
+        """A at q and its projector, weighted with the mass matrix."""
         A = self.constraint_jacobian(q)
         return A, ConstraintProjector.from_rows(A, self.robot.mass_matrix(q), self.sizes, len(self.independent))
 
@@ -198,9 +198,9 @@ class ConstrainedRobot:
         return projector.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
 
     def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
-        """Constraint wrenches: λ as wrenches (m, f) that the robot applies where it is held.
+        """Constraint wrenches: λ as wrenches (m, f) that the robot exerts on its constraints.
 
-        A closure's is what {b} applies to {a}, at the origin of {b}, along the axes of {c}.
+        The wrench of a closure is exerted by {b} on {a}, at the origin of {b}, along the axes of {c}.
 
         Parameters
         ----------
@@ -222,19 +222,18 @@ class ConstrainedRobot:
 # ── Scaling of constraint rows, and tolerances of gaps and rates
 
 CLOSED = 1e-12
-"""rad, and part of the robot's length: loops closed to this are closed; positions are rounded to some 1e-15 of it."""
+"""rad, and fraction of the robot's length: loops with a smaller gap count as closed; positions round at about 1e-15."""
 SHORTEST = 1e-4
-"""Part of the robot's length: beside levers shorter than it, positions of single precision are rounded to more than loops may
-be open."""
+"""Fraction of the robot's length: for shorter levers, single-precision rounding errors of positions exceed the largest
+allowed gap."""
 LONGEST = 1.0
-"""m: loops of larger robots are closed as well as those of this size."""
+"""m: loops of larger robots are closed to the same absolute gap as those of this size."""
 ROUNDED = 4e-3
-"""Part of a robot's whole length, however large: 1e-12 of this is 18 units in the last place of its positions, and no loop is
-closed to less."""
+"""Fraction of a robot's whole length: 1e-12 of it is 18 units in the last place of positions, the smallest tolerance used."""
 
 
 def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
-    """Usual sizes of the rows of A, through the mass matrix, and their spans, those of one more constraint appended."""
+    """Typical sizes of the rows of A, scaled by the mass matrix, and their spans, with one more constraint appended."""
     sizes, rows = six_sizes(closed.robot, new), list(new.rows)
     length = robot_length(closed.robot.model)
     spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], SHORTEST * length, LONGEST)], 3)
@@ -242,12 +241,12 @@ def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
 
 
 def robot_length(model: Model) -> float:
-    """m, :data:`LONGEST` at most: how far its links may be from its base, what gaps are small beside."""
+    """Length in m that scales gaps: distance that links can have from the base, at most :data:`LONGEST`."""
     return min(_whole_length(model), LONGEST)
 
 
 def _whole_length(model: Model) -> float:
-    """m: the sum of the levers along the longest chain, with what joints may slide; what positions are rounded by."""
+    """Sum of the levers along the longest chain with the strokes of sliding joints, in m; scale of rounding errors."""
     reach: list[float] = []
     for body in model.bodies:
         sliding = body.joint.axes[:, 3:].any(axis=1)
@@ -265,12 +264,12 @@ def _whole_length(model: Model) -> float:
 
 
 def gap_length(model: Model) -> float:
-    """m: what a gap of one is."""
+    """Length in m that corresponds to a relative gap of 1."""
     return max(robot_length(model), ROUNDED * _whole_length(model))
 
 
 def gap_units(closed: ClosedRobot) -> Array:
-    """Unit of the gap of each row that has a position: 1 rad, or the robot's length in m, or the bound of rounding."""
+    """Unit of the gap of each position row: 1 rad, or the robot's length in m, or the bound by rounding errors."""
     turning = np.array([k < 3 for c in closed.constraints if isinstance(c, Closure) for k in c.rows], bool)
     return np.where(turning, 1.0, gap_length(closed.robot.model))
 
@@ -281,7 +280,7 @@ def all_rows(constraint: Constraint) -> Constraint:
 
 
 def six_sizes(robot: Robot, constraint: Constraint) -> Array:
-    """Usual sizes of the six rows of a constraint, through the mass matrix; (6,)."""
+    """Typical sizes of the six rows of a constraint, scaled by the mass matrix; (6,)."""
     robot.engine.require_invertible()
     some = robot.random_configuration(0, 8)
     J = np.stack([robot.reference("constraint_jacobian", q, constraints=(all_rows(constraint),)) for q in some])
@@ -303,7 +302,7 @@ def rate_units(closed: ClosedRobot) -> Array:
 
 
 def applied(closed: ClosedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
-    """(frame, (..., 6)): the wrenches by the robot that act on its links as λ (..., k) does, none for the ground."""
+    """Pairs (frame, (..., 6)): wrenches by the robot equivalent to λ (..., k) on its links; none for the ground."""
     found: list[tuple[str, Array]] = []
     poses: Iterator[Array] = iter(())
     if any(isinstance(c, Closure) for c in closed.constraints):
@@ -311,7 +310,7 @@ def applied(closed: ClosedRobot, q: Array, lam: Array) -> list[tuple[str, Array]
         poses = iter(np.moveaxis(T, -3, 0))
     for name, c in zip(names(closed.constraints), closed.constraints, strict=True):
         F = closed.wrenches(lam)[name]
-        if isinstance(c, Rolling):  # along the axes and at the point that the Jacobian's kind names
+        if isinstance(c, Rolling):  # at the point and along the axes of the Jacobian's kind
             T = closed.robot.forward_kinematics(q, c.frame)
             F = _moved(np.eye(3), -T[..., :3, 3], F) if c.kind == "space" else F
             found.append((c.frame, F if c.kind == "body" else _turned(np.swapaxes(T[..., :3, :3], -1, -2), F)))
@@ -331,7 +330,7 @@ def _turned(R: Array, F: Array) -> Array:
 
 
 def _moved(R: Array, p: Array, F: Array) -> Array:
-    """A wrench of one frame in another, in which the first has the pose (R, p)."""
+    """Wrench transformed to another frame, in which the original frame has the pose (R, p)."""
     turned = _turned(R, F)
     return np.concatenate([turned[..., :3] + np.cross(p, turned[..., 3:]), turned[..., 3:]], axis=-1)
 
@@ -363,7 +362,7 @@ def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
 
 
 def _named(model: Model, frame: str | None) -> str:
-    """The frame's name, the tip's for None; errors as those of :meth:`Model.frame`."""
+    """Name of the frame, or the tip for None; raises the errors of :meth:`Model.frame`."""
     if frame is None:
         model.frame(None)
         return str(model.tip)
@@ -373,25 +372,25 @@ def _named(model: Model, frame: str | None) -> str:
 # ── Checks: closure, independence of constraints, and states that satisfy them
 
 STARTS = 32
-"""Number of random configurations from which closed ones are searched; with common mechanisms one in a few converges."""
+"""Number of random start configurations in the search for closed ones; one in a few converges for common mechanisms."""
 FOUND = 1e-10
-"""rad, and part of the robot's length: far below this the row of A at a configuration is that of a closed one."""
+"""rad, and fraction of the robot's length: gap far below which the row of A equals that of a closed configuration."""
 OPEN, ASTRAY = 1e-2, 0.1
-"""Largest gap of the loops (rad, and part of their span), and largest part of a rate that may break the constraints, for
-constrained dynamics to be evaluated. Stages of an integrator's step are a little off both: gaps grow with the step's square,
-rates with the step."""
+"""Largest gap of the loops (rad, and fraction of their span), and largest fraction of a rate that may violate the
+constraints, in constrained dynamics. Intermediate stages of an integrator have small errors: gaps grow with the square
+of the step, rates with the step."""
 STILL = 1e-3
-"""rad/s, and part of the robot's length per s (and per s): joints this slow are at rest. Where a motion turns round, the stages
-of an integrator's step add up to velocities as small as their errors, of which any part may break the constraints."""
+"""rad/s, and fraction of the robot's length per s: slower joints count as at rest. Where a motion reverses, velocities are as
+small as integration errors, so that any fraction of them may violate the constraints."""
 FADED = 1e-2
-"""Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
-integrator's errors are all that is left of them."""
+"""Rows whose response to a motion is below this fraction of its typical size are near a singular configuration; rounding and
+integration errors dominate them."""
 NEAR = 0.5
-"""Largest displacement (rad and m) by which a closed configuration still counts as near."""
+"""Largest displacement (rad and m) at which a closed configuration still counts as near."""
 
 
 def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
-    """Some configurations with the loops closed, found from known and random ones or from around ``near``; (n, nq)."""
+    """Configurations with closed loops, found from stored and random ones or from around ``near``; (n, nq)."""
     rng, robot = np.random.default_rng(0), closed.robot
     if near is None:
         known = [robot.add(q, _spread(rng, robot, 4)) for q in robot.model.configurations.values()]
@@ -409,12 +408,12 @@ def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
 
 
 def _spread(rng: np.random.Generator, robot: Robot, n: int) -> Array:
-    """Steps (n, nv) to places at and around a configuration, none first."""
+    """Random displacements (n, nv) of different size; the first is zero."""
     return np.repeat([0.0, 0.01, 0.1, 0.3], n // 4)[:, None] * rng.standard_normal((n, robot.nv))
 
 
 def require_angle(closed: ClosedRobot, q: Array) -> None:
-    """Raise where one turning row is held alone and the rest turns too: then its rate is the rate of no angle."""
+    """Raise an error if one angular row is held alone while other axes rotate too: its rate is not the rate of an angle."""
     new, robot = closed.constraints[-1], closed.robot
     turning = [k for k in new.rows if k < 3]
     if not isinstance(new, Closure) or len(turning) != 1:
@@ -429,7 +428,7 @@ def require_angle(closed: ClosedRobot, q: Array) -> None:
 
 
 def refuse_redundant(closed: ClosedRobot) -> None:
-    """Raise a ConstraintError that names the rows that depend on others, and an independent choice."""
+    """Raise ConstraintError that names the dependent rows and an independent choice."""
     new = closed.constraints[-1]
     first = len(closed.sizes) - len(new.rows)
     keep = " ".join(TWIST[new.rows[k - first]] for k in closed.independent if k >= first)
@@ -447,7 +446,7 @@ def _in_units(closed: ClosedRobot) -> str:
 
 
 def require_found(closed: ClosedRobot, left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
-    """Raise a ConstraintError that names the start that leaves the widest gap of ``left`` (n,), where that is too wide."""
+    """Raise ConstraintError that names the start with the largest gap of ``left`` (n,), if it exceeds ``tolerance``."""
     if not (left > tolerance).any():
         return
     worst = int(left.argmax())
@@ -458,7 +457,7 @@ def require_found(closed: ClosedRobot, left: Array, tolerance: float, batch: tup
 
 
 def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
-    """Warn of the joint that went furthest from q to ``found`` (..., nq), if that is further than ``within``."""
+    """Warn if a joint moved further than ``within`` from q to ``found`` (..., nq); names the joint that moved furthest."""
     moved = np.abs(robot.subtract(found, q))
     if not (moved > within).any():
         return
@@ -474,7 +473,7 @@ def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
 
 
 def warn_of_singular(rank: Array, usual: int) -> None:
-    """Warn of states that hold the constraints by fewer directions than usual."""
+    """Warn of states at which the rank of the constraints is lower than usual."""
     if (lost := rank < usual).any():
         warnings.warn(
             f"singular configuration: {lost.sum()} of these states hold the constraints by {rank.min()} "
@@ -494,7 +493,7 @@ def _in_words(row: Iterable[Any]) -> str:
 
 
 def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:
-    """Raise a ConstraintError with the amount by which a state breaks the constraints, if it is too large."""
+    """Raise ConstraintError with the constraint violation of a state, if it is too large."""
     mine = with_gaps(closed.constraints)
     gap, allowed = np.abs(closed.gaps(q)), OPEN * closed.spans[mine]
     if not (gap <= allowed).all():
@@ -517,7 +516,7 @@ def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, 
     usual = (terms / closed.sizes).max(axis=-1, initial=0.0)
     if (rate <= ASTRAY * usual).all():
         return
-    # Seen through the mass matrix a row of its usual size is 1; so this is what rows usually see of such a motion.
+    # Scaled by the mass matrix, a row of typical size is 1; this is the typical response of rows to such a motion.
     seen = np.sqrt(np.maximum((v * (closed.robot.mass_matrix(q) @ v[..., None])[..., 0]).sum(axis=-1), 0.0))
     usual = np.maximum(usual, FADED * seen)
     if (rate <= ASTRAY * usual).all():
@@ -531,7 +530,7 @@ def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, 
 
 
 def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> None:
-    """Raise if torques ``left`` (..., n) at joints without motors exceed rounding beside M q̈ + h = f (..., nv)."""
+    """Raise an error if residual torques ``left`` (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
     rest = np.abs(left).max(axis=-1, initial=0.0)
     allowed = UNBALANCED * np.abs(f).max(axis=-1, initial=0.0)
     if (rest <= allowed).all():
@@ -546,7 +545,7 @@ def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> N
 
 
 def require_independent(closed: ClosedRobot, q: Array, driven: Array) -> None:
-    """Raise unless the joints ``driven`` (nv,) have as many velocities as there are degrees of freedom, and make all others."""
+    """Raise an error unless the joints ``driven`` (nv,) determine all others and match the degrees of freedom in number."""
     free, named = closed.nv - len(closed.independent), int(driven.sum())
     mine = ", ".join(joints(closed.robot, driven)) or "no joint"
     if named != free:
@@ -569,7 +568,7 @@ def require_independent(closed: ClosedRobot, q: Array, driven: Array) -> None:
 
 
 def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
-    """Mask of the velocities of the joints named (None: all); (nv,)."""
+    """Mask of the velocities of the named joints (None: all); (nv,)."""
     leaders = {b.joint.name: b for b in robot.model.leaders}
     names = list(leaders) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
     found = np.zeros(robot.nv, bool)
@@ -581,7 +580,7 @@ def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
 
 
 def joints(robot: Robot, which: Array) -> list[str]:
-    """The joints of the velocities that ``which`` (nv,) is true for."""
+    """Joints of the velocities selected by the mask ``which`` (nv,)."""
     names = [b.joint.name for b in robot.model.leaders for _ in range(b.joint.nv)]
     return list(dict.fromkeys(name for name, yes in zip(names, which, strict=True) if yes))
 

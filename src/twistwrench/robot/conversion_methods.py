@@ -1,4 +1,4 @@
-"""Methods that turn a robot into another one, into text of robot files, and into functions of other libraries."""
+"""Methods that convert a robot to another robot, to text of robot files, and to functions of other libraries."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 
 class EditMethods(RobotBase):
-    """The methods of a robot that give another one."""
+    """Methods of a robot that return an edited one."""
 
     def with_payload(self, payload: SpatialInertia, frame: str | None = None) -> Robot:
-        """The robot with a payload: a body fixed to one of its frames.
+        """Robot with a payload: a body fixed to one of its frames.
 
         Parameters
         ----------
@@ -51,7 +51,7 @@ class EditMethods(RobotBase):
         return self._of_model(edit.with_payload(self.model, payload, frame))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
-        """The robot under another gravity.
+        """Robot with another gravity.
 
         Returns
         -------
@@ -62,12 +62,12 @@ class EditMethods(RobotBase):
         return self._of_model(edit.with_gravity(self.model, gravity))
 
     def with_actuators(self, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
-        """The robot with motors, gears, rotors, elastic joints and friction laws.
+        """Robot with motors, gears, rotors, elastic joints and friction laws.
 
         Parameters
         ----------
-        source : str, Path or mapping, a YAML file, its text, or what it says; docs/actuation.md shows the file
-        stiff : bool, take elastic gears to be rigid, so that no motor has a coordinate of its own, and warn of it
+        source : str, Path or mapping, a YAML file, its text or its content; docs/actuation.md describes the format
+        stiff : bool, treat elastic gears as rigid, without a coordinate for the motor, and issue a warning
 
         Examples
         --------
@@ -82,14 +82,15 @@ class EditMethods(RobotBase):
         return self._of_model(add_actuators(self.model, source, stiff=stiff))
 
     def with_armature(self, joints: Mapping[str, ArrayLike]) -> Robot:
-        """The robot with other armature (reflected inertia of the drives) at the joints named.
+        """Robot with other armature (reflected inertia of the drives) at the named joints.
 
-        A rotor of inertia J behind a gear of ratio G has the armature G² J. It is part of every torque, energy and
-        acceleration, and has no weight and no gyroscopic effect; a rotor described to :meth:`with_actuators` has those too.
+        A rotor of inertia J behind a gear of ratio G has the armature G² J. Armature affects torques, energy and
+        accelerations. It has no weight and no gyroscopic effect; to include both, describe the rotor in
+        :meth:`with_actuators`.
 
         Parameters
         ----------
-        joints : {joint: armature} [kg m², sliding joints: kg]; joints with several velocities take one number, or one each
+        joints : {joint: armature} [kg m², sliding joints: kg]; one number, or one for each velocity of the joint
 
         Returns
         -------
@@ -102,7 +103,7 @@ class EditMethods(RobotBase):
         return self._of_model(edit.with_armature(self.model, joints))
 
     def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
-        """The robot with some joints fixed at given coordinates.
+        """Robot with some joints fixed at given coordinates.
 
         Parameters
         ----------
@@ -121,27 +122,28 @@ class EditMethods(RobotBase):
     def attach(
         self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = ""
     ) -> Robot:
-        """The robot with another one fixed to a frame of it, such as a gripper on an arm.
+        """Robot with another robot fixed to one of its frames, such as a gripper on an arm.
 
-        Gravity is this robot's. Configurations of one name become one; where one robot has none of a name, it is neutral.
-        The result is written to a file as any robot is.
+        Gravity is that of this robot. Named configurations with equal names are merged. If only one robot has a
+        configuration of a name, the other robot is neutral there. The result can be saved like any robot.
 
         Parameters
         ----------
-        other : Robot, whose base is fixed; of a floating base the joint that lets it float goes
-        frame : str, optional, where; the robot's tip if None
-        pose : (4, 4) array_like, optional, of the other's base in that frame; None: the identity
-        prefix : str, put before the names of the other's links, joints and sites
+        other : Robot, with a fixed base; the joint of a floating base is removed
+        frame : str, optional, where to attach; None: the robot's tip
+        pose : (4, 4) array_like, optional, pose of the other robot's base in that frame; None: the identity
+        prefix : str, prepended to the names of the other robot's links, joints and sites
 
         Returns
         -------
         robot : Robot
-            Its coordinates are depth first, as those of a file: the other's after what the frame's body carries already.
+            Coordinates are in depth-first order, as in a file: the other robot's follow those already on the frame's
+            body.
 
         Raises
         ------
         ModelError
-            Both have a link or a joint of one name; a prefix keeps them apart.
+            Both robots have a link or joint of the same name; give a prefix.
 
         Examples
         --------
@@ -156,27 +158,27 @@ class EditMethods(RobotBase):
         return self._of_model(joining.attach(self.model, require_robot(other, "attach").model, frame, T, prefix))
 
     def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
-        """A part of the robot by itself: what a link carries, or the chain of joints between it and a tip.
+        """Part of the robot: the subtree of a link, or the chain of joints from a link to a tip.
 
-        Gravity is as the base feels it with every joint of the robot neutral. To keep what branches off, lock its joints
-        first: :meth:`lock`.
+        Gravity is that in the base link's frame with all joints neutral. To keep side branches, lock their joints first
+        with :meth:`lock`.
 
         Parameters
         ----------
-        base : str, optional, the link that stands still then, and whose frame is the base frame; None: the robot's own base
-        tip : str, optional, frame; None: everything that the base carries
+        base : str, optional, link that becomes the fixed base and base frame; None: the robot's base
+        tip : str, optional, frame; None: the whole subtree of the base
 
         Returns
         -------
         robot : Robot
-            Of the links fixed to the base those that it carries belong to the part, and of those fixed to the chain all.
+            Links fixed to the base are kept if the base carries them; all links fixed to the chain are kept.
 
         Raises
         ------
         FrameError
             The base does not carry the tip.
         ModelError
-            A joint of the part follows one outside, or a rotor of it is on a link outside.
+            A mimic joint follows a joint outside the part, or a rotor of the part is mounted on a link outside.
 
         Examples
         --------
@@ -192,15 +194,15 @@ class EditMethods(RobotBase):
 
 
 class FileMethods(RobotBase):
-    """The robot as text of files and as models of other libraries.
+    """Robot as text of robot files and as models of other libraries.
 
-    A ModelWarning lists what the format cannot say of the robot, such as springs; looks and shapes are not kept by a robot, and
-    not written. ModelError is raised if it has no words for how the robot moves: a screw axis that is not of unit length, or,
-    in MJCF and SDF, a joint that floats in the middle of the tree.
+    A ModelWarning lists properties that the format cannot represent, such as springs. Visuals and collision shapes are
+    not part of a robot and are not written. ModelError is raised if the format cannot represent the motion: screw axes
+    not of unit length, or, in MJCF and SDF, a floating joint inside the tree.
     """
 
     def to_urdf(self) -> str:
-        """URDF text of the robot: every link with its own inertia, fixed joints too.
+        """URDF text of the robot: every link with its own inertia, also those behind fixed joints.
 
         Examples
         --------
@@ -212,7 +214,7 @@ class FileMethods(RobotBase):
         return _text(self, "urdf")
 
     def to_mjcf(self) -> str:
-        """MJCF text of the robot: each moving body with the inertia of all that is fixed to it, other links as empty bodies.
+        """MJCF text of the robot: each moving body with the inertia of its fixed links, which become empty bodies.
 
         Returns
         -------
@@ -230,7 +232,7 @@ class FileMethods(RobotBase):
         return _text(self, "sdf")
 
     def to_mujoco(self) -> Any:
-        """MuJoCo's model of the robot, compiled from :meth:`to_mjcf`; :func:`twistwrench.convert.to_mujoco` translates states.
+        """MuJoCo model of the robot, compiled from :meth:`to_mjcf`; :func:`twistwrench.convert.to_mujoco` converts states.
 
         Returns
         -------
@@ -239,7 +241,7 @@ class FileMethods(RobotBase):
         Raises
         ------
         ModelError
-            MuJoCo refuses the robot's bodies: those that cannot exist, and moving ones without mass.
+            MuJoCo rejects the robot's bodies: physically impossible inertias, and moving bodies without mass.
 
         Examples
         --------
@@ -258,9 +260,9 @@ class FileMethods(RobotBase):
             raise ModelError(f"MuJoCo refuses robot {self.name!r}: {' '.join(str(refusal).split())}.") from None
 
     def to_pinocchio(self) -> Any:
-        """Pinocchio's model of the robot; :func:`twistwrench.convert.to_pinocchio` translates states.
+        """Pinocchio model of the robot; :func:`twistwrench.convert.to_pinocchio` converts states.
 
-        Joints that follow others are joints of their own there. A joint that is none of Pinocchio's is a ModelError.
+        Mimic joints become independent joints. ModelError is raised if Pinocchio lacks a joint type.
 
         Returns
         -------
@@ -306,20 +308,20 @@ class BridgeMethods(RobotBase):
     def to_jax(
         self, quantity: str, *, precision: Literal["double", "single"] = "double", **options: Unpack[KernelOptions]
     ) -> Callable[..., Any]:
-        """Function of JAX arrays that computes one quantity: it jits, vmaps, and differentiates in both modes.
+        """JAX function that computes one quantity; supports jit, vmap, and both modes of differentiation.
 
-        First derivatives are the robot's analytic ones. Derivatives by q are by its entries; along a quaternion's own
-        length they are zero.
+        First derivatives are the robot's analytic ones. Derivatives by q are with respect to its entries; along the
+        norm of a quaternion they are zero.
 
         Parameters
         ----------
         precision : "double" or "single"
-            Double needs ``jax_enable_x64``; without, a warning says that float32 was computed.
-        **options : as for :meth:`kernel`, but for ``by`` and what goes with it
+            Double precision requires ``jax_enable_x64``; without it, a warning reports that float32 is used.
+        **options : as for :meth:`kernel`, except ``by`` and its options
 
         Returns
         -------
-        function : callable, of the quantity's inputs with any leading batch shape
+        function : callable, takes the quantity's inputs with any leading batch shape
 
         Examples
         --------
@@ -335,19 +337,20 @@ class BridgeMethods(RobotBase):
         return jax_function(BridgedQuantity.from_robot("to_jax", self._open(), quantity, options, precision), precision)
 
     def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
-        """Function of PyTorch tensors that computes one quantity by compiled kernels, differentiable twice.
+        """PyTorch function that computes one quantity by compiled kernels, twice differentiable.
 
-        Works with ``torch.func`` (grad, jacrev, vmap). Derivatives by q are by its entries; along a quaternion's own
-        length they are zero.
+        Works with ``torch.func`` (grad, jacrev, vmap). Derivatives by q are with respect to its entries; along the norm
+        of a quaternion they are zero.
 
         Parameters
         ----------
-        **options : as for :meth:`kernel`, but for ``by`` and what goes with it
+        **options : as for :meth:`kernel`, except ``by`` and its options
 
         Returns
         -------
-        function : callable, of the quantity's inputs with any leading batch shape
-            Tensors on the processor share their memory with the kernel, those on a GPU stay there; float32 if all are.
+        function : callable, takes the quantity's inputs with any leading batch shape
+            CPU tensors share memory with the kernel; GPU tensors stay on the GPU. Results are float32 if all inputs
+            are.
 
         Examples
         --------
@@ -364,17 +367,18 @@ class BridgeMethods(RobotBase):
         return torch_function(BridgedQuantity.from_robot("to_torch", self._open(), quantity, options, "double"))
 
     def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
-        """CasADi function that computes one quantity, in SX symbols, for optimal control and code generation.
+        """CasADi function that computes one quantity with SX symbols, for optimal control and code generation.
 
-        Derivatives are CasADi's, by the entries of q; those of a quaternion are not kept at length one.
+        Derivatives are CasADi's, with respect to the entries of q; unit length of quaternions is not enforced.
 
         Parameters
         ----------
-        **options : as for :meth:`kernel`, but for ``by`` and what goes with it
+        **options : as for :meth:`kernel`, except ``by`` and its options
 
         Returns
         -------
-        function : casadi.Function, of columns; a result of more than two axes has the first as its rows
+        function : casadi.Function of column vectors; results with more than two axes are flattened to rows by the first
+            axis
 
         Examples
         --------
@@ -397,8 +401,8 @@ class BridgeMethods(RobotBase):
         Returns
         -------
         text : str, an ES module without imports
-            Its function takes arrays of numbers, matrices flat in C order, and last an ``out`` to fill, a fresh
-            ``Float64Array`` if left out; of several results an object of arrays.
+            The function takes arrays of numbers, with matrices flat in C order. Its last argument ``out`` is filled; if
+            omitted, a new ``Float64Array`` is returned. Several results are an object of arrays.
 
         Examples
         --------

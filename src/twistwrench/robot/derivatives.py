@@ -28,7 +28,7 @@ class DerivativeMethods(RobotBase):
     ) -> tuple[Array, Array]:
         """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
 
-        Wrenches keep their numbers in their frames, which move along. Friction is left out.
+        Wrenches have constant components in their frames, which move with the links. Friction is excluded.
 
         Parameters
         ----------
@@ -61,7 +61,7 @@ class DerivativeMethods(RobotBase):
     ) -> tuple[Array, Array, Array]:
         """Derivatives of forward dynamics, ∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹.
 
-        Wrenches keep their numbers in their frames, which move along. Friction is left out.
+        Wrenches have constant components in their frames, which move with the links. Friction is excluded.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class DerivativeMethods(RobotBase):
         Raises
         ------
         SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
+            A joint moves no inertia, so that M has no inverse.
         """
         given = q, dq, tau
         return self._with_wrenches("forward_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
@@ -94,7 +94,7 @@ class DerivativeMethods(RobotBase):
     ) -> tuple[Array, Array, Array]:
         """Gradient of a weighted sum of torques, ∂(w·τ)/∂(q, dq, ddq), by reverse mode.
 
-        At a few times the cost of τ.
+        Cost: a few evaluations of τ.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class DerivativeMethods(RobotBase):
         -------
         by_q : (nv,) array, ∂(w·τ)/∂q along :meth:`add`
         by_dq : (nv,) array, ∂(w·τ)/∂dq
-        by_ddq : (nv,) array, ∂(w·τ)/∂ddq, which is M w
+        by_ddq : (nv,) array, ∂(w·τ)/∂ddq = M w
 
         Examples
         --------
@@ -133,11 +133,12 @@ class DerivativeMethods(RobotBase):
     ) -> tuple[Array, Array, Array]:
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
 
-        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every robot.
+        The Hessian is that of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b) at 0, with ⊕ for :meth:`add`; it is always
+        symmetric.
 
         Parameters
         ----------
-        along_q, along_dq, along_ddq : (nv,) array_like, the direction's parts
+        along_q, along_dq, along_ddq : (nv,) array_like, parts of the direction
         out : triple of arrays, optional, takes the results
 
         Returns
@@ -163,7 +164,7 @@ class DerivativeMethods(RobotBase):
 
         Returns
         -------
-        J_by_q : (6, nv, nv) array, of :meth:`jacobian`, last axis along :meth:`add`
+        J_by_q : (6, nv, nv) array, derivative of :meth:`jacobian`, last axis along :meth:`add`
         """
         return self._call("jacobian_derivative", q, frame=frame, kind=kind, out=out)
 
@@ -188,14 +189,14 @@ class DerivativeMethods(RobotBase):
 
         Notes
         -----
-        δ are deviations along :meth:`add`, ``q ⊕ δ``, so there are nv of them on quaternions too; ``subtract`` measures
-        them. With T = T₀ exp([δ]) a joint's twist is V = Ad(exp(-[δ])) V₀ + dδ/dt + …, hence to first order
+        δ are deviations along :meth:`add`, ``q ⊕ δ``, so there are nv of them even with quaternions; ``subtract``
+        computes them. With T = T₀ exp([δ]), a joint's twist is V = Ad(exp(-[δ])) V₀ + dδ/dt + …. To first order,
 
-            dδ/dt   = δdq - ad(dq) δ        (0 but for joints that turn and slide at once, or turn in space)
-            dδdq/dt = ∂ddq/∂q δ + ∂ddq/∂dq δdq + ∂ddq/∂τ δτ.
+            dδ/dt   = δdq - ad(dq) δ        (ad(dq) δ ≠ 0 only for joints that turn and slide together, or turn in
+            space) dδdq/dt = ∂ddq/∂q δ + ∂ddq/∂dq δdq + ∂ddq/∂τ δτ.
 
-        Deviations are of the motion through the state; it is an equilibrium where dq = 0 and τ holds it. Friction is not
-        included.
+        Deviations are relative to the motion through the state. The state is an equilibrium if dq = 0 and τ holds it.
+        Friction is excluded.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Derivatives of traced functions by forward or reverse mode, along robot.add for configurations, and of any NumPy function."""
+"""Derivatives of traced functions and of NumPy functions, by forward or reverse mode; along robot.add for configurations."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ FORMS = ("jacobian", "along", "weighted", "hessian", "hessian_along")
 MODES = ("auto", "forward", "reverse")
 LARGEST_RESULT = 500_000
 LARGEST_WORK = 2_000_000
-"""Largest number of results of one kernel, and of its operations: beyond, tracing takes minutes."""
+"""Largest number of results and of operations of one kernel; beyond it, tracing takes minutes."""
 
 
 @dataclass(frozen=True)
 class Derivative:
-    """Checked request for a derivative."""
+    """Validated request for a derivative."""
 
     by: tuple[str, ...]
     form: str = "jacobian"
@@ -42,7 +42,7 @@ class Derivative:
 
     @classmethod
     def from_inputs(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
-        """By names of ``inputs``; raises UnknownNameError and KernelError. ``what`` is the function's name."""
+        """From names of ``inputs``; raises UnknownNameError and KernelError. ``what`` is the function's name."""
         names = (by,) if isinstance(by, str) else tuple(by) if isinstance(by, Sequence) else ()
         if not names:
             raise KernelError(f"{what}: by={by!r} names no input. Name one or several of {', '.join(inputs)}.")
@@ -66,14 +66,14 @@ class Derivative:
     def inputs(self, charts: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> dict[str, Shape]:
         """Additional inputs: weights of the results and the direction; ``charts``: shapes of directions by input."""
         more: dict[str, Shape] = {}
-        if self.weighs and list(outputs.values()) != [()]:  # one number is its own sum
+        if self.weighs and list(outputs.values()) != [()]:  # a single number needs no weight
             more.update({f"weight on {name}": shape for name, shape in outputs.items()})
         if self.form in ("along", "hessian_along"):
             more.update({f"along {name}": charts[name] for name in self.by})
         return more
 
     def outputs(self, names: Sequence[str]) -> list[str]:
-        """Names of what comes out."""
+        """Names of the outputs."""
         if self.form == "jacobian":
             found = [f"{out}_by_{name}" for out in names for name in self.by]
         elif self.form == "along":
@@ -87,7 +87,7 @@ class Derivative:
     def of_results(
         self, what: str, results: Sequence[Any], charts: Mapping[str, Chart], more: Mapping[str, Any]
     ) -> tuple[Array, ...]:
-        """The derivatives of arrays of symbols or numbers, as :meth:`outputs` names them; ``more``: by :meth:`inputs`."""
+        """Derivatives of arrays of symbols or numbers, ordered as in :meth:`outputs`; ``more``: values of :meth:`inputs`."""
         joined = Chart.joined([charts[name] for name in self.by])
         sizes = [math.prod(charts[name].shape) for name in self.by]
         symbols = (e for part in (joined.known, *(np.ravel(r) for r in results)) for e in part if isinstance(e, Expr))
@@ -144,16 +144,16 @@ class Derivative:
 
 @dataclass(frozen=True)
 class Chart:
-    """Motion of an input along its directions, of that shape: known derivatives of expressions."""
+    """Directions of one input, of the input's shape, with known derivatives of expressions along them."""
 
     shape: Shape
     known: autodiff.Known
     brackets: Array | None = None
-    """c with [a, b] = Σ c_abd d, where directions do not commute."""
+    """Structure constants c with [a, b] = Σ c_abd d, if directions do not commute."""
 
     @classmethod
     def from_input(cls, x: Any, model: Model | None = None) -> Chart:
-        """Each entry of x is a direction; of a robot's q, that of ``model``, each velocity, along robot.add."""
+        """Each entry of x is a direction; for a robot's q, each velocity is one, along robot.add of ``model``."""
         if model is None:
             return cls(np.shape(x), {e: {k: e.trace.one} for k, e in enumerate(np.reshape(x, -1))})
         known: dict[Expr, dict[int, Expr]] = {}
@@ -161,14 +161,14 @@ class Chart:
             for e, row in zip(part.reshape(-1), slope.reshape(part.size, model.nv), strict=True):
                 slopes = {k: e.trace.lift(d) for k, d in enumerate(row)}
                 known[e] = {k: d for k, d in slopes.items() if d is not e.trace.zero}
-                if e.op == "sub":  # the trace turns its operands round to negate it
+                if e.op == "sub":  # negation swaps the operands in the trace
                     known[-e] = {k: -d for k, d in known[e].items()}
         c = brackets(model)
         return cls((model.nv,), known, c if c.any() else None)
 
     @classmethod
     def joined(cls, charts: Sequence[Chart]) -> Chart:
-        """Several inputs as one, their directions one after another."""
+        """Several inputs combined, with their directions concatenated."""
         n, first = sum(math.prod(chart.shape) for chart in charts), 0
         known: dict[Expr, dict[int, Expr]] = {}
         c = np.zeros((n, n, n)) if any(chart.brackets is not None for chart in charts) else None
@@ -181,13 +181,13 @@ class Chart:
         return cls((n,), known, c)
 
 
-# Twice along robot.add is, with L_a the derivative along a, L_b L_a f: the derivative along b of the gradient's entry a. It is
-# not symmetric where directions do not commute: L_a L_b f - L_b L_a f = L_[a,b] f. Half of each is the second derivative of
-# f(q ⊕ v) by v at v = 0, the exponential being even there: L_b L_a f + ½ L_[a,b] f.
+# With L_a the derivative along a, differentiating twice along robot.add gives L_b L_a f: the derivative along b of the
+# gradient's entry a. It is not symmetric if directions do not commute: L_a L_b f - L_b L_a f = L_[a,b] f. With half the
+# bracket added it is the second derivative of f(q ⊕ v) by v at v = 0: L_b L_a f + ½ L_[a,b] f.
 
 
 def _hessian(J: Array, chart: Chart) -> Array:
-    """Second derivatives from first ones (rows, n), symmetric; (rows, n, n)."""
+    """Symmetric second derivatives (rows, n, n) from first derivatives (rows, n)."""
     rows, n = J.shape
     H = np.full((rows, n, n), 0.0, object)
     for b in range(n):
@@ -200,7 +200,7 @@ def _hessian(J: Array, chart: Chart) -> Array:
 
 
 def _hessian_along(gradient: Array, chart: Chart, direction: Sequence[Any]) -> Array:
-    """The symmetric second derivative times the direction, from the gradient (n,); (n,)."""
+    """Symmetric second derivative times the direction (n,), from the gradient (n,)."""
     product = _filled(gradient.shape, _along(gradient, chart, direction))
     if chart.brackets is not None:
         for a, b, d in np.argwhere(chart.brackets):
@@ -209,7 +209,7 @@ def _hessian_along(gradient: Array, chart: Chart, direction: Sequence[Any]) -> A
 
 
 def _along(entries: Array, chart: Chart, direction: Sequence[Any]) -> list[Any]:
-    """The derivatives of entries, some of which may be plain numbers, along a direction."""
+    """Derivatives of entries along a direction; entries may be plain numbers."""
     flat = entries.reshape(-1)
     places = [k for k, e in enumerate(flat) if isinstance(e, Expr)]
     found: list[Any] = [0.0] * flat.size
@@ -219,7 +219,7 @@ def _along(entries: Array, chart: Chart, direction: Sequence[Any]) -> list[Any]:
 
 
 def _filled(shape: Shape, entries: Sequence[Any]) -> Array:
-    """An object array; NumPy must not look into what is in it."""
+    """Object array filled entry by entry, so that NumPy does not inspect the entries."""
     array = np.empty(math.prod(shape), object)
     array[:] = entries
     return array.reshape(shape)
@@ -245,21 +245,21 @@ def differentiate(
     mode: str = "auto",
     values: bool = False,
 ) -> np.ufunc:
-    """Automatic differentiation: a compiled kernel of the derivatives of a function written with NumPy and robots' methods.
+    """Automatic differentiation: a compiled kernel with derivatives of a function written with NumPy and robot methods.
 
     Parameters
     ----------
-    function : callable, of one sample, in NumPy's functions and robots' methods
+    function : callable, of one sample, written with NumPy functions and robot methods
     arguments : {name: shape, int or Robot}
-        In the function's order, the shape of each, or the robot whose configuration it is.
-    by : str or sequence of str, optional, which of them to differentiate by; None: all
-    form : "jacobian", "along", "weighted", "hessian" or "hessian_along", as listed in the notes
-    mode : "auto", "forward" or "reverse"; ``"auto"`` takes fewer operations
-    values : bool, the function's own results come first
+        Shape of each argument in order, or the robot if the argument is its configuration.
+    by : str or sequence of str, optional, arguments to differentiate by; None: all
+    form : "jacobian", "along", "weighted", "hessian" or "hessian_along", see the notes
+    mode : "auto", "forward" or "reverse"; ``"auto"`` selects the mode with fewer operations
+    values : bool, return the function's own results first
 
     Returns
     -------
-    kernel : ufunc, of the arguments, then of weights w and direction v where the form has them
+    kernel : ufunc of the arguments, followed by weights w and direction v if the form requires them
 
     Raises
     ------
@@ -268,17 +268,17 @@ def differentiate(
 
     Notes
     -----
-    With x all of ``by``, f the results, and w, v further inputs of the kernel, ``form`` is
+    With x all arguments in ``by``, f the results, and w, v further inputs of the kernel, ``form`` is
 
-    - ``"jacobian"``, ∂f/∂x: for each result and each of ``by``, the axes of the one before those of the other;
-    - ``"along"``, (∂f/∂x) v, the derivative along a direction v: as the results (known as JVP);
-    - ``"weighted"``, ∂(w·f)/∂x, for weights of all entries of the results: as ``by`` (known as VJP);
-    - ``"hessian"``, ∂²f/∂x²: for each result, two more axes for the entries of all ``by``, one after another;
-    - ``"hessian_along"``, ∂²(w·f)/∂x² v: as ``by``. A function of a single number takes no weights.
+    - ``"jacobian"``, ∂f/∂x: one array for each pair of result and argument, the result's axes first;
+    - ``"along"``, (∂f/∂x) v, derivative along a direction v (JVP): shaped like the results;
+    - ``"weighted"``, ∂(w·f)/∂x, with one weight for each entry of the results (VJP): shaped like ``by``;
+    - ``"hessian"``, ∂²f/∂x²: one array for each result, with two more axes over the concatenated entries of ``by``;
+    - ``"hessian_along"``, ∂²(w·f)/∂x² v: shaped like ``by``. Functions that return one number take no weights.
 
-    Derivatives by a configuration are along robot.add, nv of them: those of f(q ⊕ v) by v at v = 0, first and second,
-    so Hessians are symmetric; f must not depend on how long quaternions are. The sign of a number has the derivative 0,
-    and so has all that only jumps.
+    Derivatives by a configuration are along robot.add: those of f(q ⊕ v) by v (nv,) at v = 0, first and second, so that
+    Hessians are symmetric. The function must not depend on the norm of quaternions. The derivative of the sign function
+    and of other step functions is 0.
 
     Source: Griewank and Walther, Evaluating Derivatives (2008).
 
@@ -333,7 +333,7 @@ def differentiate(
 
 
 def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple[dict[str, Robot], dict[str, Shape]]:
-    """The robots among the arguments, and the shapes of all."""
+    """Robots among the arguments, and the shapes of all arguments."""
     if not isinstance(arguments, Mapping) or not arguments:
         raise ShapeError(
             f"{what}: arguments are a dict {{name: shape or robot}} in the function's order, as in {{'x': (3,)}}, "
@@ -353,7 +353,7 @@ def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple
         inspect.signature(function).bind(*shapes)
     except TypeError as problem:
         raise ShapeError(f"{what}: the function does not take the arguments {', '.join(shapes)}: {problem}.") from None
-    except ValueError:  # a builtin that does not tell
+    except ValueError:  # builtins may have no signature
         pass
     return {str(name): given for name, given in arguments.items() if isinstance(given, Robot)}, shapes
 
@@ -378,5 +378,5 @@ def _results(what: str, returned: Any) -> list[Any]:
 
 
 def _one(array: Any) -> Any:
-    """Scalar in place of an array without axes."""
+    """Scalar in place of a zero-dimensional array."""
     return array if array.ndim else array[()]

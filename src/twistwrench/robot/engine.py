@@ -1,4 +1,4 @@
-"""Engine: traces, compiles, caches and calls the kernels of one model, with checks of ``out=``."""
+"""Engine: traces, compiles, caches and calls the kernels of one model, and validates ``out=``."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 Options = Mapping[str, Any]
 
 LARGEST_COMPILED = 1_000_000
-"""Largest number of instructions that is compiled; longer programs run on NumPy. Compiling costs some 0.02 to 0.1 ms an
-instruction (bench/NOTES.md), so two minutes at most; the regressor of a chain of 100 links has 800,000."""
+"""Largest number of instructions that is compiled; longer programs run on NumPy. Compilation costs about 0.02 to 0.1 ms
+per instruction (bench/NOTES.md), at most two minutes; the regressor of a chain of 100 links has 800,000
+instructions."""
 
 
 def _model_of(given: Model | CachedModel) -> Model:
@@ -40,7 +41,7 @@ def _model_of(given: Model | CachedModel) -> Model:
 
 
 def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
-    """The program of the quantities named, with the loop that serves it best."""
+    """Program of the named quantities in the form that runs fastest: straight line or loops."""
     from .programs import columns_of, products_of, program_of_several, wanted
 
     asked = wanted(model, names, options)
@@ -49,15 +50,15 @@ def execution_form(model: Model, names: Sequence[str], options: Options) -> Form
 
 
 def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
-    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
+    """Compiled program as a NumPy ufunc; a NumPy function if the program is too long or cannot be compiled.
 
-    What is ``scalar`` is for one sample at a time.
+    If ``scalar`` is true, the kernel evaluates one sample at a time.
     """
     from ..ir.loops import program_of
 
     program = program_of(given)
-    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
-    # samples of three axes at most, and second derivatives of matrices have four.
+    # NumPy ufuncs do not support axes without elements, which occur if every joint is locked. Compiled loops copy
+    # samples of at most three axes; second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
         from ..lowering.reference_interpreter import on_numpy
@@ -72,7 +73,7 @@ def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
 
 
 def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
-    """Two results in one memory are two wrong results, and NumPy lets them."""
+    """Raise an error if two results share memory; NumPy would overwrite one with the other."""
     arrays = [a for a in out if isinstance(a, np.ndarray)]
     if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
         raise ShapeError(
@@ -81,7 +82,7 @@ def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
 
 
 def refuse_text(out: Any) -> None:
-    """NumPy would write numbers into an array of text, cut to its width."""
+    """Raise an error for text arrays, into which NumPy would write truncated numbers."""
     if any(
         getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))
     ):
@@ -89,7 +90,7 @@ def refuse_text(out: Any) -> None:
 
 
 def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
-    """The error for an ``out`` that the results do not fit in."""
+    """Error for an ``out`` that does not fit the results."""
     given = [np.asarray(a) for a in arrays]
     batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(given, program.inputs, strict=True)))
     kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in given) else "float64"
@@ -108,21 +109,21 @@ def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> Shape
 
 # ── Disk cache of loaded robots: first results without parsing or tracing
 
-# A robot is known by the bytes of its file, the options it was loaded with, and the versions of this library, Python and NumPy.
-# Only URDF is known so, which is read from one file. Remarks are kept too, and issued at each loading. The model is made, from
-# the bytes that were read, when more is asked for than the kernels that are kept.
+# The key of a robot consists of the bytes of its file, the options of loading, and the versions of this library, Python
+# and NumPy. Only URDF robots are cached, because they are read from one file. Warnings are cached too, and issued at
+# each loading. The model is built from the bytes that were read, once more than the cached kernels is needed.
 
 _PLAIN = (str, int, float, bool, type(None))
 """Types of options that their text identifies."""
 
 
 class CacheEntry(NamedTuple):
-    """A robot's file, with the options it is loaded with."""
+    """Robot file and the options of loading."""
 
     data: bytes
     key: str
     remarks: tuple[str, ...] | None
-    """Warnings of an earlier loading; None if there was none."""
+    """Warnings of an earlier loading; None if the file was not loaded before."""
 
 
 class CachedModel:
@@ -133,12 +134,12 @@ class CachedModel:
 
     @cached_property
     def model(self) -> Model:
-        """The model."""
+        """Model, built at first use."""
         return self._make()
 
 
 def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
-    """Cache entry of a robot's file; None if it is not a plain URDF file (xacro includes others), or there is no cache."""
+    """Cache entry of a robot file; None without a cache or for anything but plain URDF (xacro includes other files)."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
     written = _written(options)
@@ -146,7 +147,7 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
         if written is None or not Path(source).is_file() or (folder := object_cache.folder()) is None:
             return None
         data, version = read_bytes(Path(source)), _version()
-    except (OSError, ValueError):  # which loading explains; or the library's own files are in an archive
+    except (OSError, ValueError):  # reported by the loader; or the library is in an archive
         return None
     if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
         return None
@@ -156,12 +157,12 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
 
 
 def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
-    """Note that a file was loaded, and the warnings that came with it."""
+    """Store that a file was loaded, and its warnings."""
     object_cache.store(known.key, repr(tuple(remarks)).encode())
 
 
 def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
-    """The key of what is kept of a kernel; empty where nothing is."""
+    """Cache key of a kernel; empty if the kernel is not cached."""
     written = _written({**options, "names": tuple(names)}) if origin else None
     if written is None:
         return ""
@@ -174,15 +175,15 @@ def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) ->
 
 @cache
 def _version() -> str:
-    """Versions of Python and NumPy, and of this library: size and time of all its files, so that an edited copy is another.
+    """Versions of Python and NumPy, and sizes and times of all files of this library, to detect edited copies.
 
-    Raises OSError if the library is in no folder, as in an archive.
+    Raises OSError if the library is not in a folder, for example in an archive.
     """
     found, folders = [], [str(Path(__file__).parents[1])]
     while folders:
         with os.scandir(folders.pop()) as entries:
             for entry in entries:
-                if entry.name.endswith((".py", ".pyc")):  # compiled ones in the place of others, if it has no others
+                if entry.name.endswith((".py", ".pyc")):  # .pyc files count if the library has no sources
                     about = entry.stat()
                     found.append(f"{entry.path} {about.st_size} {about.st_mtime_ns}")
                 elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
@@ -191,7 +192,7 @@ def _version() -> str:
 
 
 def _written(options: Mapping[str, Any]) -> str | None:
-    """Options as text, without those that are None; None if one is not a plain value."""
+    """Options that are not None as text; None if one is not a plain value."""
     given = {name: value for name, value in sorted(options.items()) if value is not None}
     return repr(given) if _is_plain(given) else None
 
@@ -204,7 +205,7 @@ def _is_plain(value: Any) -> bool:
 
 # ── Engine: options, programs, kernels and calls
 
-# A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
+# A robot has one engine, ``robot.engine``: the only part of a robot that other modules use directly.
 
 CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
 """Callback (name, kernel, call signature, number of calls); True stops further counting."""
@@ -213,9 +214,9 @@ ENOUGH = -1
 
 
 class Engine:
-    """The programs and kernels of one model, each made once, and calls of them.
+    """Programs and kernels of one model, each created once, and calls of them.
 
-    It pickles as the model: machine code is made again there.
+    It is pickled as the model; machine code is compiled again after unpickling.
     """
 
     def __init__(
@@ -226,7 +227,7 @@ class Engine:
         self._called_again = called_again
         """Weak reference to the callback for calls with one state."""
         self.single_poses: dict[Any, Any] = {}
-        """Searches for single poses, by their options."""
+        """Inverse-kinematics searches for single poses, by options."""
         self._called: dict[Any, Any] = {}
         self._calls: dict[Any, int] = {}
         """Number of calls with one state, by call signature; :data:`ENOUGH` once counting has stopped."""
@@ -243,13 +244,13 @@ class Engine:
         return _model_of(self._given)
 
     def program(self, names: Sequence[str], options: Options) -> Program:
-        """One straight-line program of the quantities named."""
+        """Straight-line program of the named quantities."""
         from .programs import program_of_several, wanted
 
         return program_of_several(self.model, wanted(self.model, names, options))
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
-        """One compiled function of the quantities named; raises UnknownNameError, KernelError, SingularMassMatrixError."""
+        """Compiled function of the named quantities; raises UnknownNameError, KernelError, SingularMassMatrixError."""
         key, kept = "", self._given
         if isinstance(kept, CachedModel) and compiles():
             key = kernel_key(kept.key, names, options)
@@ -258,7 +259,8 @@ class Engine:
         if key not in self._kernels:
             from ..runtime.gufunc import load_ufunc, store_ufunc
 
-            # What makes the program is held by the kernel, and must not hold what holds the kernel.
+            # The kernel holds the function that makes the program, which must not hold the kernel's owner: no reference
+            # cycle.
             found = load_ufunc(key, lambda: execution_form(_model_of(kept), names, options))
             if found is None:
                 found = self._build(names, options)
@@ -267,7 +269,7 @@ class Engine:
         return self._kernels[key]
 
     def _build(self, names: Sequence[str], options: Options) -> Any:
-        """The same, traced and compiled here."""
+        """Trace and compile a kernel, without cache."""
         from .programs import LapackDerivatives, needs_lapack, wanted
         from .quantities import QUANTITIES
 
@@ -294,7 +296,7 @@ class Engine:
         return self._kernels[key]
 
     def require_invertible(self) -> None:
-        """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
+        """Raise SingularMassMatrixError, naming the joints, if M has no inverse at a generic configuration."""
         from ..model.assembly import random_configuration
 
         if self.model.nv == 0:
@@ -316,7 +318,7 @@ class Engine:
         )
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
-        """A quantity by its algorithm on floats or symbols, at one state."""
+        """Quantity evaluated by its algorithm on floats or symbols, at one state."""
         from .programs import checked_options, evaluated, inputs_of
         from .quantities import QUANTITIES
 
@@ -347,7 +349,7 @@ class Engine:
         return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
-        """A quantity of arrays of any batch shape, by its kernel; of symbols, by its algorithm; of Dask arrays, later."""
+        """Quantity for arrays of any batch shape: by its kernel; by its algorithm for symbols; deferred for Dask arrays."""
         for array in arrays:
             if type(array) is not np.ndarray:
                 arrays = arguments.of_plain(arrays) or brought(self.model, name, arrays, options)
@@ -357,7 +359,7 @@ class Engine:
         key = (name, *options.values()) if options else name
         try:
             kernel = self._called.get(key)
-        except TypeError:  # an option nothing can be kept under; kernel() says what is wrong with it
+        except TypeError:  # unhashable option: kernel() raises the specific error
             kernel = None
         if kernel is None:
             if is_symbolic(arrays):
@@ -391,7 +393,7 @@ class Engine:
         out: Any = None,
         **options: Any,
     ) -> Any:
-        """The same with the wrenches by and on the robot, which are further inputs of the kernel."""
+        """Quantity with wrenches by and on the robot as further inputs of the kernel."""
         if by_robot is None and on_robot is None:
             return self.call(name, *arrays, out=out, **options)
         total = by_frame(self.model, arrays, by_robot, on_robot)
@@ -400,7 +402,7 @@ class Engine:
         return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
 
     def _note(self, name: str, arrays: Sequence[Array], options: Options) -> None:
-        """Count a call with one state; from the second on, offer calls of its kind for a builtin in front of the method."""
+        """Count a call with one state; from the second on, offer such calls to a builtin that replaces the method."""
         first = arrays[0]
         kind = batch, char = first.shape[:-1], first.dtype.char
         key = (name, *options.values()), kind
@@ -409,7 +411,7 @@ class Engine:
             return
         if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
             return
-        if not calls:  # nothing pays before a second call
+        if not calls:  # a single call is not worth the setup
             self._calls[key] = 1
             return
         from ..runtime.dispatch import CallSignature
@@ -419,7 +421,7 @@ class Engine:
         self._calls[key] = ENOUGH if done else calls + 1
 
     def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
-        """Evaluate a quantity on Dask arrays: the results are Dask arrays, computed later."""
+        """Evaluate a quantity on Dask arrays; results are Dask arrays, computed later."""
         signature = self.kernel((name,), options).signature
         if (problem := misfit(self.model, name, arrays, options)) is not None:
             raise problem
@@ -431,12 +433,12 @@ class Engine:
 
 
 def _now(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:
-    """A quantity of NumPy arrays; a function that travels to other processes."""
+    """Quantity of NumPy arrays; a function that can be sent to other processes."""
     return engine.call(name, *arrays, **options)
 
 
 def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
-    """Results of the type and rank that arrays of these types and ranks give, of no samples."""
+    """Empty results with the type and rank that follow from the types and ranks of the inputs."""
     batch = (0,) * (max(a.ndim for a in arrays) - 1)
     dtype: Any = np.float32 if all(np.can_cast(a.dtype, np.float32) for a in arrays) else np.float64
     cores = [core.count(",") + bool(core) for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])]
@@ -452,11 +454,11 @@ SHAPES = {
     "rotation_log": ((3, 3), (3,)),
     "pose_log": ((4, 4), (6,)),
 }
-"""Types of the inputs and of the results."""
+"""Types of inputs and results."""
 
 
 class ExponentialKernel:
-    """A function of :mod:`~twistwrench.lie.se3`, compiled for one row, which comes as one array, and for many."""
+    """Function of :mod:`~twistwrench.lie.se3`, compiled for one row and for many."""
 
     def __init__(self, name: str) -> None:
         self.name, (self.given, self.found) = name, SHAPES[name]
@@ -474,7 +476,7 @@ class ExponentialKernel:
         return row[:-1].reshape(self.found), row[-1]
 
     def slower(self, x: Array) -> Array:
-        """Calls that the builtin passes on: one row of float32, or one that is not contiguous."""
+        """Calls that the builtin passes on: a float32 row or a row that is not contiguous."""
         with np.errstate(all="ignore"):
             return np.asarray(self._flat(x))
 
@@ -507,7 +509,7 @@ class ExponentialKernel:
 
 @cache
 def kernel(name: str) -> ExponentialKernel | None:
-    """The kernel of a function of :mod:`~twistwrench.lie.se3`; None where programs run on NumPy."""
+    """Kernel of a function of :mod:`~twistwrench.lie.se3`; None if programs run on NumPy."""
     return ExponentialKernel(name) if compiles() else None
 
 

@@ -1,7 +1,7 @@
 """Explanation of a joint torque: τ split by term, and by the link, rotor or payload that causes it.
 
-Torques are linear in the inertial parameters, τ = Y(q, dq, ddq) π, so each body's own part of each term is Y's columns for
-it times its own parameters: nothing is estimated, and the parts add up to τ.
+Torques are linear in the inertial parameters, τ = Y(q, dq, ddq) π. The contribution of a body is Y's columns of that
+body times its parameters. The split is exact: its parts add up to τ.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from ..model.model import BASE, Model
 from ..typing import Array
 
 MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
-"""M ddq; the terms with dq_i², the terms with dq_i dq_j; g."""
+"""M ddq; terms with dq_i²; terms with dq_i dq_j; g."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
-    """Joint torques τ split by term and by cause; a part without a body (friction, springs, wrenches) is both.
+    """Joint torques τ split by term and by cause; parts without a body (friction, springs, wrenches) count as both.
 
     Examples
     --------
@@ -47,15 +47,15 @@ class Explanation:
     """
 
     terms: tuple[str, ...]
-    """Names of the terms: inertia, centripetal, Coriolis, gravity, and those that no body causes."""
+    """Names of the terms: inertia, centripetal, Coriolis, gravity, and those without a body."""
     causes: tuple[str, ...]
-    """Names of the causes: links, rotors, payloads, and the terms that no body causes."""
+    """Names of the causes: links, rotors, payloads, and the terms without a body."""
     joints: tuple[str, ...]
     """A name for each entry of τ."""
     units: tuple[str, ...]
-    """Unit of each joint: N m, or N if it slides."""
+    """Unit of each joint: N m, or N for sliding joints."""
     parts: Array
-    """(..., terms, causes, nv)."""
+    """Contributions, (..., terms, causes, nv)."""
 
     @property
     def torque(self) -> Array:
@@ -64,12 +64,12 @@ class Explanation:
 
     @property
     def by_term(self) -> Array:
-        """Torques by term, all causes together; (..., terms, nv), N m (sliding joints: N)."""
+        """Torques by term, summed over causes; (..., terms, nv), N m (sliding joints: N)."""
         return np.asarray(self.parts.sum(axis=-2))
 
     @property
     def by_cause(self) -> Array:
-        """Torques by cause, all terms together; (..., causes, nv), N m (sliding joints: N)."""
+        """Torques by cause, summed over terms; (..., causes, nv), N m (sliding joints: N)."""
         return np.asarray(self.parts.sum(axis=-3))
 
     def contribution(self, cause: str, term: str | None = None) -> Array:
@@ -78,7 +78,7 @@ class Explanation:
         Parameters
         ----------
         cause : str, one of ``causes``
-        term : str, optional, one of ``terms``; None: all together
+        term : str, optional, one of ``terms``; None: sum of all terms
 
         Returns
         -------
@@ -91,11 +91,11 @@ class Explanation:
         return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
 
     def with_term(self, name: str, tau: Array) -> Explanation:
-        """The same with further torques that no body causes, as a term and a cause of their own.
+        """Explanation with additional torques without a body, as a term and a cause of their own.
 
         Parameters
         ----------
-        name : str, of the term and the cause; in brackets if a body has it
+        name : str, name of the term and the cause; put in brackets if a body has the same name
         tau : (..., nv) array [N m, sliding joints: N]
 
         Returns
@@ -108,11 +108,11 @@ class Explanation:
         return replace(self, terms=(*self.terms, name), causes=(*self.causes, name), parts=parts)
 
     def rows(self, joint: str | None = None) -> list[list[str]]:
-        """Cells of :meth:`table`, heads first; causes of no torque are left out.
+        """Cells of :meth:`table`, header first; causes without torque are omitted.
 
         Parameters
         ----------
-        joint : str, optional, the joint whose terms are shown; None: all joints
+        joint : str, optional, split this joint's torque by term; None: all joints
 
         Returns
         -------
@@ -128,11 +128,11 @@ class Explanation:
         return [["caused by", *heads], *shown, ["together", *_cells(parts.sum(axis=0), least)]]
 
     def table(self, joint: str | None = None) -> str:
-        """Table as plain text: causes down, joints across; for one joint, causes down and terms across.
+        """Table as plain text: a row per cause, with a column per joint or, for one joint, a column per term.
 
         Parameters
         ----------
-        joint : str, optional, the joint whose terms are shown; None: all joints
+        joint : str, optional, split this joint's torque by term; None: all joints
 
         Returns
         -------
@@ -144,7 +144,7 @@ class Explanation:
         return "\n".join("  ".join(line).rstrip() for line in lines)
 
     def _columns(self, joint: str | None) -> tuple[Array, list[str]]:
-        """The table's numbers (causes, columns), and what stands above them."""
+        """Numbers of the table (causes, columns), and the column headings."""
         if self.parts.ndim != 3:
             raise ShapeError(
                 f"this explains a batch of states of shape {self.parts.shape[:-3]}; a table or a picture is of one. "
@@ -195,7 +195,7 @@ def explained(
     state: tuple[Array, Array, Array],
     apart: Mapping[str, Array],
 ) -> Explanation:
-    """Split the torques at ``state``; ``apart`` are those that no inertia causes, (..., nv) by name."""
+    """Split the torques at ``state``; ``apart``: torques without an inertia as cause, (..., nv) by name."""
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *apart.values())))
     bodies = _causes(model)
     columns = np.array(list(bodies.values())).reshape(len(bodies), 10 * len(model.bodies))
@@ -212,9 +212,9 @@ def explained(
 
 
 def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
-    """The motion terms, from a function of the state that is linear in each body's parameters; (..., 4, causes, nv).
+    """Motion terms (..., 4, causes, nv) from a function of the state that is linear in each body's parameters.
 
-    Velocity products are a quadratic form in dq: its squares are what each velocity makes by itself.
+    Velocity products are a quadratic form in dq; the squares are the products of each velocity with itself.
     """
     still = np.zeros_like(dq)
     gravity = torques(q, still, still)
@@ -247,10 +247,10 @@ def _causes(model: Model) -> dict[str, Array]:
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:
             count(body.link, i, body.inertia.parameters)
-            if counted(model, body):  # then the link has it too, and is credited with it above
+            if counted(model, body):  # then its link was counted above
                 count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement))
     found = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
-    for i, body in enumerate(model.bodies):  # what was repaired on loading, or fused out of rotors
+    for i, body in enumerate(model.bodies):  # differences by repaired inertias or fused rotors
         rest = body.inertia.parameters - found[10 * i : 10 * i + 10]
         if np.abs(rest).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
             count(f"{body.link} (other)", i, rest)
@@ -258,7 +258,7 @@ def _causes(model: Model) -> dict[str, Array]:
 
 
 def _moved(parameters: Array, T: Array) -> Array:
-    """Ten parameters in frame {b}, seen from {a}; linear, so that differences may be moved too."""
+    """Inertial parameters transformed from frame {b} to {a}; linear, so that differences can be transformed too."""
     from ..bodies.inertia import SpatialInertia
 
     return SpatialInertia.from_parameters(parameters).in_frame(T).parameters

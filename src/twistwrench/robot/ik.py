@@ -33,59 +33,59 @@ _OPEN = 1e-9
 
 @dataclass(frozen=True)
 class PoseRequest:
-    """Request of a search: joints, rows of the frames, number of loop rows."""
+    """Inverse-kinematics request: joints, rows of the frames, number of loop rows."""
 
     joint_names: tuple[str, ...]
     frames: tuple[tuple[int, ...], ...]
-    """The rows of each frame."""
+    """Selected rows of each frame."""
     loops: int = 0
-    """Number of loop rows that were to be closed."""
+    """Number of loop rows to close."""
 
 
-@dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
+@dataclass(eq=False, repr=False, slots=True)  # not frozen: creation would take as long as a step of the search
 class IKResult:
-    """Result of inverse kinematics: configurations that reach poses, or come as near as was found.
+    """Result of inverse kinematics: for each pose, the configuration that reaches it or the nearest one found.
 
-    Leading axes are the poses'.
+    Leading axes are those of the poses.
     """
 
     q: Array
-    """(..., nq): the best configuration found, inside the limits; nan where the pose is."""
+    """(..., nq): best configuration found, inside the limits; nan if the pose is nan."""
 
     _status: Array
     _request: PoseRequest
     _refused: Mapping[tuple[int, ...], str] | None = None
-    """Reasons why configurations that reach their poses were not taken."""
+    """Reasons why configurations that reach their poses were rejected."""
 
     @property
     def converged(self) -> Array:
-        """(...) of bool: whether it is there to the tolerances, and nothing less counts."""
+        """(...) of bool: True if the pose is reached to the tolerances."""
         return np.asarray(self._status[..., 1] > 0.0)
 
     @property
     def angle(self) -> Array:
-        """(...) rad that are left; of a float32 ``q`` before it was rounded to that, as ``distance`` and ``converged``."""
+        """(...) rad, remaining angle; ``angle``, ``distance`` and ``converged`` refer to ``q`` before rounding to float32."""
         return self._length(turning=True)
 
     @property
     def distance(self) -> Array:
-        """(...) m between the origins of the frame and of the pose, or along the selected rows."""
+        """(...) m, remaining distance between the origins of frame and pose, or along the selected rows."""
         return self._length(turning=False)
 
     @property
     def gap(self) -> Array:
-        """(...) rad or m, by how much the loops of a closed robot are open there at most; zero for an open one."""
+        """(...) rad or m, largest gap of the loops of a closed robot; zero for an open one."""
         first = 3 + len(self.rows)
         return np.asarray(np.abs(self._status[..., first : first + self._request.loops]).max(axis=-1, initial=0.0))
 
     @property
     def starts(self) -> Array:
-        """(...) of int: how many starts it took."""
+        """(...) of int: number of starts used."""
         return np.asarray(self._status[..., 0].astype(int))
 
     @property
     def held(self) -> Array:
-        """(..., nv) of bool: joints whose limits keep this from coming nearer."""
+        """(..., nv) of bool: joints whose limits prevent a smaller error."""
         held: Array = self._status[..., self._status.shape[-1] - len(self.joint_names) :] > 0.5
         return held & ~self.converged[..., None]
 
@@ -105,7 +105,7 @@ class IKResult:
         for rows in self._request.frames:
             left = self._status[..., at : at + len(rows)]
             at += len(rows)
-            if len(rows) == 6 and not turning:  # a twist, whose linear part is longer than the way if it turns, too
+            if len(rows) == 6 and not turning:  # the twist's linear part is longer than the distance if it also turns
                 left = np.concatenate([left[..., :3], se3.exp(left)[..., :3, 3]], axis=-1)
             for k, row in enumerate(rows):
                 if (row < 3) == turning:
@@ -113,15 +113,15 @@ class IKResult:
         return np.asarray(np.sqrt(total), self.q.dtype)
 
     def reason(self, *index: int) -> str:
-        """Why a pose was not reached, in words.
+        """Reason why a pose was not reached, as text.
 
         Parameters
         ----------
-        *index : int, of the pose in the batch
+        *index : int, index of the pose in the batch
 
         Returns
         -------
-        text : str, empty where the pose was reached
+        text : str, empty if the pose was reached
 
         Examples
         --------
@@ -159,7 +159,7 @@ class IKResult:
 
 
 def selected(found: IKResult, which: Array, q: Array) -> IKResult:
-    """Select poses of a batch with one axis, in an order, with configurations ``q``."""
+    """Select poses of a batch with one axis, in a given order, with configurations ``q``."""
     return IKResult(q, found._status[which], found._request)
 
 
@@ -171,10 +171,10 @@ def clear_of_links(
     least: float,
     starts: Array,
 ) -> IKResult:
-    """Solutions whose links keep a distance ``least`` [m]: as found, else the nearest to it of those from other starts (k, nq).
+    """Solutions whose links keep a distance ``least`` [m]: as found, else the nearest of those from other starts (k, nq).
 
-    ``targets`` are the poses, their leading axes those of q; ``search`` solves one from many starts. Poses without such a
-    solution are not reached.
+    ``targets`` are the poses, their leading axes those of q; ``search`` solves one pose from many starts. Poses without
+    such a solution count as not reached.
     """
     q, status, refused = found.q.copy(), found._status.copy(), dict[tuple[int, ...], str]()
     for at in np.argwhere(found.converged):
@@ -200,17 +200,17 @@ def clear_of_links(
 
 # ── Damped Newton method on SE(3) within the joint limits, for batches of poses
 
-# The steps are :mod:`..algorithms.newton_step`, and the whole search around them is compiled, samples side by side; a joint
-# that its limit holds back leaves the step, and comes back when the step leads it inwards. What has not arrived starts again
-# from other places, those that lead nearest to its pose first: what is found for a pose depends on no other pose of the batch.
-# All is computed in float64; float32 poses and starts give float32 results, rounded at the end.
+# The steps are in :mod:`..algorithms.newton_step`. The whole search is compiled, with samples side by side. A joint at
+# its limit leaves the step and returns when the step moves it inwards. Poses not yet reached restart from other
+# configurations, the nearest ones first. The result for a pose does not depend on the other poses of the batch.
+# Everything is computed in float64; results for float32 poses and starts are rounded at the end.
 
 Rows = str | Iterable[int | str] | None
 
 NO_LOOP = 1e-6
-"""rad, and part of the robot's length: what the search calls closed, and is open by more, is turned over by π."""
+"""rad, and fraction of the robot's length: a loop that converged with a larger gap is flipped by π."""
 MOST_WAYS = 16
-"""Sets of options that single poses are looked for with, so many of which are remembered."""
+"""Largest number of option sets that are remembered for searches of single poses."""
 
 
 def solve(
@@ -228,7 +228,7 @@ def solve(
 ) -> IKResult:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`.
 
-    ``loops`` of a closed robot are to be closed there.
+    ``loops``: loops of a closed robot to close at the same time.
     """
     often, key = robot.engine.single_poses, None
     plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
@@ -238,7 +238,7 @@ def solve(
             return IKResult(found[0], found[1], way[1])
     request, search, given = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
-    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
+    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence with one name
         target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
     else:
         target = arguments.real(T, "inverse_kinematics: T", *core)
@@ -259,7 +259,7 @@ def solve(
     poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
     q, status = search.best(poses, start, *given)
     odd = ~(status[:, 1] >= 0.0)
-    if odd.any():  # no poses, or not to the last digit
+    if odd.any():  # not rigid, or not to the last digit
         q[odd], status[odd] = search.best(_rigid(target, (*shape, *core)).reshape(-1, *core)[odd], start[odd], *given)
         lost = ~np.isfinite(status[:, 1])
         q[lost], status[lost] = np.nan, np.nan
@@ -267,7 +267,7 @@ def solve(
     elif key is not None and not shape and given[0] <= PLACES:
         if len(often) >= MOST_WAYS and key not in often:
             often.clear()
-        alone = SinglePose(search, *given) if key in often else None  # from the second time on
+        alone = SinglePose(search, *given) if key in often else None  # from the second call on
         often[key] = (alone, request) if alone is not None and alone.call is not None else None
     if nearest:
         q, status = search.nearest(_rigid(poses), start, (q, status), given[2])
@@ -278,7 +278,7 @@ def solve(
 
 
 def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
-    """Solver for the configuration near one q at a pose, in a few steps that meet no limit; it returns None otherwise."""
+    """Solver for the configuration near q at a pose, in a few steps that meet no limit; returns None otherwise."""
     alone = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _drawn(0), (left, left))
     return alone.near_by
 
@@ -293,7 +293,7 @@ def _checked_request(
     distance: Any,
     loops: LoopClosureSolver | None,
 ) -> tuple[PoseRequest, PoseSearch, tuple[int, int, tuple[float, float]]]:
-    """Check the options: the request, its search, and restarts, seed and tolerances."""
+    """Validate the options; returns the request, its search, and restarts, seed and tolerances."""
     frames = _frames(robot, frame, rows)
     try:
         again = operator.index(restarts)
@@ -325,7 +325,7 @@ def _checked_request(
 
 
 def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
-    """Poses whose rotations are such to the last digit of float64; raises for what are none."""
+    """Poses with rotations that are orthonormal in float64; raises an error for arrays that are not poses."""
     T = np.array(arguments.pose(target, "inverse_kinematics: T"), float)
     T[..., :3, :3] = so3.project(T[..., :3, :3])
     T[..., 3, :] = 0.0, 0.0, 0.0, 1.0
@@ -334,12 +334,12 @@ def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
 
 @lru_cache(16)
 def _drawn(seed: int) -> int:
-    """The seed of the starts: one number drawn from a generator, however long the search."""
+    """Seed of the starts: one number drawn from the generator, independent of the length of the search."""
     return int(np.random.default_rng(seed).integers(2**63))
 
 
 def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
-    """The frames by name, each with its rows."""
+    """Frames by name, each with its rows."""
     several = not (frame is None or isinstance(frame, str))
     given = [frame] if frame is None or isinstance(frame, str) else list(frame)
     if not given or not all(name is None or isinstance(name, str) for name in given) or (several and None in given):
@@ -357,7 +357,7 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
 
 
 def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None) -> PoseSearch:
-    """Made once for each frames and rows of a robot."""
+    """Search of a robot for the given frames and rows, created once and cached."""
 
     def build() -> PoseSearch:
         some = random_configuration(robot.model, np.random.default_rng(0), (8,))
@@ -394,7 +394,7 @@ def _on_loops(
 
 
 def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
-    """The body twist V with T exp([V]) = target, MR section 6.2; of some rows, turning and moving each by itself.
+    """Body twist V with T exp([V]) = target, MR section 6.2; for some rows, angular and linear part separately.
 
     (n, 4, 4), (n, 4, 4) → (n, r).
     """
@@ -409,12 +409,12 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
 # ── All branches: configurations of one pose, up to full turns
 
 SAME = 1e-6
-"""rad or m: configurations nearer than this in all joints are one."""
+"""rad or m: configurations that differ by less than this in all joints are identical."""
 ALIKE = 10.0
-"""Largest displacement of the frame, in tolerances and to first order, between two configurations that count as
-one: only near a singular configuration are they further apart, and the tolerance cannot separate them."""
+"""Largest displacement of the frame, in tolerances and to first order, between two configurations that count as equal.
+Larger distances between them occur only near a singular configuration, where the tolerance cannot separate them."""
 SINGULAR = 1e-9
-"""Singular values of J below this part of the largest are zero."""
+"""Singular values of J below this fraction of the largest are zero."""
 
 
 def branches(
@@ -427,7 +427,7 @@ def branches(
     angle: float,
     distance: float,
 ) -> IKResult:
-    """See :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
+    """Branches of inverse kinematics; see :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
     target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
     starts = arguments.integer(starts, "starts")
     chosen = row_numbers(rows)
@@ -467,7 +467,7 @@ def branches(
 
 
 def _turning(robot: Robot) -> Array:
-    """Mask of joints that repeat after a full turn: revolute without pitch, and without a follower of another ratio."""
+    """Mask of joints that repeat after a full turn: revolute, without pitch, without a follower of another ratio."""
     followed = {body.v_index for body in robot.model.bodies if body.follows}
     found = np.zeros(robot.nv, bool)
     for body in robot.model.leaders:
@@ -478,7 +478,7 @@ def _turning(robot: Robot) -> Array:
 
 
 def _unwound(robot: Robot, q: Array) -> Array:
-    """Remove full turns from q where the limits allow the smaller angle."""
+    """Remove full turns from q if the limits allow the smaller angle."""
     turn = 2.0 * np.pi * _turning(robot)
     smaller = q - turn * np.round(q / (2.0 * np.pi))
     fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
@@ -486,5 +486,5 @@ def _unwound(robot: Robot, q: Array) -> Array:
 
 
 def _apart(robot: Robot, a: Array, b: Array) -> Array:
-    """Difference of two configurations without full turns."""
+    """Difference of two configurations modulo full turns."""
     return (a - b) - 2.0 * np.pi * _turning(robot) * np.round((a - b) / (2.0 * np.pi))

@@ -1,4 +1,4 @@
-"""Kernel of the search for configurations at given poses, with restarts, also for closed loops."""
+"""Kernel of the inverse-kinematics search with restarts, also for closed loops."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     from .closed_robot import ClosedRobot
 
 STEPS = 60
-"""The most steps from one start."""
+"""Largest number of steps from one start."""
 POSTURE_STEPS = 240
-"""The most steps towards a posture."""
+"""Largest number of steps towards a posture."""
 FIRST_LOOK = 8
-"""Steps that a single pose is looked for in one lane, before all lanes look for it from several starts at once."""
+"""Steps of the search for a single pose in one lane, before all lanes search from several starts at once."""
 AT_ONCE = 1 << 18
-"""Starts that one call of the kernel may make: Ctrl-C is heard between two."""
+"""Largest number of starts in one call of the kernel; Ctrl-C takes effect between calls."""
 Frames = tuple[tuple[str, tuple[int, ...]], ...]
-"""Names, each with rows of the frame's twist."""
+"""Frame names, each with rows of the frame's twist."""
 _HAIR = 1e-9
-"""Margin below 1 of squared tolerances, so that rounding does not decide."""
+"""Margin below 1 of squared tolerances, against rounding errors."""
 
 
 class PoseSearch:
-    """Search for the poses of some frames of one robot, each by some rows."""
+    """Search for the poses of some frames of one robot, each with selected rows."""
 
     def __init__(
         self,
@@ -55,16 +55,17 @@ class PoseSearch:
         apart: Any,
         loops: LoopClosureSolver | None = None,
     ) -> None:
-        """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; the rest are kernels.
+        """``farthest``: displacement of a frame per radian of the farthest joint [m]; ``poses`` and ``apart`` are kernels.
 
-        ``poses`` give those of q, ``apart`` the twists of joints from one q to another. ``loops`` are to be closed there.
+        ``poses`` return those of q; ``apart`` returns the joint twists from one q to another. ``loops`` are closed as
+        well.
         """
         self.model, self.poses, self.apart, self.loops = model, poses, apart, loops
         self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
-        """The shape of what is looked for."""
+        """Shape of the target."""
         self._starts: dict[int, _StartConfigurations] = {}
         self.length = farthest if farthest > 0 else 1.0
-        """m that count as much as a radian."""
+        """Length in m that is weighted like one radian."""
         kinds = [k for _, rows in frames for k in rows] + (loops.kinds if loops is not None else [])
         scale = np.array([1.0 if k < 3 else 1.0 / self.length for k in kinds])
         one = [b for b in model.leaders if b.joint.nv == 1]
@@ -99,28 +100,28 @@ class PoseSearch:
 
     @cached_property
     def look(self) -> Any:
-        """A kernel for one pose that gives up where a joint meets a limit; else it finds what the other one finds."""
+        """Kernel for one pose that gives up if a joint meets a limit; otherwise its result equals the general kernel's."""
         doc = f"Look of {self.model.name} for one pose near by, compiled."
         return compiled(self._search(replace(self._step, rounds=1)), "look", doc, scalar=True)
 
     @cached_property
     def to_posture(self) -> Any:
-        """Kernel that moves from reached poses as near to a posture as the poses allow."""
+        """Kernel that moves from reached poses towards a posture, as near as the poses allow."""
         doc = f"Search of {self.model.name} for postures, compiled."
         return compiled(self._search(replace(self._step, posture=True)), "posture", doc)
 
     def settings(self, allowed: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
-        """Settings of the kernel beside poses and starts."""
+        """Settings of the kernel other than poses and starts."""
         return np.array([steps, restarts, *((1.0 - _HAIR) * x * x for x in allowed), *self.weights])
 
     def inside(self, q: Array) -> Array:
-        """q with the joints of one degree of freedom moved into their limits."""
+        """q with joints of one degree of freedom clipped to their limits."""
         q = np.array(q, float)
         q[..., self.q_of] = np.clip(q[..., self.q_of], self.low, self.high)
         return q
 
     def rounded(self, q: Array, kind: np.dtype[Any]) -> Array:
-        """q as numbers of another type, those of them that left the limits so brought back to the last ones inside."""
+        """q rounded to another type; numbers that leave the limits by rounding are moved to the nearest value inside."""
         found = q.astype(kind, copy=False)
         if kind == q.dtype:
             return found
@@ -134,7 +135,7 @@ class PoseSearch:
     ) -> tuple[Array, Array]:
         """Best result of all starts (n, nq), the first at ``start``, and its status (n, status); T (n, *core)."""
         settings = self.settings(allowed, min(restarts, PLACES))
-        if seed not in self._starts:  # places take longer to make than most poses to find
+        if seed not in self._starts:  # the start table takes longer than most searches
             q, status = self.some(T, start, self._no_starts, self.settings(allowed, 0))
             rows = np.flatnonzero(status[:, 1] == 0.0)
             if not restarts or not len(rows):
@@ -143,7 +144,7 @@ class PoseSearch:
         else:
             q, status = self.some(T, start, self.start_configurations(seed).table(0), settings)
         starts = self.start_configurations(seed)
-        for number, done in enumerate(range(PLACES, restarts, PLACES + 1), start=1):  # the next start, and its restarts
+        for number, done in enumerate(range(PLACES, restarts, PLACES + 1), start=1):  # next start, then its restarts
             rows = np.flatnonzero(status[:, 1] == 0.0)
             if not len(rows):
                 break
@@ -159,13 +160,13 @@ class PoseSearch:
     def nearest(
         self, T: Array, posture: Array, found: tuple[Array, Array], allowed: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """Move found configurations towards postures (n, nq) while the frames stay, until nothing more is gained."""
+        """Move found configurations towards postures (n, nq) with the frames fixed, until no step improves."""
         q, status = found
         rows = np.flatnonzero(status[:, 1] > 0.0)
         none, settings = self._no_starts, self.settings(allowed, 0, POSTURE_STEPS)
         target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
         moved, _ = self.some(target, q[rows], none, settings, self.to_posture)
-        moved, of_it = self.some(T[rows], moved, none, settings)  # to all digits
+        moved, of_it = self.some(T[rows], moved, none, settings)  # to full precision
         before, after = (np.linalg.norm(self.apart(posture[rows], x), axis=1) for x in (q[rows], moved))
         better = (of_it[:, 1] > 0.0) & (after < before)
         of_it[:, 0] = status[rows, 0]
@@ -175,11 +176,11 @@ class PoseSearch:
     def some(
         self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
     ) -> tuple[Array, Array]:
-        """The kernel, or another, on so many poses, in parts."""
+        """Run the kernel, or another one, on any number of poses, in parts."""
         q, status = np.empty((len(T), self.model.nq)), np.empty((len(T), self.status_size))
         each = max(64, int(AT_ONCE / (1.0 + settings[1])))
         parts = (slice(k, k + each) for k in range(0, len(T), each))
-        with np.errstate(all="ignore"):  # next to a singular place a step may go far; the best of the way counts
+        with np.errstate(all="ignore"):  # steps near a singularity may overflow; the best iterate counts
             given = (Part((T[k], start[k], settings, *table), (q[k], status[k])) for k in parts)
             batch_threads.share(kernel or self.kernel, given)
         return q, status
@@ -196,7 +197,7 @@ class PoseSearch:
 
 
 class _StartConfigurations:
-    """Tables of random start configurations, the same for all poses, with the poses of the frames there."""
+    """Tables of random start configurations, shared by all poses, with the poses of the frames there."""
 
     def __init__(self, search: PoseSearch, seed: int) -> None:
         self.search, self.rng = search, np.random.default_rng(seed)
@@ -204,7 +205,7 @@ class _StartConfigurations:
         self._tables: list[tuple[Array, Array]] = []
 
     def first(self, number: int) -> Array:
-        """The configuration before those of a table."""
+        """Start configuration that precedes those of a table."""
         self.table(number)
         return self._firsts[number]
 
@@ -223,10 +224,10 @@ class _StartConfigurations:
 
 
 class SinglePose:
-    """The shortest way to one pose: arrays of plain float64, options that were checked before.
+    """Fast path for one pose: arrays of plain float64, options validated before.
 
-    One lane looks first, by steps that know of no limits, as what is near is found in a few. Where that fails, all lanes look
-    from the beginning; they would have found the same.
+    One lane searches first, with steps that ignore limits; nearby solutions take a few steps. If it fails, all lanes
+    search from the beginning. The result is the same either way.
     """
 
     def __init__(self, search: PoseSearch, restarts: int, seed: int, allowed: tuple[float, float]) -> None:
@@ -237,7 +238,7 @@ class SinglePose:
         self.call: Any = make_call(search.look, _NoFallback().found, "inverse_kinematics")
 
     def near_by(self, T: Array, q0: Array) -> Array | None:
-        """q where one lane finds it, in a few steps that meet no limit."""
+        """Configuration that one lane finds in a few steps without meeting a limit; None otherwise."""
         found = None if self.call is None else self.call(T, q0, self.look, *self.table)
         return found[0] if found is not None and found[1][1] > 0.0 else None
 
@@ -256,17 +257,17 @@ class _NoFallback:
     """Fallback of the builtin call, which returns None."""
 
     def found(self, T: Any, start: Any, settings: Array, places: Array, reached: Array) -> None:
-        """None: the long way."""
+        """None: the general search follows."""
 
 
 # ── Loops of a closed robot in inverse kinematics: rows, start configurations, closure errors
 
 ROUNDS = 4
-"""Times that starts are brought into the limits and onto the loops again."""
+"""Number of alternating projections of starts into the limits and onto the loops."""
 
 
 class LoopClosureSolver:
-    """The loops of one closed robot in a search for poses."""
+    """Loops of one closed robot in a search for poses."""
 
     def __init__(self, closed: ClosedRobot) -> None:
         self.closed = closed
@@ -274,13 +275,13 @@ class LoopClosureSolver:
         self.units = gap_units(closed)
         mine = self.rows.places[0]
         self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
-        """Number in a twist of each row."""
+        """Index in a twist of each row."""
         self.allowed = tuple((CLOSED * self.units[mine]).tolist())
         """Largest gap of each row, rad or m."""
 
     @cached_property
     def start(self) -> Array:
-        """A configuration with the loops closed; ConstraintError where none is found."""
+        """A configuration with the loops closed; raises ConstraintError if none is found."""
         try:
             return np.asarray(some_configurations(self.closed, None)[0])
         except ConstraintError as problem:
@@ -290,18 +291,18 @@ class LoopClosureSolver:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Searches of one robot with one key are one."""
+        """Cache key: searches of one robot with equal keys are shared."""
         return self.rows.constraints, self.rows.independent
 
     def settled(self, q: Array) -> Array:
-        """The configurations (n, nq) on the loops, those from which none is found as they were."""
+        """Configurations (n, nq) moved onto the loops; unchanged if no closed configuration is found."""
         found, left = self.closed.settled(q, CLOSED)
         return np.where((left <= CLOSED)[:, None], found, q)
 
     def closed_starts(self, some: Array, inside: Callable[[Array], Array]) -> Array:
-        """Configurations (n, nq) with the loops closed inside the limits, got from some that are not closed.
+        """Configurations (n, nq) with closed loops inside the limits, from configurations that may be open.
 
-        Those from which none is found go towards one from which one is, half of the way and a quarter.
+        Those from which none is found are moved half and then a quarter of the way towards one from which one is found.
         """
         robot = self.closed.robot
 
@@ -324,6 +325,6 @@ class LoopClosureSolver:
         return inside(q)
 
     def open_by(self, q: Array) -> tuple[Array, Array]:
-        """Gaps of the rows of the search (n, rows), and the widest of all, over its unit (n,)."""
+        """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
         gaps = self.closed.gaps(q)
         return gaps[:, self.rows.places[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)

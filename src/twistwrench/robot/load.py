@@ -26,7 +26,7 @@ Inertia = Literal["error", "accept", "repair"]
 
 
 class BuildOptions(TypedDict, total=False):
-    """Options of :func:`load` that concern the robot, not its file."""
+    """Options of :func:`load` that concern the robot rather than its file."""
 
     lock: Mapping[str, ArrayLike] | None
     tip: str | None
@@ -62,7 +62,7 @@ def load(
     tip: str | None = None,
     mimic: Mimic = "follow",
     inertia: Inertia = "error",
-    snap: float = 1e-9,  # model.assembly.DEFAULT_SNAP, which an import of the package does not load
+    snap: float = 1e-9,  # equals model.assembly.DEFAULT_SNAP, not imported here
     gravity: ArrayLike | None = None,
 ) -> Robot:
     """Load a robot from a URDF, xacro, MJCF, SDF or USD file, or from XML text (first non-blank character ``<``).
@@ -70,35 +70,35 @@ def load(
     Parameters
     ----------
     source : str or Path, file or XML text
-    format : "urdf", "mjcf", "sdf" or "usd", optional; None: the root element tells, or the ending
-    floating_base : bool, optional; None: as the file says (models of URDF and SDF stand, free joints of MJCF float, and what
-        no joint of USD holds). True lets the root link float where nothing does, False holds what floats where the file puts it
-    keep : str, optional, read one body of an MJCF scene and all that it carries
+    format : "urdf", "mjcf", "sdf" or "usd", optional; None: from the root element or the suffix
+    floating_base : bool, optional; None: as in the file (URDF and SDF models are fixed, free joints of MJCF and USD
+        bodies without a joint float). True adds a floating base if there is none; False fixes floating bodies in place
+    keep : str, optional, read only this body of an MJCF scene and its descendants
     model : str, optional, read one model of an SDF world, or one articulation of a USD stage
-    include_paths : folders, besides that of the file, from which included files, layers and meshes may be read
-    max_bodies : int, more bodies are refused
+    include_paths : folders, in addition to the file's, from which included files, layers and meshes may be read
+    max_bodies : int, largest number of bodies accepted
     xacro : {argument: value}, optional, arguments of a xacro file, which is expanded; its expressions run as Python
-    mimic : "follow" or "independent", whether mimic joints fold into their leaders or are joints like any other
-    snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
-    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what the file says, else (0, 0, -9.81)
+    mimic : "follow" or "independent", treat mimic joints as followers of their leaders or as independent joints
+    snap : float, entries of fixed rotations within this distance of 0 or ±1 are set to it exactly; 0 disables
+    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: from the file, else (0, 0, -9.81)
 
     Raises
     ------
     NotFoundError
-        There is no such file.
+        The file does not exist.
     RobotFileError
         The file is not a robot file, or an entry of it cannot be read.
     ModelError
-        What it says makes no robot.
+        The file's content does not describe a valid robot.
     InertiaError
-        A moving body cannot exist; link, condition and amount are named.
+        A moving body has a physically impossible inertia; link, condition and amount are named.
     MissingExtraError
         The file is USD or xacro, and the extra ``usd`` or ``xacro`` is not installed.
 
     Warns
     -----
     ModelWarning
-        The file says something doubtful; also in :attr:`Robot.defects`.
+        The file has doubtful entries, which are also listed in :attr:`Robot.defects`.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def load(
             from ..model.description import issue
 
             issue(known.remarks)
-        mine = deepcopy(options)  # as they are now
+        mine = deepcopy(options)  # copied: the caller may change them later
         return Robot(CachedModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
     from ..model.description import sentences
 
@@ -148,18 +148,17 @@ def from_screws(
 ) -> Robot:
     """Robot from screw axes: the book's lists M, Slist, Mlist, Glist of a serial chain.
 
-    MR section 8.3. A screw whose turning part is not of unit length (or, sliding only, whose sliding part) is an error,
-    because its joint coordinate is not an angle; the book's own three-link example has one.
+    MR section 8.3. A screw with an angular part (or, for pure translation, a linear part) that is not of unit length
+    raises an error, because its joint coordinate is not an angle; the book's own three-link example has one.
 
     Parameters
     ----------
-    M : (4, 4) array_like or None, home pose of the tip; checked against the product of ``Mlist``, None takes that
-        product
+    M : (4, 4) array_like or None, home pose of the tip; checked against the product of ``Mlist``; None: that product
     Slist : (6, n) array_like, space screw axes as columns, at the home configuration
-    Mlist : n + 1 poses (4, 4), of each link frame in the one before
+    Mlist : n + 1 poses (4, 4), each link frame in the previous one
     Glist : n spatial inertias (6, 6), each in its link frame
-    name : str, the robot's
-    non_unit_screws : bool, accept screws that are not of unit length as they are, lengths kept
+    name : str, the robot's name
+    non_unit_screws : bool, accept screws that are not of unit length and keep their lengths
 
     Raises
     ------
@@ -204,16 +203,16 @@ def from_dh(
     Parameters
     ----------
     table : {column: (n,)}, n such rows, or (n, 4) array_like with ``columns`` [m, rad]
-        ``{"theta": …, "d": …, "a": …, "alpha": …}``, a column that is zero left out.
+        ``{"theta": …, "d": …, "a": …, "alpha": …}``; omitted columns are zero.
     convention : "standard" or "modified", as in the notes
-    columns : sequence of str, optional, order of the columns of an array, as ``("theta", "d", "a", "alpha")``
-        Always needed with an array: no two books share an order.
-    joint_types : str or n of them, ``"revolute"`` or ``"prismatic"``; one name is for all joints
+    columns : sequence of str, optional, order of the columns of an array, such as ``("theta", "d", "a", "alpha")``
+        Required with an array, since books differ in the order.
+    joint_types : str or n of them, ``"revolute"`` or ``"prismatic"``; one name applies to all joints
     masses : (n,) array_like, optional [kg]
     coms : (n, 3) array_like, optional, in link frame {i} [m]
     moments_about_com : (n, 3, 3) array_like, optional, about the centre of mass along the axes of {i} [kg m²]
     tool : (4, 4) array_like, optional, pose in {n}
-    name : str, the robot's
+    name : str, the robot's name
 
     Returns
     -------
@@ -223,21 +222,22 @@ def from_dh(
     Warns
     -----
     ModelWarning
-        An angle is beyond 2π, which will be degrees.
+        An angle exceeds 2π and is probably in degrees.
 
     Notes
     -----
     Row i is the pose of link frame {i} in {i-1}:
 
-    - ``convention="standard"``: Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i). Frame {i} sits at the far end of
-      link i; joint i turns about z of {i-1}. (Corke, Siciliano, Spong.)
-    - ``convention="modified"``: Rot_x(alpha) Trans_x(a) Rot_z(theta_i) Trans_z(d_i), where row i holds alpha and a *before* the
-      joint, alpha_{i-1} and a_{i-1}. Frame {i} sits on joint i and turns about its own z. (Craig; Modern Robotics, appendix C.)
+    - ``convention="standard"``: Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i). Frame {i} is at the distal end
+      of link i; joint i turns about z of {i-1}. (Corke, Siciliano, Spong.)
+    - ``convention="modified"``: Rot_x(alpha) Trans_x(a) Rot_z(theta_i) Trans_z(d_i); row i holds alpha_{i-1} and
+      a_{i-1}, of the link *before* the joint. Frame {i} is at joint i, which turns about z of {i}. (Craig; Modern
+      Robotics, appendix C.)
 
-    The coordinate of a joint adds to its table entry: q_i to theta_i of a ``"revolute"`` joint, to d_i of a
-    ``"prismatic"`` one, so the table's entry is the offset. Masses, centres of mass and moments that are left out are
-    zero. In the standard convention the moving bodies are ``axis1`` … ``axisn``, frames on the joints' axes, z along
-    them, that the links are fixed to: joint wrenches are in these.
+    The joint coordinate q_i is added to theta_i (``"revolute"``) or d_i (``"prismatic"``); the table's entry is the
+    offset. Omitted masses, centres of mass and moments are zero. In the standard convention the moving bodies are
+    ``axis1`` … ``axisn``, with frames on the joint axes and z along them; links are fixed to them, and joint wrenches
+    are expressed in them.
 
     Examples
     --------
@@ -262,22 +262,22 @@ def from_dh(
 
 
 def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
-    """Robot from a model that MuJoCo has compiled.
+    """Robot from a model compiled by MuJoCo.
 
-    For what :func:`load` does not read of MJCF files, such as ``replicate`` and ``attach``:
-    ``tw.from_mujoco(mujoco.MjSpec.from_file(path).compile())``. Bodies, joints, sites and keyframes are those of the
-    model, and so are the effort limits of actuators, the springs of fixed tendons, and equality constraints as :func:`load`
-    has them. Joints without a name are called as :func:`load` calls them.
+    For MJCF features that :func:`load` does not support, such as ``replicate`` and ``attach``:
+    ``tw.from_mujoco(mujoco.MjSpec.from_file(path).compile())``. Reads bodies, joints, sites, keyframes, effort limits
+    of actuators, springs of fixed tendons, and the equality constraints that :func:`load` supports. Unnamed joints are
+    named as by :func:`load`.
 
     Parameters
     ----------
-    model : mujoco.MjModel; its attributes are read, and nothing is imported
+    model : mujoco.MjModel; its attributes are read, nothing is imported
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Warns
     -----
     ModelWarning
-        A tendon, an actuator or a constraint says something that is left out, or a loop is left open.
+        A tendon, an actuator or a constraint is ignored in part, or a loop is left open.
 
     Examples
     --------
@@ -292,16 +292,16 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
 
 
 def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
-    """Robot from a model of Pinocchio's.
+    """Robot from a Pinocchio model.
 
-    Joints, inertias, limits, friction, armature, gravity, reference configurations; bodies' frames are links, operational and
-    sensor frames are sites. q is in the order of :func:`twistwrench.load`, depth first, and
-    :mod:`twistwrench.convert` translates. A composite joint is one joint for each of its parts, ``NAME.0``, ``NAME.1``, …;
-    mimic joints follow. Pinocchio gives its files' mass of fixed links to no joint.
+    Reads joints, inertias, limits, friction, armature, gravity and reference configurations. Body frames become links;
+    operational and sensor frames become sites. q is in the depth-first order of :func:`twistwrench.load`;
+    :mod:`twistwrench.convert` converts. A composite joint becomes one joint per part, ``NAME.0``, ``NAME.1``, …; mimic
+    joints follow. Pinocchio's models lack the mass of links fixed to the base.
 
     Parameters
     ----------
-    model : pinocchio.Model; its attributes are read, and nothing is imported
+    model : pinocchio.Model; its attributes are read, nothing is imported
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Examples
@@ -322,22 +322,22 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
 def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str]:
     """Write a robot as a URDF, MJCF or SDF file.
 
-    The file is whole or not there. Looks and shapes are not kept by a robot, and are not written.
+    The file is written atomically. Visuals and collision shapes are not part of a robot and are not written.
 
     Parameters
     ----------
-    path : str or Path, whose ending tells the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
+    path : str or Path, whose suffix selects the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
 
     Returns
     -------
     lost : list of str
-        What the format cannot say of the robot, a sentence each, its tip included where reading the file takes another;
-        empty where reading the file gives the same robot.
+        Properties of the robot that the format cannot represent, one sentence each, including a tip that differs from
+        the default after reading; empty if reading the file returns the same robot.
 
     Raises
     ------
     ModelError
-        The format has no words for how the robot moves.
+        The format cannot represent the robot's motion.
 
     Examples
     --------
@@ -368,11 +368,11 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
 
 
 def _tip_lost(robot: Robot, path: Path) -> list[str]:
-    """A sentence where the file's default tip is another one: no format has a word for it."""
+    """Sentence if the file's default tip differs from the robot's; no format stores the tip."""
     from ..formats import load_model
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what reading remarks on is in the robot that was written
+        warnings.simplefilter("ignore")  # the written robot has the same warnings
         tip = load_model(path, inertia="accept").tip
     if tip == robot.tip:
         return []

@@ -1,7 +1,7 @@
-"""Choices between numbers that a traced function may make: NumPy's ``maximum`` and ``where`` compare, and symbols cannot.
+"""Elementwise comparisons in traced functions, in place of NumPy's ``maximum`` and ``where``, which symbols do not support.
 
-They take numbers, arrays and symbols in any mixture, element by element, so that a function given to
-:func:`twistwrench.differentiate` runs on numbers as well.
+They take any mixture of numbers, arrays and symbols, so that a function given to :func:`twistwrench.differentiate` also
+runs on numbers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LARGEST = float(np.finfo(float).max)
 
 
 def maximum(a: Any, b: Any) -> Any:
-    """Larger of two, element by element; its derivative is that of the one taken, and the mean of both where they are equal.
+    """Elementwise maximum; its derivative is that of the larger argument, or the mean of both if they are equal.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def maximum(a: Any, b: Any) -> Any:
 
 
 def minimum(a: Any, b: Any) -> Any:
-    """Smaller of two, element by element; its derivative is that of the one taken, and the mean of both where they are equal.
+    """Elementwise minimum; its derivative is that of the smaller argument, or the mean of both if they are equal.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def minimum(a: Any, b: Any) -> Any:
 
 
 def clip(x: Any, lower: Any, upper: Any) -> Any:
-    """Value, or the limit it is beyond, element by element; the upper one where limits are the wrong way round.
+    """Values clipped to limits, element by element; the upper limit if the limits are reversed.
 
     Parameters
     ----------
@@ -83,17 +83,17 @@ def clip(x: Any, lower: Any, upper: Any) -> Any:
 
 
 def where_positive(x: Any, a: Any, b: Any) -> Any:
-    """Value a where x > 0, else b, element by element; both are computed, and numbers beyond 1.8e308, or NaN, become that.
+    """Elementwise selection: a where x > 0, else b. Both are evaluated; numbers beyond 1.8e308, or NaN, become infinite or NaN.
 
     Parameters
     ----------
-    x : (...) array_like, what is compared with 0
+    x : (...) array_like, compared with 0
     a, b : (...) array_like, numbers or symbols
 
     Returns
     -------
     chosen : (...) array
-        Its derivative is that of the value taken; by x it is 0. The other value may be infinite or NaN, but then the
+        The derivative is that of the selected value; by x it is 0. If the other value is infinite or NaN, the
         derivative is NaN.
 
     Examples
@@ -117,20 +117,20 @@ def _smaller(t: Trace, a: Expr, b: Expr) -> Expr:
 
 
 def _none_where(t: Trace, a: Expr, b: Expr) -> Expr:
-    """b, and NaN where a is: programs' min and max take their second where one is NaN, and so lose the first."""
+    """b, or NaN where a is NaN: min and max of programs return their second argument if one is NaN."""
     if a.op == "const":
         return a if a.value != a.value else b
     return t.add(b, t.max(t.constant(2.0), t.sign(a)) - 2.0)
 
 
 def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:
-    """max(min(a, L), min(b, -L)) with L huge where x > 0 and -L else: min and max take their second where one is NaN."""
+    """max(min(a, L), min(b, -L)), with L huge for x > 0 and -L otherwise; min and max return their second argument for NaN."""
     huge = _LARGEST * (2.0 * t.max(t.zero, t.sign(x)) - 1.0)
     return t.max(t.min(a, huge), t.min(b, -huge))
 
 
 def _each(plain: Callable[..., Any], traced: Callable[..., Expr], *given: Any) -> Any:
-    """Result by NumPy on numbers, element by element on broadcast arrays of symbols."""
+    """NumPy's result for numbers; element by element for broadcast arrays of symbols."""
     if not is_symbolic(given):
         return plain(*given)
     arrays = [np.asarray(x, object) for x in given]

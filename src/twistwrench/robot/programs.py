@@ -47,7 +47,7 @@ class KernelOptions(TypedDict, total=False):
 
 
 OF_DERIVATIVES: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "auto", "values": False}
-"""Options of every quantity for its derivatives, with their defaults."""
+"""Derivative options of every quantity, with defaults."""
 
 
 def options_of(name: str) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ def options_of(name: str) -> tuple[str, ...]:
 
 
 def wanted(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Each quantity with the options that are its own, checked."""
+    """Each quantity with the options that apply to it, validated."""
     if not names:
         raise UnknownNameError.from_choices("quantity", "", QUANTITIES)
     if len(set(names)) < len(names):
@@ -127,7 +127,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
 
 
 def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Frames of the wrenches, and those of them that the world applies."""
+    """Frames of the wrenches, and those of the wrenches applied by the world."""
     given = options.get("wrenches", ())
     if not isinstance(given, str | Sequence):
         raise KernelError(f"{name}: wrenches={given!r} is not allowed. Give the names of frames.")
@@ -171,7 +171,7 @@ def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
 
 
 def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Shape]:
-    """The inputs of one quantity, in the order its algorithm wants them."""
+    """Inputs of one quantity, in the order of its algorithm."""
     ports = dict(QUANTITIES[name].shapes(model))
     ports.update({f"wrench at {frame}": (6,) for frame in options.get("wrenches", ())})
     if "gravity" in options:
@@ -185,7 +185,7 @@ def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[st
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
-    """The quantity's algorithm on arrays of numbers or symbols: the usual inputs, a wrench per frame, gravity, parameters."""
+    """The quantity's algorithm on arrays of numbers or symbols: usual inputs, a wrench per frame, gravity, parameters."""
     rest, usual = {k: v for k, v in options.items() if k != "derivative"}, len(quantity.inputs)
     if names := rest.pop("parameters", ()):
         model, arrays = with_symbolic_parameters(model, names, arrays[-1]), arrays[:-1]
@@ -201,14 +201,14 @@ def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: 
 def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
     """Trace one quantity of one robot.
 
-    Wrench frames, if any, become further inputs after the usual ones; gravity and parameters follow where they are inputs.
-    ``regroup=False`` leaves every inertia where the robot's file has it, to count what regrouping saves.
+    Wrenches, if any, become further inputs after the usual ones, then gravity and parameters if these are inputs.
+    ``regroup=False`` disables base-parameter regrouping, to count the operations it saves.
     """
     return program_of_several(model, {name: options}, regroup=regroup)
 
 
 def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
-    """Trace several quantities, ``{name: options}``, as one program, which does once what they share."""
+    """Trace several quantities, ``{name: options}``, as one program with common subexpressions."""
     ports = {name: input_shapes(model, name, options) for name, options in wanted.items()}
     more = {name: _ports_of_derivative(model, name, options) for name, options in wanted.items()}
     inputs = {label: shape for mine in (*ports.values(), *more.values()) for label, shape in mine.items()}
@@ -236,25 +236,25 @@ def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *,
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-    """Names and shapes of the inputs of one quantity's kernel, in its order."""
+    """Names and shapes of the inputs of one quantity's kernel, in order."""
     ports = input_shapes(model, name, options) | _ports_of_derivative(model, name, options)
     return [(label, ports[label]) for label in _in_order(ports)]
 
 
 def _in_order(labels: Iterable[str]) -> list[str]:
-    """The usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
+    """Usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
     last = ("gravity", "parameters")
     return sorted(labels, key=lambda label: (label in last, label.startswith("wrench at")))
 
 
 def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-    """The inputs that a derivative has besides."""
+    """Additional inputs of a derivative."""
     derivative = options.get("derivative")
     if derivative is None:
         return {}
     ports, outputs = input_shapes(model, name, options), QUANTITIES[name].outputs
     shapes: Any = [()] * len(outputs)
-    if derivative.weighs:  # the shapes of results are known once they are there
+    if derivative.weighs:  # shapes of results are known only after tracing
         owner = Trace()
         found = evaluated(QUANTITIES[name], model, [owner.inputs(0, shape) for shape in ports.values()], options)
         shapes = [np.shape(x) for x in (found if isinstance(found, tuple) else (found,))]
@@ -270,21 +270,22 @@ def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: boo
 
 # ── Kernels of large robots: forward-dynamics derivatives by column loops or LAPACK, and matrices by loops over joints
 
-# Unrolled, the solutions are half of all instructions, and a humanoid's 60,000 do not stay in a processor's caches.
+# Unrolled, the solutions are half of all instructions; a humanoid's 60,000 instructions do not fit into processor
+# caches.
 
 COLUMN_LOOP_FROM = 20
-"""Pairs of a velocity and one of another joint that it carries, from which on a loop is faster (bench/NOTES.md)."""
+"""Number of pairs of a velocity and one of a joint it carries, from which a loop is faster (bench/NOTES.md)."""
 
 NAME = "forward_dynamics_derivatives"
 
 
 def _only(wanted: Mapping[str, Mapping[str, Any]], name: str) -> bool:
-    """True if one quantity alone is wanted, with no options but wrenches."""
+    """True if only this quantity is wanted, with no options but wrenches."""
     return tuple(wanted) == (name,) and set(wanted[name]) <= {"wrenches"}
 
 
 def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnSolve | None:
-    """The program and its columns; None where it is short enough, or another quantity."""
+    """Program and its columns; None for short programs and other quantities."""
     if not _only(asked, NAME):
         return None
     carries, bodies = forward_dynamics.relations(model)
@@ -301,7 +302,7 @@ def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnSo
 
 
 def _groups(program: Program, n: int) -> list[ColumnGroup]:
-    """The columns of ∂τ that are not zero, by the rows in which they are not."""
+    """Nonzero columns of ∂τ, grouped by the rows in which they are nonzero."""
     some = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
     places: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
     for matrix, column in np.argwhere(some.any(axis=1)).tolist():
@@ -321,11 +322,11 @@ def _groups(program: Program, n: int) -> list[ColumnGroup]:
 
 # ── ∂q̈/∂(q, q̇, τ) by LAPACK: M ∂q̈/∂x = -∂τ/∂x
 
-# Unrolled, the solutions alone take some 2 nv³ operations a state: 3.4 million instructions for a chain of 100 links, more than
-# a trace may have. A matrix product of that size is what LAPACK is for.
+# Unrolled, the solutions alone take about 2 nv³ operations a state: 3.4 million instructions for a chain of 100 links,
+# beyond the limit of a trace.
 
 LAPACK_FROM = 64
-"""Velocities of the smallest robot whose derivatives are put together this way; unrolled they would be a million operations."""
+"""Number of velocities from which derivatives are computed by LAPACK; unrolled, they would take a million operations."""
 
 
 def needs_lapack(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
@@ -350,8 +351,8 @@ class LapackDerivatives:
         return f"<LapackDerivatives {self.signature}>"
 
     def __call__(self, *args: ArrayLike, out: tuple[Array, Array, Array] | None = None) -> tuple[Array, ...]:
-        """Evaluate on arrays whose last axes are the signature's."""
-        ddq = self._acceleration(*args)  # refuses what does not fit, as all kernels do
+        """Evaluate on arrays whose last axes match the signature."""
+        ddq = self._acceleration(*args)  # validates the arguments, as all kernels do
         q, dq, _, *wrenches = args
         by_q, by_dq = self._torque_derivatives(q, dq, ddq, *wrenches)
         inverse = _inverse(self._mass(q).astype(ddq.dtype, copy=False))
@@ -364,7 +365,7 @@ class LapackDerivatives:
 
 
 def _inverse(M: Array) -> Array:
-    """M⁻¹, NaN where there is none: one state without must not cost the others theirs."""
+    """M⁻¹, or NaN for singular M: one singular state must not affect the others."""
     try:
         return np.linalg.inv(M)
     except np.linalg.LinAlgError:
@@ -378,26 +379,26 @@ def _inverse(M: Array) -> Array:
 # ── Matrices of long robots by loops over pairs of joints
 
 PAIR_LOOP_FROM = 100_000
-"""Instructions of the smallest unrolled program that is replaced by loops (bench/NOTES.md)."""
+"""Instruction count of an unrolled program above which loops replace it (bench/NOTES.md)."""
 
 MOST_OVERESTIMATED = 3
-"""Estimated instructions exceed those of the unrolled program at most by this factor; they are never much fewer."""
+"""Largest factor by which the estimate exceeds the instructions of the unrolled program; it is never much too low."""
 
 
 @dataclass(frozen=True)
 class _Looped:
-    """One quantity: what it is made of, and how long it would be unrolled."""
+    """One quantity: the products that compose it, and its estimated length when unrolled."""
 
     factors: Callable[..., tuple[Array, ...]]
     before: tuple[tuple[int, int], ...]
     after: tuple[tuple[int, int], ...]
-    """By matrix, the factors of entries whose row's joint carries the column's, and of all others."""
+    """By matrix, the factors of entries whose row's joint carries the column's, and of all other entries."""
     added: tuple[Callable[[Model], Array] | None, ...]
-    """By matrix, what is constant of it."""
+    """By matrix, its constant part."""
     symmetric: bool
     for_a_joint: int
     for_a_pair: int
-    """Instructions, for each velocity and for each pair of one that carries the other."""
+    """Instructions per velocity, and per pair of one velocity and another that it carries."""
 
 
 _LOOPED = {
@@ -412,7 +413,7 @@ _LOOPED = {
 
 
 def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
-    """The loops for one quantity; its unrolled program if counting shows that this is short enough; None for all others."""
+    """Loops for one quantity; its unrolled program if that is short enough; None for other quantities."""
     (name, options), *_ = asked.items()
     looped = _LOOPED.get(name)
     if looped is None or not _only(asked, name):

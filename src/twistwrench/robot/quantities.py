@@ -1,4 +1,4 @@
-"""Table of the quantities of a robot: algorithm, inputs, outputs, options, words and units."""
+"""Table of the quantities of a robot: algorithm, inputs, outputs, options, meaning and units."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ Algorithm = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Quantity:
-    """One row of the table: ``algorithm(model, *inputs, **options)`` gives the outputs."""
+    """One row of the table: ``algorithm(model, *inputs, **options)`` returns the outputs."""
 
     algorithm: Algorithm
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     sizes: tuple[tuple[str, ...], ...]
-    """The axes of each output: numbers, or what their length is the number of."""
+    """Axes of each output: numbers, or names of counts such as nv."""
     meaning: str
-    """In a line, ASCII, with the names of the inputs and outputs."""
+    """Description in one line, ASCII, with the names of inputs and outputs."""
     options: tuple[str, ...] = ()
     felt: bool = False
-    """True if only torques at the joints count, so that the model may be regrouped."""
+    """True if the output depends only on joint torques, so that base-parameter regrouping applies."""
     needs_inverse: bool = False
-    """True if the inverse of M is part of it."""
+    """True if the quantity requires the inverse of M."""
     needs_mass: bool = False
-    """True if it is divided by the mass of all moving bodies."""
+    """True if the quantity is divided by the mass of all moving bodies."""
     unit: str = ""
     book: str = ""
-    """Place in Modern Robotics."""
+    """Section or equation of Modern Robotics."""
     pinocchio: str = ""
     mujoco: str = ""
     """Names in other libraries."""
@@ -58,7 +58,7 @@ class Quantity:
 def row(
     algorithm: Algorithm, inputs: str, outputs: str, sizes: str, meaning: str, *, options: str = "", **more: Any
 ) -> Quantity:
-    """Names apart by blanks, the sizes of several outputs by commas."""
+    """Row of the table: names separated by blanks, sizes of several outputs by commas."""
     axes = tuple(tuple(output.split()) for output in sizes.split(","))
     return Quantity(
         algorithm, tuple(inputs.split()), tuple(outputs.split()), axes, meaning, tuple(options.split()), **more
@@ -67,8 +67,8 @@ def row(
 
 # ── Table of quantities
 
-# A quantity is one algorithm and one row here. The kernels for processors and for GPUs, the comments of exported C, and the
-# tables of the docs all come from these rows.
+# A quantity is one algorithm and one row of this table. CPU and GPU kernels, comments of exported C code, and the
+# tables of the docs are derived from these rows.
 
 _TORQUE = "N m (sliding joints: N)"
 

@@ -1,6 +1,6 @@
 """One method for each quantity.
 
-Shapes in docstrings are those of one state; any leading batch shape goes, and batch shapes broadcast as NumPy's do.
+Shapes in docstrings are those of one state; any leading batch shape is allowed, and batch shapes broadcast as in NumPy.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class QuantityMethods(DerivativeMethods):
         return self._call("add", q, dv, out=out)
 
     def subtract(self, q1: ArrayLike, q0: ArrayLike, *, out: Any = None) -> Array:
-        """Difference of configurations, q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1.
+        """Difference of configurations, q1 ⊖ q0: the dv for which ``add(q0, dv)`` has the pose of q1.
 
         Parameters
         ----------
@@ -53,7 +53,7 @@ class QuantityMethods(DerivativeMethods):
 
         Returns
         -------
-        dv : (nv,) array, joint twists times unit time [rad, m], turning the short way
+        dv : (nv,) array, joint twists times unit time [rad, m], along the shorter rotation
         """
         return self._call("subtract", q1, q0, out=out)
 
@@ -76,7 +76,7 @@ class QuantityMethods(DerivativeMethods):
         return self._call("forward_kinematics", q, frame=frame, out=out)
 
     def link_poses(self, q: ArrayLike, *, out: Any = None) -> Array:
-        """Forward kinematics of all links at once: T_s,link, each in the base frame {s}.
+        """Forward kinematics of all links: T_s,link, each in the base frame {s}.
 
         Returns
         -------
@@ -85,7 +85,7 @@ class QuantityMethods(DerivativeMethods):
         return self._call("link_poses", q, out=out)
 
     def jacobian(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Array:
-        """Geometric Jacobian J of a frame, with V = J dq its twist (omega, v). MR eq. 5.11 (space), 5.18 (body).
+        """Geometric Jacobian J of a frame, with twist V = J dq (omega, v). MR eq. 5.11 (space), 5.18 (body).
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class QuantityMethods(DerivativeMethods):
 
         Returns
         -------
-        V : (6,) array, twist [rad/s, m/s], in the axes and about the point that ``kind`` says
+        V : (6,) array, twist [rad/s, m/s], in the axes and about the point of ``kind``
         """
         return self._call("frame_velocity", q, dq, frame=frame, kind=kind, out=out)
 
@@ -138,10 +138,10 @@ class QuantityMethods(DerivativeMethods):
         *,
         out: Any = None,
     ) -> Array:
-        """Acceleration of a frame: the rate dV/dt of its twist, gravity not included.
+        """Acceleration of a frame: time derivative dV/dt of its twist, without gravity.
 
-        The rate of a twist's six numbers: the acceleration of a body's point has ω × v beside it, unless ``kind`` is
-        ``"world_aligned"``.
+        The derivative is that of the twist's six components. The acceleration of a body point has the additional term ω
+        × v, except for ``kind="world_aligned"``.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        friction : bool, take what the joints' friction costs off τ first; a joint at rest is taken to slide freely
+        friction : bool, subtract the joints' friction from τ; a joint at rest is assumed to slide without friction
 
         Returns
         -------
@@ -208,7 +208,7 @@ class QuantityMethods(DerivativeMethods):
         Raises
         ------
         SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
+            A joint moves no inertia, so that M has no inverse.
 
         Examples
         --------
@@ -230,7 +230,7 @@ class QuantityMethods(DerivativeMethods):
         return self._call("mass_matrix", q, out=out)
 
     def bias_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
-        """Bias forces h = c + g: what remains of the joint torques τ at q̈ = 0. MR section 8.1.2.
+        """Bias forces h = c + g: joint torques τ at q̈ = 0. MR section 8.1.2.
 
         Returns
         -------
@@ -250,7 +250,7 @@ class QuantityMethods(DerivativeMethods):
     def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Coriolis matrix C, with C dq = c and dM/dt - 2C skew-symmetric.
 
-        On one-degree joints it is the one of the Christoffel symbols. MR section 8.1.2.
+        For joints with one degree of freedom, C follows from the Christoffel symbols. MR section 8.1.2.
 
         Returns
         -------
@@ -273,7 +273,7 @@ class QuantityMethods(DerivativeMethods):
         return self._call("christoffel", q, out=out)
 
     def gravity_forces(self, q: ArrayLike, *, out: Any = None) -> Array:
-        """Gravity torques g, which hold the robot at rest against gravity. MR section 8.1.2.
+        """Gravity torques g that hold the robot at rest against gravity. MR section 8.1.2.
 
         Returns
         -------
@@ -284,11 +284,11 @@ class QuantityMethods(DerivativeMethods):
     def friction_forces(self, dq: ArrayLike, *, load: ArrayLike | None = None, out: Any = None) -> Array:
         """Joint friction: the torques that overcome it at the velocities dq.
 
-        MR section 8.9.4. At rest friction may be anything up to the static one, and the law gives 0.
+        MR section 8.9.4. At rest, friction can take any value up to static friction; this method returns 0.
 
         Parameters
         ----------
-        load : (nv,) array_like, optional, torques the joints carry, for friction that grows with them
+        load : (nv,) array_like, optional, torques carried by the joints, for load-dependent friction
 
         Returns
         -------
@@ -309,7 +309,7 @@ class QuantityMethods(DerivativeMethods):
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Any = None) -> Array:
         """Regressor Y of the inertial parameters: τ = Y π, π being :attr:`parameters`.
 
-        The equation of motion is linear in π, MR section 8.2. Springs and friction are apart.
+        The equation of motion is linear in π, MR section 8.2. Torques of springs and friction are not included.
 
         Returns
         -------
@@ -327,9 +327,9 @@ class QuantityMethods(DerivativeMethods):
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
     ) -> tuple[Array, Array]:
-        """Torques in the drives, referred to the joints: the part through the gears, and the part of the rotors before them.
+        """Torques in the drives, referred to the joints: the part through the gears, and the part that accelerates the rotors.
 
-        They add up to τ. Divided by the ratio they are the book's τ_gear / G and the rotor's own part of τ_motor. MR
+        Their sum is τ. Divided by the gear ratio they are the book's τ_gear / G and the rotor's part of τ_motor. MR
         section 8.9.3.
 
         Parameters
@@ -357,12 +357,12 @@ class QuantityMethods(DerivativeMethods):
     def wrench_torques(
         self, q: ArrayLike, wrench_by_robot: ArrayLike | Wrench, frame: str | None = None, *, out: Any = None
     ) -> Array:
-        """Joint torques of one wrench alone, τ = J_b' F (Jacobian transpose). MR eq. 5.26.
+        """Joint torques of a single wrench, τ = J_b' F (Jacobian transpose). MR eq. 5.26.
 
         Parameters
         ----------
         wrench_by_robot : (6,) array_like or Wrench, (m, f) the robot applies at the frame, in its axes [N m, N]
-            A labelled wrench brings its own frame.
+            A labelled wrench has its own frame.
 
         Returns
         -------
@@ -371,7 +371,7 @@ class QuantityMethods(DerivativeMethods):
         Raises
         ------
         FrameError
-            No frame is named, and the robot has no single tip; or the label of the wrench says another frame.
+            No frame is given and the robot has no single tip; or the wrench is labelled with another frame.
 
         Examples
         --------
@@ -397,7 +397,7 @@ class QuantityMethods(DerivativeMethods):
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
     ) -> Array:
-        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with the torques of springs. MR section 5.2.
+        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, including springs. MR section 5.2.
 
         Returns
         -------
@@ -422,7 +422,7 @@ class QuantityMethods(DerivativeMethods):
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
     ) -> Array:
-        """Wrenches across the joints (bearing loads): what each moving body receives across its joint.
+        """Wrenches across the joints (bearing loads), received by each moving body across its joint.
 
         Returns
         -------
@@ -442,7 +442,7 @@ class QuantityMethods(DerivativeMethods):
         return self._call("kinetic_energy", q, dq, out=out)
 
     def potential_energy(self, q: ArrayLike, *, out: Any = None) -> Any:
-        """Potential energy of the moving bodies under gravity, zero with their centre of mass at the base origin.
+        """Potential energy of the moving bodies under gravity; zero if their centre of mass is at the base origin.
 
         Returns
         -------
@@ -451,11 +451,12 @@ class QuantityMethods(DerivativeMethods):
         return self._call("potential_energy", q, out=out)
 
     def momentum(self, q: ArrayLike, dq: ArrayLike, frame: str = "base", *, out: Any = None) -> Array:
-        """Spatial momentum (angular, linear) of the moving bodies, at the base origin or centroidal.
+        """Spatial momentum (angular, linear) of the moving bodies, at the base origin or about the centre of mass.
 
         Parameters
         ----------
-        frame : "base", at the base origin; or "com", about the centre of mass, axes of the base (centroidal momentum)
+        frame : "base": at the base origin; "com": about the centre of mass (centroidal momentum); both in the base's
+            axes
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Robot: the class with all methods, and those that only robots without closed loops have."""
+"""Robot: the class with all methods, and the methods that only robots without closed loops have."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Robot(
     BridgeMethods,
     SharedMethods[Method, "SimulationResult", "Rollout"],
 ):
-    """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled at first use.
+    """A robot: kinematics, dynamics, statics and control of a tree of joints, compiled at first use.
 
-    Immutable: every edit returns a new one. Made by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,
-    :func:`~twistwrench.from_dh`, or from a model that a :class:`~twistwrench.model.builder.ModelBuilder` built. Every
-    method takes any leading batch shape and broadcasts, as NumPy does; shapes are those of one state.
+    Immutable: every edit returns a new robot. Created by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,
+    :func:`~twistwrench.from_dh`, or from a model of a :class:`~twistwrench.model.builder.ModelBuilder`. Every method
+    accepts any leading batch shape and broadcasts as NumPy does; documented shapes are those of one state.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class Robot(
     ('(2),(2),(2)->(2)', [19.62, 0.0])
     """
 
-    # ── what differs from closed robots ──
+    # ── hooks that differ from closed robots ──
 
     def _open(self) -> Robot:
         return self
@@ -124,9 +124,9 @@ class Robot(
         return rolled_out(self, *start, **given)
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
-        """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before.
+        """Install a builtin that calls the kernel directly for plain arrays of one state; all other calls use the method.
 
-        Whether there is no more to be done about calls of this kind: they are few yet, or a builtin is there or cannot be.
+        Returns True if calls of this kind need no further counting: a builtin exists or is impossible.
         """
         method = getattr(Robot, name, None)
         before = vars(self).get(name)
@@ -145,14 +145,14 @@ class Robot(
             vars(self)[name] = direct
         return True
 
-    # ── what it is ──
+    # ── properties ──
 
     def info(self) -> dict[str, Any]:
-        """Robot description as plain data: joints, links with mass, frames, gravity, defects; what ``info --json`` prints.
+        """Robot description as plain data: joints, links with mass, frames, gravity, defects; printed by ``info --json``.
 
         Returns
         -------
-        info : dict, of what ``json.dumps`` takes
+        info : dict, serialisable by ``json.dumps``
             ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
             ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
         """
@@ -169,12 +169,12 @@ class Robot(
         embed: bool = False,
         control: str | None = None,
     ) -> ShownPage:
-        """Show the robot's page: in a notebook below the cell, elsewhere in the browser.
+        """Show the robot's page: below the cell in a notebook, otherwise in the browser.
 
         Parameters
         ----------
-        q : (nq,) array_like, optional, where it starts
-        wrench_on_robot, section, embed, control : those of :func:`twistwrench.viz.write_page`
+        q : (nq,) array_like, optional, initial configuration
+        wrench_on_robot, section, embed, control : as for :func:`twistwrench.viz.write_page`
 
         Returns
         -------
@@ -215,23 +215,24 @@ class Robot(
         angle: float = 1e-10,
         distance: float = 1e-10,
     ) -> IKResult:
-        """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
+        """Branches of inverse kinematics found by a search, such as elbow up and down or wrist flipped.
 
-        Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
-        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1. At singular
-        configurations branches meet, or are points of curves on which the frame stays; a ``ModelWarning`` says so.
+        Solutions that differ by full turns are one branch, with the smallest angles within the limits. The search
+        starts from random configurations and may miss branches; if more ``starts`` find more branches, there were too
+        few. MR section 6.1. At singular configurations branches meet or are points on a continuum of solutions; a
+        ``ModelWarning`` reports it.
 
         Parameters
         ----------
-        T : (4, 4) array_like, wanted pose in the base frame [m]
+        T : (4, 4) array_like, desired pose in the base frame [m]
         rows : str or iterable, optional, rows of the twist that count
-        starts : int, how many places the search starts from
-        rng : numpy Generator or seed, for these places
+        starts : int, number of random start configurations
+        rng : numpy Generator or seed, for the start configurations
 
         Returns
         -------
         found : IKResult
-            A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
+            A row for each branch, smallest angles first; empty if the pose was not reached. All are inside the limits.
 
         Examples
         --------
@@ -248,17 +249,17 @@ class Robot(
 
     @taking_the_arguments_of(SharedMethods.simulate)
     def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:
-        """Simulations from many states, each as :meth:`simulate` gives it, to the last bit.
+        """Simulations from many states, each bit-identical to :meth:`simulate`.
 
-        One that fails is in the batch as far as it came: ``batch.completed`` says which are whole, ``.stopped`` of a result
-        why. Steps of fixed length under constant torques and wrenches are taken side by side. Functions are asked by one
-        simulation after the other: a controller that remembers its last call meets the start of the next. States alone, of
-        many more samples, are what :meth:`rollout` is for.
+        A failed simulation is in the batch up to its failure: ``batch.completed`` is False for it, and ``.stopped`` of
+        its result gives the reason. With constant torques and wrenches, fixed steps are evaluated side by side.
+        Functions are called by one simulation after the other, so a stateful controller receives the start of the next
+        one after the end of the last. For states only of many more samples, use :meth:`rollout`.
 
         Parameters
         ----------
-        *start : q0 (..., nq), dq0 (..., nv), duration and dt, by these names too, as in :meth:`simulate`
-        **options : all others of :meth:`simulate`, the same for each
+        *start : q0 (..., nq), dq0 (..., nv), duration and dt, also by name, as in :meth:`simulate`
+        **options : all other options of :meth:`simulate`, the same for each simulation
 
         Returns
         -------
@@ -285,14 +286,14 @@ class Robot(
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> Explanation:
-        """Why a joint needs its torque: τ split by term and by the link, rotor or payload that causes it.
+        """Joint torques split by term and by the link, rotor or payload that causes them.
 
-        Any batch shape; the table and the picture are of one state. Inverse dynamics is linear in the inertial
+        Any batch shape is allowed; the table and the plot are of one state. Inverse dynamics is linear in the inertial
         parameters, MR section 8.2.
 
         Returns
         -------
-        why : Explanation, whose parts add up to τ
+        why : Explanation, parts that add up to τ
 
         Examples
         --------
@@ -328,7 +329,7 @@ class Robot(
     def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
         """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.
 
-        Slow, and without any of the recursions by which the terms are computed elsewhere.
+        Slow, and independent of the recursive algorithms that compute the terms elsewhere.
 
         Examples
         --------

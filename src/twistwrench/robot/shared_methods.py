@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @cache
 def _inverse_kinematics() -> Callable[..., IKResult]:
-    """Import the solver at the first call; an import statement costs a good part of a solution near by."""
+    """Import the solver at the first call; an import statement costs a large part of a nearby solution's time."""
     from .ik import solve
 
     return solve
@@ -46,33 +46,33 @@ RolledOut = TypeVar("RolledOut")
 
 
 class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
-    """Methods of open and closed robots alike; the methods with a leading underscore differ between them.
+    """Methods of open and closed robots; the methods with a leading underscore differ between them.
 
-    ``MethodName`` are the integrators there are, the others what simulations and rollouts give.
+    ``MethodName`` are the available integrators; the other parameters are the types of simulations and rollouts.
     """
 
     def _open(self) -> Robot:
-        """The robot with its loops open."""
+        """Robot with its loops open."""
         raise NotImplementedError
 
     def _closed(self) -> ClosedRobot:
-        """The robot with the loops that it has closed, none of an open one."""
+        """Robot with its closed loops; a robot without loops has none."""
         raise NotImplementedError
 
     def _searched_loops(self) -> LoopClosureSolver | None:
-        """The gaps of its loops, as rows of a search."""
+        """Solver for the loop gaps, as rows of a search."""
         return None
 
     def _constraint_options(self, name: str) -> Mapping[str, Any]:  # noqa: ARG002  a closed robot looks at it
-        """Options of a quantity for the constraints."""
+        """Constraint options of a quantity."""
         return {}
 
     def _simulated(self, *start: Any, **given: Any) -> Simulated:
-        """The result of a simulation."""
+        """Result of a simulation."""
         raise NotImplementedError
 
     def _rolled_out(self, *start: Any, **given: Any) -> RolledOut:
-        """The result of a rollout."""
+        """Result of a rollout."""
         raise NotImplementedError
 
     def inverse_kinematics(
@@ -89,34 +89,35 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         nearest: bool = False,
         clearance: float | None = None,
     ) -> IKResult:
-        """Inverse kinematics: configurations, inside the joints' limits and with loops closed, at which a frame has the pose T.
+        """Inverse kinematics: configurations, inside joint limits and with loops closed, at which a frame has the pose T.
 
         Parameters
         ----------
-        T : (4, 4) array_like, wanted pose in the base frame [m]; (k, 4, 4) of k frames at once
+        T : (4, 4) array_like, desired pose in the base frame [m]; (k, 4, 4) for k frames at once
         frame : str, optional, a link of the robot; its tip if None; a sequence of k names for k frames at once
-        q0 : (nq,) array_like, optional, where the search starts, loops closed or not; None: neutral, or a closed configuration
-        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` asks for the position only;
-            a mapping of frames to rows where frames differ
-        restarts : int, random starts where the first fails; of a closed robot with its loops closed
+        q0 : (nq,) array_like, optional, start of the search, loops closed or not; None: neutral, or a closed
+            configuration
+        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` selects the position only;
+            a mapping of frames to rows if frames differ
+        restarts : int, number of random starts if the first one fails; with loops closed for a closed robot
         rng : numpy Generator or seed, for the random starts
-        nearest : bool, whether what the poses leave free is used to come as near to ``q0`` as they let
-        clearance : float, optional, distance that links keep from each other [m], as :meth:`clearance` computes it
-            A solution that does not keep it gives way to the nearest that does, of those from ``restarts`` random starts.
+        nearest : bool, use the remaining degrees of freedom to come as near to ``q0`` as possible
+        clearance : float, optional, smallest distance between links [m], as computed by :meth:`clearance`
+            A solution below it is replaced by the nearest sufficient one from ``restarts`` random starts.
 
         Returns
         -------
         found : IKResult
-            It says which poses were reached, what is left, and why; nothing else counts as reached. Of a closed robot with
-            the gap of its loops.
+            Poses reached, remaining errors and reasons, and for a closed robot the gaps of its loops. Only solutions
+            within the tolerances count as reached.
 
         Notes
         -----
-        Newton's method, damped, MR section 6.2. Any batch of T and q0. What is left of several frames is the root of the sum
-        of squares. ``nearest`` goes on from what was found, by Newton steps in the poses' null space, 240 at most: what it
-        reaches is the nearest on the way, not on other branches (Siciliano et al., Robotics, section 3.5.1).
-        The gaps of closed loops are further rows, so that poses and loops are met together; what was not reached is a closed
-        configuration as near as was found, where there is one.
+        Damped Newton method, MR section 6.2. Any batch of T and q0. The error of several frames is the root of the sum
+        of squares. ``nearest`` continues from the solution with at most 240 Newton steps in the null space of the
+        poses. It finds the nearest configuration on the same branch only (Siciliano et al., Robotics, section 3.5.1).
+        The gaps of closed loops are further rows, so that poses and loops are satisfied together. If a pose is not
+        reached, the result is the nearest closed configuration found, if there is one.
 
         Examples
         --------
@@ -147,27 +148,29 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     def clearance(
         self, q: ArrayLike, exact: Literal["auto"] | bool = "auto", *, srdf: str | Path | None = None
     ) -> Clearance:
-        """Clearance: the least distance between two links, of the shapes for contact in the robot's file, else of its visuals.
+        """Clearance: smallest distance between two links, from the collision shapes of the robot's file, else its visuals.
 
-        Capsules around the links prune, and the library coal (extra ``clearance``) evaluates the nearest pairs, meshes as their
-        convex hulls. Links that a joint connects are left out, as are pairs in contact in 95 % of 2,000 random configurations.
+        Capsules around the links exclude distant pairs. The library coal (extra ``clearance``) evaluates the others,
+        with meshes as convex hulls. Pairs connected by a joint, and pairs in contact in 95 % of 2,000 random
+        configurations, are excluded.
 
         Parameters
         ----------
-        exact : "auto" or bool; ``"auto"`` uses coal if it is installed, False never: distances are lower bounds then
-        srdf : str or Path, optional, SRDF file whose ``<disable_collisions>`` leave out further pairs
+        exact : "auto" or bool; ``"auto"`` uses coal if it is installed; False gives lower bounds of the distances
+        srdf : str or Path, optional, SRDF file whose ``<disable_collisions>`` exclude further pairs
 
         Returns
         -------
         found : Clearance
-            ``distance`` (...) [m], below zero in contact, ``pair`` (..., 2), ``exact``, and ``unknown``, links without a shape.
+            ``distance`` (...) [m], negative in contact, ``pair`` (..., 2), ``exact``, and ``unknown``: links without a
+            shape.
 
         Raises
         ------
         MissingExtraError
             ``exact`` is True, and coal is not installed.
         RobotFileError
-            The SRDF file cannot be read, or is that of another robot.
+            The SRDF file cannot be read or belongs to another robot.
 
         Examples
         --------
@@ -189,24 +192,22 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         near: ArrayLike | None = None,
         redundant: Literal["error", "accept"] = "error",
     ) -> ClosedRobot:
-        """Closed loop, or one more: the robot with ``frame_b`` held on ``frame_a``; see :class:`.closed_robot.ClosedRobot`.
+        """Closed loop: the robot with ``frame_b`` constrained to ``frame_a``; see :class:`.closed_robot.ClosedRobot`.
 
-        The chosen rows of the twist of {b} as {c} sees it, along the axes of {c}, are zero, and {b} lies on {c} in
+        The selected rows of the twist of {b} relative to {c}, along the axes of {c}, are zero, and {b} lies on {c} in
         these directions. Loops are closed one after another. MR section 8.7.
 
         Parameters
         ----------
         frame_a, frame_b : str, frames of the robot; ``"ground"`` is the base
-        rows : str or iterable, optional, rows of the twist that are held
-            Three of turning and three of moving (None) are a weld; ``"vx vy vz"`` a ball joint; all but ``wz`` a hinge
-            about z.
-        pose : (4, 4) array_like, optional, of {c} in {a}; None: {a} itself
+        rows : str or iterable, optional, rows of the twist that are constrained
+            All six (None) are a weld; ``"vx vy vz"`` is a ball joint; all but ``wz`` is a hinge about z.
+        pose : (4, 4) array_like, optional, pose of {c} in {a}; None: the identity
 
         Raises
         ------
         ConstraintError
-            No configuration is found at which the loops close, or rows depend on the others and ``redundant`` is not
-            "accept".
+            No configuration with closed loops is found, or rows depend on others and ``redundant`` is not "accept".
 
         Examples
         --------
@@ -231,22 +232,23 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         near: ArrayLike | None = None,
         redundant: Literal["error", "accept"] = "error",
     ) -> ClosedRobot:
-        """Velocity constraint, or one more: the robot with chosen rows of a frame's twist zero, as for a wheel or a blade.
+        """Velocity constraint: the robot with selected rows of a frame's twist zero, as for a wheel or a blade.
 
-        No position goes with it; where one does, as for a hand on a plane, :meth:`close` with ``"ground"`` keeps it.
+        The position is not constrained. To constrain it too, as for a hand on a plane, use :meth:`close` with
+        ``"ground"``.
 
         Parameters
         ----------
         frame : str, a frame of the robot
         rows : str or iterable, rows of the twist that are zero
         kind : "body", "space" or "world_aligned", as for :meth:`jacobian`
-            ``"vz"`` is along the frame's own z (``"body"``), wherever that points. A hand that stays on a level table
-            wants the world's, ``kind="world_aligned"``.
+            With ``"body"``, ``"vz"`` is along the frame's own z in any orientation. For a hand on a level table, use
+            ``kind="world_aligned"``.
 
         Raises
         ------
         ConstraintError
-            Rows depend on the others and ``redundant`` is not "accept".
+            Rows depend on others and ``redundant`` is not "accept".
 
         Examples
         --------
@@ -269,19 +271,20 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         prefix: str | None = None,
         test: bool = True,
     ) -> tuple[Path, ...]:
-        """C code export: quantities as C99 functions that allocate nothing and need ``math.h`` only.
+        """C code export: quantities as C99 functions that need only ``math.h`` and no heap memory.
 
-        docs/export.md shows the files. A closed robot exports quantities with its constraints and those of the open one.
+        docs/export.md shows the files. A closed robot exports quantities with its constraints and those of the open
+        robot.
 
         Parameters
         ----------
-        path : str or Path, a folder, or the .c file; the header goes beside it
-        test : bool, write a program that compares the functions with the kernels, too
+        path : str or Path, a folder, or the .c file; the header is written beside it
+        test : bool, also write a program that compares the functions with the kernels
 
         Raises
         ------
         KernelError
-            An option does not apply, or no program without branches computes it.
+            An option does not apply, or no program without branches computes the quantity.
         ValueRangeError
             ``path`` cannot be written.
 
@@ -308,20 +311,20 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         style: Literal["function_block", "codesys"] = "function_block",
         torque: Literal["joint", "motor"] = "joint",
     ) -> Path:
-        """Structured Text export: quantities as function blocks (IEC 61131-3) for PLCs. Not run on a PLC.
+        """Structured Text export: quantities as function blocks (IEC 61131-3) for PLCs. Not yet run on a PLC.
 
-        docs/export.md shows the file. The tests execute it by an interpreter over an independent parser's tree.
+        docs/export.md shows the file. The tests execute it with an interpreter based on an independent parser.
 
         Parameters
         ----------
-        path : str or Path, a folder, or the file; a name that ends in .st, .scl, .exp or .txt
+        path : str or Path, a folder, or a file with suffix .st, .scl, .exp or .txt
         precision : "double" or "float", numbers of type LREAL or REAL
-        test : bool, write a program that compares the blocks with stored results, too
+        test : bool, also write a program that compares the blocks with stored results
         style : "function_block" or "codesys"
-            "codesys" adds a block for the interface ISMDynamics, to be completed by hand; it exports ``inverse_dynamics``
-            alone, with gravity as an input.
+            "codesys" adds a block for the interface ISMDynamics, to be completed by hand; it exports only
+            ``inverse_dynamics``, with gravity as an input.
         torque : "joint" or "motor"
-            "motor" takes the torques of ``inverse_dynamics`` to the shafts of the motors, as :meth:`motor_loads` does.
+            "motor" converts the torques of ``inverse_dynamics`` to the motor shafts, as :meth:`motor_loads` does.
 
         Returns
         -------
@@ -332,7 +335,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         KernelError
             An option does not apply, or no program without branches computes the quantity.
         ModelError
-            Torques of motors are wanted of a robot that has no actuator at some joint.
+            Motor torques are requested, but a joint has no actuator.
         ValueRangeError
             ``path`` cannot be written.
 
@@ -352,13 +355,13 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         )
 
     def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> tuple[Path, ...]:  # noqa: A002
-        """ROS 2 package export: a plug-in of ``inverse_dynamics_solver`` with a test. Not built by colcon so far.
+        """ROS 2 package export: a plug-in of ``inverse_dynamics_solver`` with a test. Not yet built with colcon.
 
         docs/export.md shows the files. The plug-in compares joints and masses with ``robot_description``.
 
         Parameters
         ----------
-        path : str or Path, the folder to make; its last part is the name of the package
+        path : str or Path, the folder to create; its last part is the name of the package
         license : str, for package.xml
 
         Returns
@@ -368,9 +371,9 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         Raises
         ------
         KernelError
-            A joint has several coordinates, or none moves.
+            A joint has several coordinates, or no joint moves.
         ValueRangeError
-            The folder is there already or its name is not one of a package, or the license is not a name.
+            The folder exists, its name is not a valid package name, or the license is not a valid name.
 
         Examples
         --------
@@ -392,13 +395,13 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         precision: Literal["double", "float"] = "double",
         prefix: str | None = None,
     ) -> tuple[Path, ...]:
-        """CUDA source export: quantities as CUDA C++ kernels with a thread for each sample.
+        """CUDA source export: quantities as CUDA C++ kernels with one thread per sample.
 
-        docs/export.md describes the launch. Compiled by nvcc and NVRTC in the tests, not yet run on a GPU.
+        docs/export.md describes the launch. The tests compile it with nvcc and NVRTC; it has not yet been run on a GPU.
 
         Parameters
         ----------
-        path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
+        path : str or Path, a folder with a file for each kernel; or the .cu file of one kernel
 
         Raises
         ------
@@ -420,7 +423,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         return export_cuda(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix)
 
     def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
-        """Quantities with their options, the constraints among them."""
+        """Quantities with their options, including the constraints."""
         from ..export.request import named
 
         return [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
@@ -451,44 +454,46 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     ) -> Simulated:
         """Simulation: the motion from one state, under torques, controllers, wrenches, contacts and limits.
 
-        docs/simulation.md explains and measures, docs/constraints.md for closed robots. Their steps end on the constraints, by
-        the projection that is least in the kinetic metric; Hairer, Lubich and Wanner, Geometric Numerical Integration, section
-        IV.4.
+        docs/simulation.md explains the methods and measures their accuracy, docs/constraints.md those for closed
+        robots. Steps of closed robots end on the constraints, by the smallest projection in the kinetic metric; Hairer,
+        Lubich and Wanner, Geometric Numerical Integration, section IV.4.
 
         Parameters
         ----------
-        q0 : (nq,) array_like, optional, configuration at the start; None: neutral
-            Of a closed robot one with its loops closed; None: one near neutral.
-        dq0 : (nv,) array_like, optional, velocities at the start [rad/s, m/s]; None: at rest
+        q0 : (nq,) array_like, optional, initial configuration; None: neutral
+            For a closed robot a configuration with closed loops; None: one near neutral.
+        dq0 : (nv,) array_like, optional, initial velocities [rad/s, m/s]; None: at rest
         duration : float [s]
-        dt : float, a state every so often [s]
-        method : str, optional, the integrator; None: ``"dopri5"``, of a closed robot ``"rk4"``
+        dt : float, interval between returned states [s]
+        method : str, optional, the integrator; None: ``"dopri5"``, for a closed robot ``"rk4"``
             ``"dopri5"``, which adapts its steps to ``rtol`` and ``atol``; ``"rk4"``, ``"semi_implicit"``, ``"euler"``,
-            and, of open robots, the variational ``"midpoint"``, ``"variational"``, ``"variational6"``, with steps of ``dt``.
+            and, for open robots, the variational ``"midpoint"``, ``"variational"``, ``"variational6"``, with steps of
+            ``dt``.
         tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
-        controller : function of (t, q, dq), optional, asked every ``dt``, its torques held until the next time
+        controller : function of (t, q, dq), optional, evaluated once per ``dt``, with torques held in between
+            (zero-order hold)
         wrench_on_robot : {frame: (6,) or function of (t, q, dq)}, optional, (m, f) in that frame [N m, N]
-        creep : float, optional, joint velocity below which friction is eased off [rad/s, m/s]
-            In semi-implicit steps of open robots friction is an impulse that stops and holds the joints instead.
+        creep : float, optional, joint velocity below which friction is smoothed [rad/s, m/s]
+            In semi-implicit steps of open robots, friction is instead an impulse that can stop and hold the joints.
         contacts : ``tw.simulation.Plane`` and ``JointStops``, one or several
-        limits : "stop" or None; ``"stop"`` ends where a joint reaches a limit
+        limits : "stop" or None; ``"stop"`` ends the simulation when a joint reaches a limit
         events : ``tw.simulation.Event`` or function of (t, q, dq), one or several
         rtol, atol : float, tolerances of dopri5
-        max_step : float, optional, the longest step of dopri5 [s]
-        progress : callable, optional, told the part that is done, 0 to 1
+        max_step : float, optional, largest step of dopri5 [s]
+        progress : callable, optional, receives the completed fraction, 0 to 1
 
         Returns
         -------
         result : SimulationResult
-            Of a closed robot a ClosedSimulation, with λ, the gaps, and what steps left to be projected away.
+            For a closed robot a ClosedSimulation, with λ, the gaps, and the constraint errors removed by projection.
 
         Raises
         ------
         SimulationError
-            A step is unstable, a controller fails, or constraints lose rank on the way or cannot be met again; all that was
-            computed is in ``.result``.
+            A step is unstable, a controller fails, or constraints lose rank or cannot be satisfied; ``.result`` holds
+            the motion so far.
         ConstraintError
-            The first state is far from the constraints.
+            The initial state is far from the constraints.
 
         Examples
         --------
@@ -524,39 +529,39 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     ) -> RolledOut:
         """Rollout: motions from any batch of states, all steps of ``dt`` in one kernel.
 
-        docs/rollouts.md explains. The steps of a closed robot are those of :meth:`simulate`, in float64. Where its constraints
-        lose rank on the way, the states of that motion are NaN from there on; the others go on.
+        docs/rollouts.md explains the method. Steps of a closed robot are those of :meth:`simulate`, in float64. If
+        constraints lose rank, the remaining states of that motion are NaN; other motions continue.
 
         Parameters
         ----------
-        q0 : (..., nq) array_like, configurations at the start, loops closed
-        dq0 : (..., nv) array_like, velocities at the start [rad/s, m/s]
+        q0 : (..., nq) array_like, initial configurations, loops closed
+        dq0 : (..., nv) array_like, initial velocities [rad/s, m/s]
         tau : (nv,) or (..., steps, nv) array_like, or law, optional
-            Torques for all steps, or step by step [N m, sliding joints: N], or ``tw.simulation.BatchPD`` or
+            Constant torques, torques for each step [N m, sliding joints: N], ``tw.simulation.BatchPD`` or
             ``BatchComputedTorque``, or ``tw.control.PD`` or ``ComputedTorque`` of the open robot.
         dt : float, time step [s]
-        steps : int, optional, how many; give this or ``duration``
+        steps : int, optional, number of steps; give this or ``duration``
         duration : float, optional [s]
         method : "semi_implicit" or "rk4", the integrator
         wrench_on_robot : {frame: (6,) or (..., steps, 6)}, optional, (m, f) in that frame [N m, N]
-        parameters : {name: (...)}, optional, names of :meth:`twistwrench.Robot.varying`, as a payload's mass for each sample
-            Of a closed robot inertias and friction alone.
-        friction : bool, count that of the joints, as in :meth:`simulate`
+        parameters : {name: (...)}, optional, names of :meth:`twistwrench.Robot.varying`, such as a payload's mass per
+            sample For a closed robot only inertias and friction.
+        friction : bool, include joint friction, as in :meth:`simulate`
         torque_limits : bool or (nv,) array_like, True clips to ``limits.effort``, numbers to these
-        torques : bool, return those applied, too
-        gradients : bool, keep what went in, for ``.gradient`` and ``.linearize`` of the rollout; of open robots alone
-        out : (q, dq), optional, arrays of yours that take the results, for large ones again and again; of open robots alone
+        torques : bool, also return the applied torques
+        gradients : bool, store the inputs for ``.gradient`` and ``.linearize`` of the rollout; open robots only
+        out : (q, dq), optional, arrays for the results, to reuse memory; open robots only
 
         Returns
         -------
         rollout : Rollout, q (..., n, nq) and dq (..., n, nv)
-            Motions that become unstable are named in its ``.unstable``. Of a closed robot a ClosedRollout, with the gaps of
-            each motion, what its steps left to be projected away, and where it lost its constraints.
+            ``.unstable`` marks motions that become unstable. For a closed robot a ClosedRollout, with the gaps of each
+            motion, the errors removed by projection, and where it lost its constraints.
 
         Raises
         ------
         ConstraintError
-            A first state is far from the constraints.
+            An initial state is far from the constraints.
 
         Examples
         --------

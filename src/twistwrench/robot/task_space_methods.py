@@ -1,4 +1,4 @@
-"""Task-space inertia and bias (MR section 8.6), motor torques and powers (MR section 8.9), and the check for robots."""
+"""Task-space inertia and bias (MR section 8.6), motor torques and powers (MR section 8.9), and a type check for robots."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def _count(given: Mapping[str, Any]) -> int:
 
 
 class TaskSpaceMethods(RobotBase):
-    """The methods of a robot that see its dynamics from a frame."""
+    """Methods that express a robot's dynamics in task space."""
 
     @third_party.by_blocks(lambda _, given: [(_count(given),) * 2])
     def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
-        """Task-space (operational-space) inertia Λ of F = Λ dV + η on the chosen rows of J: (J M⁻¹ J')⁻¹.
+        """Task-space (operational-space) inertia Λ of F = Λ dV + η on the selected rows of J: (J M⁻¹ J')⁻¹.
 
-        MR section 8.6. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
-        :meth:`lost_directions` are the others. A 0 on its diagonal does not mean light: no motion along that row is
-        possible, so no inertia is defined.
+        MR section 8.6. If J loses rank, Λ is the pseudo-inverse, which acts on the remaining directions;
+        :meth:`lost_directions` returns the others. A zero on the diagonal does not mean low inertia: no motion along
+        that row is possible, so inertia is undefined.
 
         Returns
         -------
@@ -45,7 +45,8 @@ class TaskSpaceMethods(RobotBase):
         Warns
         -----
         ModelWarning
-            Rows are lost at every configuration, as a planar arm's are without ``rows``; once for a robot and its rows.
+            Rows are lost at every configuration, as for a planar arm without ``rows``; issued once for a robot and its
+            rows.
 
         Examples
         --------
@@ -60,9 +61,9 @@ class TaskSpaceMethods(RobotBase):
     def task_bias(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
-        """Task-space bias η of F = Λ dV + η on the chosen rows of J: Λ (J M⁻¹ h - (dJ/dt) dq).
+        """Task-space bias η of F = Λ dV + η on the selected rows of J: Λ (J M⁻¹ h - (dJ/dt) dq).
 
-        MR section 8.6. What happens where J loses rank: as for :meth:`task_inertia`.
+        MR section 8.6. A loss of rank of J is handled as in :meth:`task_inertia`.
 
         Returns
         -------
@@ -78,10 +79,10 @@ class TaskSpaceMethods(RobotBase):
         return _by_kernel(self._open(), "task_bias", (q, dq), frame, kind, rows)
 
     def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
-        """Lost directions of a singular configuration: those of the chosen rows in which the frame cannot be moved.
+        """Lost directions of a singular configuration: those of the selected rows along which the frame cannot move.
 
-        Wrenches along them are borne without torques, and Λ is zero on them. A batch has as many rows for each
-        configuration as the one that has lost most; those of the others are zero after their own.
+        Wrenches along them require no torques, and Λ is zero on them. In a batch, the number of rows is that of the
+        configuration that has lost most; the others are padded with zero rows.
 
         Returns
         -------
@@ -107,14 +108,14 @@ class TaskSpaceMethods(RobotBase):
 def _by_kernel(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
-    """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
+    """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
     from ..algorithms.loop_closure import ConstraintProjector, doubtful
     from ..algorithms.operational_space import row_numbers
 
     chosen = row_numbers(rows)
     arrays = brought(robot.model, name, arrays, {})
     if robot.nv == 0:
-        robot.jacobian(arrays[0], frame, kind)  # for the door's sake
+        robot.jacobian(arrays[0], frame, kind)  # argument validation
         batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
         return np.zeros((*batch, len(chosen), len(chosen))[: len(batch) + 3 - len(arrays)])
     with np.errstate(all="ignore"):
@@ -123,7 +124,7 @@ def _by_kernel(
     known = np.ones(pivots.shape[:-1], bool)
     for array in arrays:
         known = known & np.isfinite(array).all(axis=-1)
-    found[~known] = np.nan  # and not what an elimination of NaN leaves
+    found[~known] = np.nan  # elimination of NaN may leave numbers
     again = doubtful(pivots, sizes) & known
     if again.any():
         _warn_of_lost_rows(robot, frame, kind, chosen)
@@ -140,7 +141,7 @@ def _by_kernel(
 
 
 def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
-    """J (8, 6, nv) and M (8, nv, nv) at some configurations, and how large the rows of J usually are through M; (6,)."""
+    """J (8, 6, nv) and M (8, nv, nv) at sample configurations, and typical sizes of the rows of J scaled by M; (6,)."""
     from ..algorithms.loop_closure import usual_sizes
 
     def found() -> tuple[Array, Array, Array]:
@@ -155,7 +156,7 @@ def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Arr
 
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
-    """Warn, the first time, of rows that are lost at every configuration."""
+    """Warn once of rows that are lost at every configuration."""
     from ..algorithms.loop_closure import independent_rows
     from ..lie.labelled import TWIST
 
@@ -163,7 +164,7 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
     if remarked:
         return
     remarked.append(True)
-    order = sorted(chosen, key=lambda row: (row < 3, row))  # moving before turning, as one would choose
+    order = sorted(chosen, key=lambda row: (row < 3, row))  # linear rows first
     J, M, sizes = _usual_ways(robot, frame, kind)
     kept = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
     if len(kept) < len(chosen):
@@ -197,14 +198,14 @@ def _of_powers(*found: Any) -> PowerBalance:
 
 
 class ActuationMethods:
-    """The methods of a robot, open or closed, about its motors and its power."""
+    """Methods of a robot, open or closed, for its motors and power."""
 
     def _open(self) -> Robot:
-        """The robot with its loops open."""
+        """Robot with its loops open."""
         raise NotImplementedError
 
     def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        """Torques through the gears, and those of the rotors before them, (nv,) each."""
+        """Torques through the gears, and torques that accelerate the rotors, (nv,) each."""
         robot = self._open()
         carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
@@ -212,7 +213,7 @@ class ActuationMethods:
         return carried, rotor
 
     def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        """q̈ under torques τ, and what friction leaves of them, None where that is still to be found."""
+        """q̈ under torques τ, and τ minus friction, or None if not yet computed."""
         return self._open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
     @third_party.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
@@ -228,12 +229,13 @@ class ActuationMethods:
     ) -> MotorLoads:
         """Motor loads: torque, speed, current, voltage, power and heat of the motor of each actuator.
 
-        MR section 8.9. Rotors are accelerated before the gear; the rest goes through it at its efficiency. Actuators alone
-        drive a closed robot; with more of them than degrees of freedom their torques are those of least norm.
+        MR section 8.9. Motors accelerate the rotors; the remaining torque passes the gear at its efficiency. A closed
+        robot is driven by actuators only; with more of them than degrees of freedom, torques have minimal norm.
 
         Parameters
         ----------
-        friction : bool, count the friction of all joints, driven or not, which goes through the gear at its efficiency
+        friction : bool, include the friction of all joints, driven or not; it acts behind the gear, at the gear's
+            efficiency
 
         Returns
         -------
@@ -244,7 +246,7 @@ class ActuationMethods:
         ModelError
             The robot has no actuators; see :meth:`twistwrench.Robot.with_actuators`.
         ConstraintError
-            q, dq or ddq breaks the constraints of a closed robot, or its actuators cannot make the motion.
+            q, dq or ddq violates the constraints of a closed robot, or its actuators cannot produce the motion.
 
         Examples
         --------
@@ -276,9 +278,9 @@ class ActuationMethods:
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> PowerBalance:
-        """Power balance of one state under torques τ by source; positive comes in, and the sum is zero.
+        """Power balance of one state under torques τ by source; positive powers are supplied, and the sum is zero.
 
-        Constraints take no power. Friction of a closed robot is that of the joints under τ, as in its forward dynamics.
+        Constraints do no work. For a closed robot, friction is that of the joints under τ, as in its forward dynamics.
 
         Returns
         -------
@@ -287,7 +289,7 @@ class ActuationMethods:
         Raises
         ------
         ConstraintError
-            q or dq breaks the constraints of a closed robot.
+            q or dq violates the constraints of a closed robot.
 
         Examples
         --------
@@ -302,7 +304,7 @@ class ActuationMethods:
         robot, wrenches = self._open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq, left = self._moved(q, dq, tau, friction, wrenches)
         dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
-        moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
+        moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: times dq it is the rate of the energy
         pushing = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)
         if left is not None:
             lost = tau - left
@@ -315,7 +317,7 @@ class ActuationMethods:
 
 
 def require_robot(robot: object, what: str) -> Robot:
-    """``robot``, which must be one. Raises ValueRangeError."""
+    """Return ``robot`` if it is a Robot; raises ValueRangeError otherwise."""
     if isinstance(robot, RobotBase):
         return cast("Robot", robot)
     advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"
