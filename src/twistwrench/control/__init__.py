@@ -1,6 +1,6 @@
-"""Controllers: laws of (t, q, dq) that give torques, each a few lines on :class:`~twistwrench.Robot`. MR chapter 11.
+"""Controllers: laws of (t, q, dq) that return torques, each a few lines on :class:`~twistwrench.Robot`. MR chapter 11.
 
-``robot.simulate(controller=law)`` closes the loop with torques held from sample to sample, ``tau=law`` without holding.
+``robot.simulate(controller=law)`` closes the loop with a zero-order hold of the torques, ``tau=law`` without one.
 """
 
 from __future__ import annotations

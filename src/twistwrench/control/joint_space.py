@@ -1,4 +1,4 @@
-"""Control of joints: PD with gravity compensation, and computed torque. Modern Robotics section 11.4.2."""
+"""Joint-space control: PD with gravity compensation, and computed torque. Modern Robotics section 11.4.2."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class JointLaw:
     robot: Robot
     """Robot of the controller's model."""
     reference: Reference
-    """q_d (nq,), or a function of the time [s] that gives (q_d, dq_d, ddq_d), such as a trajectory."""
+    """q_d (nq,), or a function of the time [s] that returns (q_d, dq_d, ddq_d), such as a trajectory."""
     kp: ArrayLike
-    """A number, (nv,), or (nv, nv)."""
+    """Scalar, (nv,), or (nv, nv)."""
     kd: ArrayLike
-    """A number, (nv,), or (nv, nv)."""
+    """Scalar, (nv,), or (nv, nv)."""
     _kp: Array = field(init=False, repr=False)
     _kd: Array = field(init=False, repr=False)
     _motion: Motion = field(init=False, repr=False)
@@ -60,8 +60,8 @@ class JointLaw:
 
         Parameters
         ----------
-        robot : Robot, that of the rollout
-        times : (steps,) array, beginnings of the steps, where a reference that moves is taken [s]
+        robot : Robot, robot of the rollout
+        times : (steps,) array, start times of the steps, at which a moving reference is evaluated [s]
 
         Returns
         -------
@@ -93,7 +93,7 @@ class JointLaw:
         return self._law({"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd})
 
     def _law(self, given: dict[str, Array]) -> BatchPD | BatchComputedTorque:
-        """The law, of reference and gains as a rollout takes them."""
+        """The law, from reference and gains in the form of a rollout."""
         raise NotImplementedError
 
 
@@ -101,7 +101,7 @@ class JointLaw:
 class PD(JointLaw):
     """PD control with gravity compensation: τ = Kp e + Kd ė + g(q). MR section 11.4.2.
 
-    It rests at q_d without a load, and Kp⁻¹ J'F beside it under one. Kp is a stiffness [N m/rad or N/m].
+    The equilibrium is q_d without a load, and Kp⁻¹ J'F away from q_d under a load. Kp is a stiffness [N m/rad or N/m].
 
     Examples
     --------
@@ -113,11 +113,11 @@ class PD(JointLaw):
     """
 
     gravity: bool = True
-    """True to add g, with the springs of elastic joints; else the joint rests where Kp e carries it."""
+    """True to add g and the torques of springs; otherwise the joint rests where Kp e balances them."""
 
     @property
     def rate_gains(self) -> Array | None:
-        """Damping -∂τ/∂dq joint by joint (nv,) [N m s/rad or N s/m], for semi-implicit steps; None where Kd couples joints."""
+        """Damping -∂τ/∂dq joint by joint (nv,) [N m s/rad or N s/m], for semi-implicit steps; None if Kd couples joints."""
         own = np.diagonal(self._kd).copy()
         return own if np.array_equal(self._kd, np.diag(own)) else None
 
@@ -134,9 +134,10 @@ class PD(JointLaw):
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque(JointLaw):
-    """Computed-torque control: τ = M (ddq_d + Kp e + Kd ė) + h; where the model is right, ë + Kd ė + Kp e = 0.
+    """Computed-torque control: τ = M (ddq_d + Kp e + Kd ė) + h; with an exact model, ë + Kd ė + Kp e = 0.
 
-    Kp [1/s²] and Kd [1/s] are rates and no stiffness: Kd = 2 ω, Kp = ω² is critically damped. MR eq. 11.35.
+    Kp [1/s²] and Kd [1/s] are not stiffness and damping but rates: Kd = 2 ω, Kp = ω² is critically damped. MR eq.
+    11.35.
 
     Examples
     --------
@@ -149,7 +150,7 @@ class ComputedTorque(JointLaw):
     """
 
     friction: bool = False
-    """True to add the torque against the joints' friction."""
+    """True to add torques that compensate joint friction."""
 
     def _law(self, given: dict[str, Array]) -> BatchComputedTorque:
         if self.friction:

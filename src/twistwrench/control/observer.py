@@ -1,16 +1,16 @@
-"""Momentum observer: external torques from the momentum, without accelerations, force sensors or inverses of M.
+"""Momentum observer: external torques from the momentum, without accelerations, force sensors or the inverse of M.
 
 The generalised momentum p = M dq obeys
 
     dp/dt = τ + τ_ext + β,     β = (C + C') dq - h,
 
-for dM/dt = C + C'. So over a time Δ the mean of τ_ext is x = (p1 - p0)/Δ - mean(τ + β), and the residual
+because dM/dt = C + C'. Over a time Δ the mean of τ_ext is therefore x = (p1 - p0)/Δ - mean(τ + β), and the residual
 
     r ← x + exp(-K Δ) (r - x)
 
-is τ_ext through a filter of first order with the time constant 1/K, however long Δ is; only the mean of β is not exact, but by
-the trapezoidal rule. Source: De Luca and Mattone, "Sensorless robot collision detection and hybrid force/motion
-control", ICRA 2005; Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey", IEEE T-RO 33(6), 2017.
+is τ_ext after a first-order filter with the time constant 1/K, for any Δ. Only the mean of β is approximate
+(trapezoidal rule). Source: De Luca and Mattone, "Sensorless robot collision detection and hybrid force/motion control",
+ICRA 2005; Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey", IEEE T-RO 33(6), 2017.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from ..typing import Array
 from .references import one_state
 
 SINGULAR = 1e-6
-"""Singular values of J' below this share of the largest count as zero: a torque there would be a million times a force."""
+"""Fraction of the largest singular value of J' below which a singular value counts as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactWrench:
-    """Contact wrench estimate: the wrench at a frame that fits the residual r = J'F best, and its undetermined part."""
+    """Contact wrench estimate: the wrench at a frame with the best fit r = J'F to the residual, and its undetermined part."""
 
     wrench: Array
-    """(6,): (m, f) by the world on the robot; of all that fit equally well the smallest, zero on rows not chosen [N m, N]."""
+    """(6,): (m, f) by the world on the robot; the smallest of all best fits, zero on unselected rows [N m, N]."""
     blind: Array
-    """(k - rank, 6), of k chosen rows: orthonormal wrenches on them without joint torques; any multiple may act there."""
+    """(k - rank, 6), for k selected rows: orthonormal wrenches on them without joint torques; any multiple fits."""
     unexplained: Array
-    """(nv,): r - J'F, which no wrench at this frame makes; large where the contact is elsewhere."""
+    """(nv,): r - J'F, the part of r that no wrench at this frame explains; large if the contact is elsewhere."""
     frame: str
-    """The frame at which it acts, and in whose axes it is."""
+    """Frame of the wrench; its axes are the frame's."""
     rank: int
     """Number of independent wrenches that the joint torques determine."""
 
@@ -63,14 +63,14 @@ class ContactWrench:
 class MomentumObserver:
     """Momentum observer: estimates the torques τ_ext that the world applies to the joints.
 
-    It takes the state and the torques, once every sample: :meth:`update`, or :meth:`watch`, which does so for a
-    controller. Floating bases too, whose torques are zero.
+    :meth:`update` takes the state and the torques at every sample; :meth:`watch` calls it for a controller. Floating
+    bases are supported; their torques are zero.
 
     Parameters
     ----------
     robot : Robot
-    gain : float or (nv,) array_like, the time constant is 1/``gain`` [1/s]
-    friction : bool, take the robot's own friction laws off; else friction is part of the estimate
+    gain : float or (nv,) array_like, inverse of the time constant [1/s]
+    friction : bool, subtract the robot's friction laws; otherwise friction is part of the estimate
 
     Examples
     --------
@@ -110,11 +110,11 @@ class MomentumObserver:
 
     @property
     def residual(self) -> Array:
-        """Residual: the estimate of τ_ext (nv,) so far [N m or N]."""
+        """Residual: current estimate of τ_ext (nv,) [N m or N]."""
         return self._residual.copy()
 
     def reset(self) -> None:
-        """Forget all: the next :meth:`update` is the first."""
+        """Reset the observer: the next :meth:`update` is the first."""
         self._last, self._residual = None, np.zeros(self.robot.nv)
 
     def update(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
@@ -122,8 +122,8 @@ class MomentumObserver:
 
         Parameters
         ----------
-        t : float, after the last one [s]
-        tau : (nv,) array_like, torques since then [N m, sliding joints: N]; those of the first call count for nothing
+        t : float, later than the last one [s]
+        tau : (nv,) array_like, torques since then [N m, sliding joints: N]; ignored in the first call
 
         Returns
         -------
@@ -132,16 +132,16 @@ class MomentumObserver:
         now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
         tau = arguments.one(tau, "MomentumObserver: tau", nv, names=self.robot.model.velocity_names)
-        for name, x in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # one NaN would stay in the residual for ever
+        for name, x in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # a NaN would stay in the residual forever
             arguments.finite(x, f"MomentumObserver: {name}")
-        state = (now, dq.copy(), *self._momentum(q, dq))  # the caller may go on writing into dq
+        state = (now, dq.copy(), *self._momentum(q, dq))  # copied: the caller may overwrite dq
         if self._last is not None:
             self._residual = self._filtered(self._residual, self._last, state, tau)
         self._last = state
         return self.residual
 
     def over(self, times: ArrayLike, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
-        """Residuals of a record, from zero on; the state of :meth:`update` is unchanged.
+        """Residuals of a record, starting from zero; the state of :meth:`update` is unchanged.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class MomentumObserver:
         q : (n, nq) array_like, configurations
         dq : (n, nv) array_like, velocities [rad/s, m/s]
         tau : (n, nv) array_like [N m, sliding joints: N]
-            ``tau[k]`` is what is applied from ``times[k]`` on, as in the result of a simulation with a controller.
+            ``tau[k]`` is applied from ``times[k]`` on, as in the result of a simulation with a controller.
 
         Returns
         -------
@@ -173,11 +173,11 @@ class MomentumObserver:
         return found
 
     def watch(self, controller: Callable[[float, Array, Array], ArrayLike]) -> Callable[[float, Array, Array], Array]:
-        """Controller with an observer that looks on: for ``robot.simulate(controller=…)``, which holds torques.
+        """Controller that also updates the observer, for ``robot.simulate(controller=…)``, which holds the torques.
 
         Parameters
         ----------
-        controller : function of (t, q, dq), gives torques (nv,)
+        controller : function of (t, q, dq), returns torques (nv,)
 
         Returns
         -------
@@ -185,7 +185,7 @@ class MomentumObserver:
 
         Notes
         -----
-        The observer is up to date when the controller is called, so that it may use :attr:`residual`.
+        The observer is updated before the controller is called, so the controller can use :attr:`residual`.
         """
         if not callable(controller):
             raise ValueRangeError(
@@ -214,9 +214,8 @@ class MomentumObserver:
 
         Parameters
         ----------
-        rows : str or iterable, optional, what the wrench may have: ``"vx vy vz"`` is a force at the frame's origin
-            alone
-            Fewer unknowns than six need fewer joints.
+        rows : str or iterable, optional, nonzero rows of the wrench; ``"vx vy vz"`` is a pure force at the frame's
+            origin With fewer than six unknowns, fewer joints suffice.
         residual : (nv,) array_like, optional, in place of :attr:`residual` [N m, sliding joints: N]
 
         Returns
@@ -240,7 +239,7 @@ class MomentumObserver:
         return ContactWrench(F, blind, r - J.T @ F[chosen], name, rank)
 
     def _momentum(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """p and β."""
+        """Momentum p, and β."""
         M, C, h = self._terms(q, dq)
         v = dq[..., None]
         return (M @ v)[..., 0], ((C + np.swapaxes(C, -1, -2)) @ v)[..., 0] - h
@@ -256,9 +255,9 @@ class MomentumObserver:
                 "order, and begin a new motion with reset()."
             )
         if self.friction:
-            # What friction leaves of the torques; that which grows with the load grows with what it leaves.
+            # Torques minus friction; load-dependent friction depends on the remaining torques.
             tau = 0.5 * np.asarray(self._past(dq0, tau) + self._past(dq1, tau))
-        x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)  # the mean of τ_ext since then
+        x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)  # mean of τ_ext since the last sample
         return np.asarray(x + np.exp(-self.gain * dt) * (r - x))
 
 

@@ -1,4 +1,4 @@
-"""Reference motions of controllers (constant, function of time, trajectory), and argument checks of ``control``."""
+"""Reference motions of controllers (constant, function of time, trajectory), and argument validation of ``control``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Timing = Callable[[ArrayLike], tuple[Array, Array, Array]]
 
 @dataclass(frozen=True, eq=False)
 class PoseMotion:
-    """Motion of a frame: T(s(t)) with its body twist and the rate of that, from a path and a time scaling. MR section 9.2.
+    """Motion of a frame: T(s(t)) with its body twist and the twist's rate, from a path and a time scaling. MR section 9.2.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class PoseMotion:
     path: PosePath
     """Path, as returned by :func:`twistwrench.trajectories.screw_path` or :func:`~twistwrench.trajectories.straight_path`."""
     scaling: Timing
-    """s(t), as :func:`twistwrench.trajectories.quintic` and its like."""
+    """Time scaling s(t), such as :func:`twistwrench.trajectories.quintic`."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, PosePath):
@@ -61,13 +61,13 @@ class PoseMotion:
         V = self.path.body_twist(s)
         dV = np.zeros(6)
         if self.path.straight:
-            dV[3:] = -so3.cross(V[:3], V[3:])  # v = R'(p1 - p0), and R turns
+            dV[3:] = -so3.cross(V[:3], V[3:])  # rate of R in v = R'(p1 - p0)
         return self.path(s), V * ds, V * dds + dV * ds * ds
 
 
 def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
-    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d, or from a function of the time that gives the three."""
-    given = given if callable(given) else getattr(given, "motion", given)  # a result over time has one
+    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d or a function of time that returns all three."""
+    given = given if callable(given) else getattr(given, "motion", given)  # simulation results have a motion
     if not callable(given):
         q = arguments.one(given, what, robot.nq, names=robot.coordinate_names)
         q = np.array(arguments.finite(q, what, robot.nq))
@@ -92,7 +92,7 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
 def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) -> Motion:
     """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
 
-    From a pose, a function of the time that gives the three, or a motion of the joints, whose frame is meant then.
+    From a pose, a function of time that returns all three, or a joint motion, which gives the motion of the frame.
     """
     name = robot.tip if frame is None else frame
     if isinstance(given, Pose) and given.of != name:
@@ -132,7 +132,7 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
 
 
 def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
-    """Value of the function at t [s]: three arrays."""
+    """Values of the function at t [s]: three arrays."""
     t = arguments.number(t, "t")
     found = function(t)
     if not isinstance(found, tuple | list) or len(found) != 3:
@@ -149,7 +149,7 @@ def _require_one_argument(function: Any, what: str) -> None:
         raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of the time.")
     try:
         taken = signature(function)
-    except (TypeError, ValueError):  # some of C say nothing
+    except (TypeError, ValueError):  # some C functions have no signature
         return
     try:
         taken.bind(0.0)
@@ -157,13 +157,13 @@ def _require_one_argument(function: Any, what: str) -> None:
         raise ValueRangeError(f"{what} is a function of {taken}, and is called with the time [s]: {problem}.") from None
 
 
-# ── Argument checks of ``control``: robots, states and gains
+# ── Argument validation of ``control``: robots, states and gains
 
 _SYMMETRIC = 1e-9
 
 
 def require_driven(robot: object, what: str) -> Robot:
-    """A robot that has a torque for every velocity."""
+    """Robot with a torque for every velocity; raises an error for others."""
     found = require_robot(robot, what)
     if names := undriven(found.model):
         raise ValueRangeError(
@@ -180,7 +180,7 @@ def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Arr
 
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
-    """A gain as a positive matrix (n, n), n the number of names: from one number for all, one each (n,), or the matrix."""
+    """Gain as a positive matrix (n, n), n the number of names; from a scalar, a vector (n,) or a matrix."""
     n, given = len(names), arguments.finite(K, what, names=names)
     if given.shape not in ((), (n,), (n, n)):
         raise ShapeError(
@@ -204,6 +204,6 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
 
 
 def set_gains(law: object, names: Sequence[str], *fields: str) -> None:
-    """Store gains of a law as matrices, each under its name with an underscore before it."""
+    """Store gains of a law as matrices, under their names with a leading underscore."""
     for name in fields:
         object.__setattr__(law, f"_{name}", gain(getattr(law, name), f"{type(law).__name__}: {name}", names))

@@ -1,13 +1,13 @@
 """Task-space control with posture, impedance control, and hybrid motion–force control. MR sections 11.4.3 to 11.7.
 
-The law F = Λ a + η, τ = J'F of section 8.6 leaves the motions that J does not see to themselves. Here they follow a posture:
-of all accelerations of the joints that give the frame the acceleration a, the one nearest to that of the posture, ddq_0, in the
-metric of M. With P = 1 - J'Λ J M⁻¹, the projector of section 8.7,
+The law F = Λ a + η, τ = J'F of section 8.6 leaves motions in the null space of J undetermined. Here they follow a
+posture. Of all joint accelerations that give the frame the acceleration a, the law selects the one nearest to the
+posture's acceleration ddq_0 in the metric of M. With P = 1 - J'Λ J M⁻¹, the projector of section 8.7,
 
     τ = J'(Λ a + η) + P (M ddq_0 + h)  =  M ddq_0 + h + J'Λ (a - J ddq_0 - dJ/dt dq),
 
 and the posture does not disturb the task. Source: Khatib, "A unified approach for motion and force control of robot
-manipulators: the operational space formulation", IEEE J. Robotics and Automation 3(1), 1987. Where J loses rank, Λ is the
+manipulators: the operational space formulation", IEEE J. Robotics and Automation 3(1), 1987. If J loses rank, Λ is the
 pseudo-inverse, and the lost directions follow the posture.
 """
 
@@ -37,9 +37,9 @@ KINDS = ("world_aligned", "body")
 
 
 def in_body(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
-    """X_e, V_e and the feedforward of the frame {b} at T, seen from itself; (6,) each. MR section 11.4.3.
+    """Pose error X_e, twist error V_e and feedforward of the frame {b} at T, in {b}; (6,) each. MR section 11.4.3.
 
-    [X_e] = log(X⁻¹ X_d), V_e = [Ad_X⁻¹X_d] V_d - V_b, and the feedforward is d/dt ([Ad_X⁻¹X_d] V_d).
+    [X_e] = log(X⁻¹ X_d), V_e = [Ad_X⁻¹X_d] V_d - V_b; the feedforward is d/dt ([Ad_X⁻¹X_d] V_d).
     """
     T_bd = se3.inverse(T) @ T_d
     R, p = T_bd[:3, :3], T_bd[:3, 3]
@@ -49,7 +49,7 @@ def in_body(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Ar
 
 
 def in_world(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
-    """The same with turning and moving each by itself, axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
+    """Errors and feedforward, rotation and translation separate, in axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
     R_d, w_d = T_d[:3, :3], V_d[:3]
     X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
     moved = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
@@ -57,60 +57,60 @@ def in_world(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[A
 
 
 def _carried(R: Array, p: Array, V: Array) -> Array:
-    """[Ad_T] V, without a look at T: it is the product of two poses that were looked at."""
+    """Product [Ad_T] V without validation of T, a product of two validated poses."""
     w = R @ V[:3]
     return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
 
 
 class TaskState(NamedTuple):
-    """Task-space state: how a frame does at one state, on the chosen rows."""
+    """Task-space errors and matrices at one state, on the selected rows."""
 
     error: Array
-    """X_e (r,): where it shall be, seen from where it is [rad, m]."""
+    """Pose error X_e (r,), from the current to the desired pose [rad, m]."""
     error_rate: Array
-    """V_e (r,)."""
+    """Twist error V_e (r,)."""
     feedforward: Array
     """Acceleration of the reference (r,)."""
     J: Array
-    """(r, nv)."""
+    """Jacobian (r, nv)."""
     drift: Array
-    """dJ/dt dq (r,)."""
+    """Drift term dJ/dt dq (r,)."""
     Lambda: Array
-    """(r, r)."""
+    """Task-space inertia (r, r)."""
     T: Array
-    """(4, 4)."""
+    """Pose of the frame (4, 4)."""
 
 
 _TOGETHER = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), (1, 3, 5), (2, 3, 4))))
-"""Rows of a twist that make a group of motions: an error on them is made up for by motions on them."""
+"""Sets of twist rows closed as a subgroup: motions on the same rows correct an error on them."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaskLaw:
-    """Base of task-space laws: the robot of the controller's model, a reference of a frame, rows of it, and a posture.
+    """Base of task-space laws: robot of the controller's model, reference of a frame, selected rows, and posture.
 
-    ``kind="world_aligned"``: turning and moving each by itself along the axes of {s}, X_e = (log(R_d R'), p_d - p), so that
-    any rows can be chosen. ``kind="body"``: the book's [X_e] = log(X⁻¹ X_d) along the frame's axes, for all rows, those of
-    turning, or those of a plane; ValueRangeError for others.
+    ``kind="world_aligned"``: rotation and translation are separate, along the axes of {s}, X_e = (log(R_d R'), p_d -
+    p). Any rows can be selected. ``kind="body"``: the book's [X_e] = log(X⁻¹ X_d) along the frame's axes, for all rows,
+    the angular rows, or those of a plane; other rows raise ValueRangeError.
     """
 
     robot: Robot
     """Robot of the controller's model."""
     reference: Reference
-    """T_d (4, 4), or a function of the time [s] that gives (T_d, V_d, dV_d), body twists, such as :class:`PoseMotion`; or one
-    that gives (q, dq, ddq) of the joints, such as a trajectory, whose frame is meant."""
+    """T_d (4, 4), or a function of the time [s]: it returns (T_d, V_d, dV_d) with body twists, such as :class:`PoseMotion`, or
+    (q, dq, ddq) of the joints, such as a trajectory, from which the frame's motion follows."""
     frame: str | None = field(default=None, kw_only=True)
-    """None: the tip."""
+    """Controlled frame; None: the tip."""
     kind: Kind = field(default="world_aligned", kw_only=True)
     """"world_aligned" or "body", as above."""
     rows: Rows = field(default=None, kw_only=True)
-    """``"vx vz"``; None: all six."""
+    """Selected rows, such as ``"vx vz"``; None: all six."""
     posture: Reference | None = field(default=None, kw_only=True)
-    """Reference as for :class:`JointLaw`; None: any, and free motions are damped only."""
+    """Reference as for :class:`JointLaw`; None: no preferred posture, free motions are only damped."""
     posture_kp: ArrayLike = field(default=25.0, kw_only=True)
-    """1/s²."""
+    """Posture gain [1/s²]."""
     posture_kd: ArrayLike = field(default=10.0, kw_only=True)
-    """1/s."""
+    """Posture damping [1/s]."""
     _rows: tuple[int, ...] = field(init=False, repr=False)
     _posture_kp: Array = field(init=False, repr=False)
     _posture_kd: Array = field(init=False, repr=False)
@@ -136,11 +136,11 @@ class TaskLaw:
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Names of the rows chosen."""
+        """Names of the selected rows."""
         return tuple(TWIST[k] for k in self._rows)
 
     def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
-        """Task-space errors and the other inputs of the law, on the chosen rows.
+        """Task-space errors and the other inputs of the law, on the selected rows.
 
         Examples
         --------
@@ -160,7 +160,7 @@ class TaskLaw:
         return TaskState(X_e, V_e, forward, J[rows], drift[rows], Lambda, T)
 
     def _torques(self, t: float, q: ArrayLike, dq: ArrayLike, now: TaskState, F: Array) -> Array:
-        """τ for a force F (r,) that would give the frame the acceleration Λ⁻¹ F, if all else were made up for."""
+        """τ for a force F (r,) that gives the frame the acceleration Λ⁻¹ F after compensation of all other terms."""
         q, dq = one_state(self.robot, type(self).__name__, q, dq)
         if self._posture is None:
             ddq = -self._posture_kd @ dq
@@ -175,7 +175,7 @@ class TaskLaw:
 class TaskSpace(TaskLaw):
     """Task-space control: τ = J'(Λ (d/dt(V_d) + Kp X_e + Kd V_e) + η) + P τ_0.
 
-    The frame's error obeys dV_e/dt + Kd V_e + Kp X_e = 0. What the task leaves free follows ``posture``, or is damped. MR
+    The frame's error obeys dV_e/dt + Kd V_e + Kp X_e = 0. The remaining motions follow ``posture``, or are damped. MR
     section 11.4.3, with the projector P of section 8.7.
 
     Examples
@@ -190,9 +190,9 @@ class TaskSpace(TaskLaw):
     """
 
     kp: ArrayLike
-    """Kp [1/s²]: a number, (r,), or (r, r)."""
+    """Kp [1/s²]: scalar, (r,), or (r, r)."""
     kd: ArrayLike
-    """Kd [1/s]: the same."""
+    """Kd [1/s]: scalar, (r,), or (r, r)."""
     _kp: Array = field(init=False, repr=False)
     _kd: Array = field(init=False, repr=False)
 
@@ -215,11 +215,11 @@ Measured = Callable[[float, Array, Array], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Impedance(TaskLaw):
-    """Impedance control (MR section 11.7.1): K X_e + B V_e pulls the frame back; under a wrench F, it rests where K X_e = -F.
+    """Impedance control (MR section 11.7.1): spring K X_e and damper B V_e; at rest under a wrench F, K X_e = -F.
 
-    Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured.
-    With it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F. V_e is that of the reference less that of the
-    frame, and F the force on the chosen rows, Λ J M⁻¹ τ_ext.
+    Without ``mass``, the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and no measurement is needed.
+    With ``mass``, M_d dV_e/dt + B V_e + K X_e = -F, and the law needs a measurement of F. V_e is the twist of the
+    reference minus that of the frame, and F is the force on the selected rows, Λ J M⁻¹ τ_ext.
 
     Examples
     --------
@@ -231,13 +231,13 @@ class Impedance(TaskLaw):
     """
 
     stiffness: ArrayLike
-    """K [N m/rad, N/m]: a number, (r,), or (r, r)."""
+    """K [N m/rad, N/m]: scalar, (r,), or (r, r)."""
     damping: ArrayLike
-    """B [N m s/rad, N s/m]: the same."""
+    """B [N m s/rad, N s/m]: scalar, (r,), or (r, r)."""
     mass: ArrayLike | None = field(default=None, kw_only=True)
-    """M_d [kg m², kg]: the same; None: the robot's own."""
+    """M_d [kg m², kg]: scalar, (r,), or (r, r); None: the robot's inertia."""
     wrench_on_robot: Measured | None = field(default=None, kw_only=True)
-    """F as a function of (t, q, dq): what the world does there, (m, f) in the frame [N m, N], from a sensor or a
+    """F as a function of (t, q, dq): wrench by the world, (m, f) in the frame [N m, N], from a sensor or a
     :class:`MomentumObserver`."""
     _stiffness: Array = field(init=False, repr=False)
     _damping: Array = field(init=False, repr=False)
@@ -268,29 +268,27 @@ class Impedance(TaskLaw):
         measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
         measured = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
         pushed = np.linalg.solve(self.robot.mass_matrix(q), self.robot.wrench_torques(q, measured, self.frame))
-        F = (
-            now.Lambda @ now.J @ pushed
-        )  # the chosen entries of the wrench, if its others are zero or no row is left out
+        F = now.Lambda @ now.J @ pushed  # selected entries; exact if the others are zero or all are selected
         a = now.feedforward + self._inverse_mass @ (pull + F)
         return self._torques(t, q, dq, now, now.Lambda @ a - F)
 
 
 # ── Hybrid motion–force control of a constrained robot. Modern Robotics section 11.6
 
-# With the projector P of section 8.7, torques split into P τ, which moves the robot, and (1 - P) τ, which presses on what holds
-# it. A motion law gives the first part, the force that is wanted the second:
+# With the projector P of section 8.7, torques split into P τ, which moves the robot, and (1 - P) τ, which acts against
+# the constraints. A motion law determines the first part, the desired force the second:
 #
 #     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
 #
-# so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, whatever the motion law asks for along A. As λ in the equations of
-# :mod:`twistwrench.robot.closed_robot`, λ_d is what the robot applies where it is held.
+# so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, for any output of the motion law along A. As λ in
+# :mod:`twistwrench.robot.closed_robot`, λ_d is exerted by the robot on its constraints.
 
 Law = Callable[[float, Array, Array], ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
 class HybridMotionForce:
-    """Hybrid motion-force control: a motion law in the free directions, λ_d in the others. MR section 11.6.
+    """Hybrid motion-force control: a motion law in the free directions, λ_d in the constrained ones. MR section 11.6.
 
     Examples
     --------
@@ -304,15 +302,15 @@ class HybridMotionForce:
     """
 
     closed: ClosedRobot
-    """Closed robot of the constraint: ``robot.close("ground", tip, rows="vx", …)`` for a wall across x."""
+    """Closed robot of the constraint: ``robot.close("ground", tip, rows="vx", …)`` for a wall normal to x."""
     motion: Law
     """Any law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`."""
     force: ArrayLike | Callable[[float], ArrayLike]
     """λ_d (k,) [N m, N], in the order of ``closed.row_names``, or a function of the time."""
     force_gain: ArrayLike = field(default=0.0, kw_only=True)
-    """K_f: a number, (k,), or (k, k), of no unit."""
+    """K_f: scalar, (k,), or (k, k); dimensionless."""
     measured: Measured | None = field(default=None, kw_only=True)
-    """λ (k,) as a function of (t, q, dq), from a sensor: what the robot applies."""
+    """Measured λ (k,) as a function of (t, q, dq), exerted by the robot."""
     _force_gain: Array = field(init=False, repr=False)
     _force: Callable[[float], ArrayLike] = field(init=False, repr=False)
 

@@ -1,7 +1,7 @@
 """Actuation as an edit of the model: rotors become bodies, elastic gears become springs and one more coordinate.
 
-A rotor is a body like any other, on a joint that shares the coordinate of the joint it drives, at ``ratio`` times its rate.
-So every recursion has its reflected inertia and its gyroscopic terms without a line about either. MR section 8.9.
+A rotor is a body on a joint that shares the coordinate of the driven joint, at ``ratio`` times its rate. Every
+recursion therefore includes reflected inertia and gyroscopic terms without special code. MR section 8.9.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from .model import BASE, Body, Model, Spring
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
-    """Model with its joints driven by these actuators, in place of motors without a rotor, such as those of robot files.
+    """Model with its joints driven by these actuators, which replace motors without a rotor, such as those of robot files.
 
-    Raises :class:`~twistwrench.UnknownNameError` for joints and links that are not there,
-    :class:`~twistwrench.ModelError` for a joint that cannot be driven so or is driven already, and
-    :class:`~twistwrench.InertiaError` if a rotor is declared part of a link that cannot contain it.
+    Raises :class:`~twistwrench.UnknownNameError` for unknown joints and links, :class:`~twistwrench.ModelError` if a
+    joint cannot be driven this way or has an actuator, and :class:`~twistwrench.InertiaError` if a link cannot contain
+    its rotor.
     """
     actuators = list(actuators)
     joints = {actuator.joint for actuator in actuators}
@@ -39,7 +39,7 @@ def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
 
 
 def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
-    """The model with the friction laws of some joints replaced: ``{joint: {"coulomb": 2.0, …}}``, the rest of each 0."""
+    """Model with the friction of some joints replaced: ``{joint: {"coulomb": 2.0, …}}``; omitted parameters are 0."""
     friction = model.friction
     for joint, law in laws.items():
         friction = friction.replaced(model.drive_index(joint), **_full_law(joint, law))
@@ -47,10 +47,10 @@ def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Mode
 
 
 def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
-    """Model with friction behind the gears, on the link side: for elastic joints that of the joint's own coordinate.
+    """Model with additional friction behind the gears; for elastic joints it acts on the joint's own coordinate.
 
-    A rigid gear turns with its joint, so there it adds to what the gear has. Raises ModelError where the sum of two laws
-    is not a law, as of two Stribeck speeds.
+    A rigid gear turns with its joint, so there the friction is added to that of the gear. Raises ModelError if the sum
+    of two laws is not a law, for example with two Stribeck speeds.
     """
     friction = model.friction
     for joint, law in laws.items():
@@ -72,7 +72,7 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
 
 
 def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
-    """All numbers of a friction law, checked."""
+    """All parameters of a friction law, validated."""
     for name in law:
         if name not in LAWS:
             raise UnknownNameError.from_choices("friction law", name, LAWS)
@@ -129,7 +129,7 @@ _NO_COUPLES = "rotors of coupled motors count by their inertia about their axes;
 
 
 def _coupled(model: Model, actuator: Actuator, k: int) -> Model:
-    """Model with the actuator of a coupled motor: its rotor is an armature, as it turns with several joints."""
+    """Model with the actuator of a coupled motor; its rotor becomes an armature, since it turns with several joints."""
     armature, rotor, who = (
         model.armature.copy(),
         actuator.rotor,
@@ -152,10 +152,10 @@ def _coupled(model: Model, actuator: Actuator, k: int) -> Model:
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
-    """Model without the rotor in its carrying link, if that includes it, and the rotor as a body."""
+    """Model with the rotor as a body, and without its inertia in the carrying link if that includes it."""
     carrier, T, axis = _mounted(model, driven, rotor)
     placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
-    # A thin ring: what a rotor has across its axis moves with the carrier however it spins, and is in no balance twice.
+    # Modelled as a thin ring: its transverse moments move with the carrier and are not counted twice.
     spin = rotor.inertia * np.outer(axis, axis)
     G = SpatialInertia.from_com(rotor.mass, np.zeros(3), spin + 0.5 * (rotor.inertia * np.eye(3) - spin))
     if carrier != BASE and not rotor.extra:
@@ -171,9 +171,9 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
 
 
 def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: float) -> None:
-    """A link that contains rotors has at least their inertias about their axes: then M stays positive definite.
+    """Raise an error if a link contains less inertia about a rotor's axis than its rotors: M would not be positive definite.
 
-    Of a rotor's other moments nothing is known, and nothing depends on them: those of rotors taken out before go back.
+    Other moments of rotors are unknown and have no effect; those of rotors removed earlier are added back.
     """
     body = model.bodies[carrier]
     whole, spinning = body.inertia, J * np.outer(axis, axis)
@@ -193,14 +193,14 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
 
 
 def counted(model: Model, rotor: Body) -> bool:
-    """True if the mass of the link that carries this rotor includes it."""
+    """True if the carrying link's mass includes the rotor."""
     name = rotor.joint.name
     actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
     return actuator.rotor is not None and not actuator.rotor.extra
 
 
 def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
-    """Body that carries the rotor, frame of its position, and its axis there."""
+    """Body that carries the rotor, reference frame of its position, and its axis in that frame."""
     if rotor.link is None:
         return driven.parent, driven.placement, _axis(driven.joint, rotor)
     frame = model.frame(rotor.link)
@@ -209,7 +209,7 @@ def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Arra
             f"the rotor of joint {driven.joint.name!r} is on link {rotor.link!r}, which does not carry the "
             "joint, so the joint's axis does not determine the rotor's. Give its axis in that link's frame."
         )
-    if rotor.axis is None:  # the joint's own, seen from the link
+    if rotor.axis is None:  # axis of the joint, in the link's frame
         turn = frame.pose[:3, :3].T @ driven.placement[:3, :3]
         return frame.body, frame.pose, turn @ _axis(driven.joint, rotor)
     return frame.body, frame.pose, _axis(driven.joint, rotor)
@@ -227,10 +227,10 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
 
 
 def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
-    """One more coordinate at the end, the motor's angle as seen at the joint, and the spring between the two.
+    """Model with one more coordinate at the end, the motor's angle referred to the joint, and the spring between the two.
 
-    The motor takes over the limits of speed and effort, and the friction, which is that of motor and gear: nothing but the
-    spring acts on the joint itself.
+    The motor takes over the limits of speed and effort, and the friction of motor and gear. Only the spring acts on the
+    joint itself.
     """
     k, old = driven.v_index, model.limits
     spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)

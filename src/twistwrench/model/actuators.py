@@ -1,4 +1,4 @@
-"""Actuator of a joint: motor, rotor, gear and spring, with checks of the numbers. Modern Robotics section 8.9."""
+"""Actuator of a joint: motor, rotor, gear and spring, with validation of the numbers. Modern Robotics section 8.9."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
 
 @dataclass(frozen=True)
 class Thermal:
-    """Thermal data of a motor: masses of winding and housing; one mass alone if ``winding_housing`` is 0."""
+    """Thermal two-mass model of a motor, winding and housing; a single mass if ``winding_housing`` is 0."""
 
     housing_ambient: float
     """Thermal resistance from the housing to the air [K/W]."""
@@ -29,16 +29,16 @@ class Thermal:
     winding_time: float = 0.0
     """Time constant of the winding [s]."""
     maximum: float = np.inf
-    """Greatest temperature of the winding [°C]."""
+    """Highest temperature of the winding [°C]."""
     coefficient: float = 0.0039
-    """Relative change of the resistance with temperature [1/K]; that of copper."""
+    """Temperature coefficient of the resistance [1/K]; default: copper."""
     reference: float = 20.0
-    """Temperature at which the motor has its resistance [°C]."""
+    """Temperature at which the resistance is given [°C]."""
 
 
 @dataclass(frozen=True)
 class Motor:
-    """Direct-current motor, or a servo motor by its equivalent one. MR section 8.9.1.
+    """Direct-current motor, or the equivalent one of a servo motor. MR section 8.9.1.
 
     Examples
     --------
@@ -52,13 +52,13 @@ class Motor:
     """
 
     torque_constant: float
-    """k_t, N m/A; also V s/rad."""
+    """Torque constant k_t [N m/A or V s/rad]."""
     resistance: float = 0.0
-    """R, ohm, between the terminals."""
+    """Terminal resistance R [ohm]."""
     inductance: float = 0.0
-    """L, H."""
+    """Inductance L [H]."""
     voltage: float = np.inf
-    """V, of the supply."""
+    """Supply voltage [V]."""
     current_continuous: float = np.inf
     """Continuous current [A]."""
     current_peak: float = np.inf
@@ -66,10 +66,10 @@ class Motor:
     speed: float = np.inf
     """Largest speed of bearings and rotor [rad/s]."""
     thermal: Thermal | None = None
-    """None where nothing is known."""
+    """Thermal data; None if unknown."""
 
     def current(self, torque: ArrayLike) -> Array:
-        """Current of a torque, i = τ / k_t.
+        """Current for a torque, i = τ / k_t.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Motor:
         return np.asarray(torque, float) / self.torque_constant
 
     def voltage_at(self, current: ArrayLike, speed: ArrayLike, current_rate: ArrayLike = 0.0) -> Array:
-        """Voltage that the windings need, V = k_t ω + R i + L di/dt.
+        """Voltage across the windings, V = k_t ω + R i + L di/dt.
 
         Parameters
         ----------
@@ -111,12 +111,12 @@ class Motor:
         return np.asarray(self.resistance * np.asarray(current, float) ** 2)
 
     def greatest_torque(self, speed: ArrayLike, current: float | None = None) -> Array:
-        """Speed–torque curve: the greatest torque, by the current and by the voltage.
+        """Speed–torque curve: largest torque within the current and voltage limits.
 
         Parameters
         ----------
         speed : (...) array_like, of the rotor [rad/s]
-        current : float, optional [A]; None: the peak one
+        current : float, optional [A]; None: the peak current
 
         Returns
         -------
@@ -124,8 +124,8 @@ class Motor:
 
         Notes
         -----
-        Where the motor runs faster than the voltage allows without a load, it is negative: it brakes. Beyond its top
-        speed, either way, nothing is allowed: -inf.
+        If the motor runs faster than its no-load speed at this voltage, the torque is negative: the motor brakes.
+        Beyond its largest speed in either direction, the result is -inf.
         """
         w = np.asarray(speed, float)
         by_current = self.torque_constant * (self.current_peak if current is None else current)
@@ -142,21 +142,21 @@ class Rotor:
     """Rotor: the spinning part of a motor, a body of revolution about its axis."""
 
     inertia: float
-    """kg m², about the axis."""
+    """Moment of inertia about the axis [kg m²]."""
     extra: bool = False
-    """True if the masses of the links do not include the rotor; else its inertia is part of the link that carries it."""
+    """True if the link masses exclude the rotor; otherwise its inertia is part of the link that carries it."""
     mass: float = 0.0
-    """kg, of an extra one."""
+    """Mass of an extra rotor [kg]."""
     link: str | None = None
-    """The link that carries the motor; None is the parent of the joint."""
+    """Link that carries the motor; None: the parent link of the joint."""
     axis: Array | None = None
-    """(3,) its direction in that link's frame; None is the joint's own."""
+    """Direction of the axis in that link's frame (3,); None: the joint's axis."""
     place: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) m, its centre in that link's frame; from the joint's own frame where no link is named."""
+    """Centre in that link's frame (3,) [m]; in the joint's frame if no link is named."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.__post_init__()  # arrays come out of a pickle writable
+        self.__post_init__()  # unpickled arrays are writable
 
     def __post_init__(self) -> None:
         for name in ("axis", "place"):
@@ -171,26 +171,26 @@ class Actuator:
     """Actuator of one joint: motor, rotor, gear and spring; the rotor turns ``ratio`` times as fast as the joint."""
 
     joint: str
-    """The joint whose coordinate it moves."""
+    """Driven joint."""
     ratio: float = 1.0
-    """G; in rad/m at a sliding joint; negative where the rotor turns the other way."""
+    """Gear ratio G; in rad/m for a sliding joint; negative if the rotor turns in the opposite direction."""
     efficiency: float = 1.0
     """Efficiency η of the gear: output power over input power, in either direction."""
     motor: Motor | None = None
-    """None where none is described."""
+    """Motor; None if not described."""
     rotor: Rotor | None = None
-    """None where none is described."""
+    """Rotor; None if not described."""
     stiffness: float = np.inf
-    """N m/rad or N/m, of the gear as seen at the joint; finite makes the joint flexible, with a coordinate on each side."""
+    """Stiffness of the gear referred to the joint [N m/rad or N/m]; if finite, each side has a coordinate."""
 
 
-# ── Valid parameters of a drive
+# ── Validation of a drive's parameters
 
 _SMALLEST, LARGEST = 1e-18, 1e12
 """Bounds of a drive's numbers in SI units; their squares do not overflow."""
 
 _RATIOS = 1e-6, 1e9
-"""Bounds of gear ratios: rad/rad, or rad/m of a spindle; a thread of a nanometre has 6e9."""
+"""Bounds of gear ratios: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
 
 
 def check_actuator(actuator: Actuator) -> None:
@@ -236,5 +236,5 @@ def _problems(actuator: Actuator) -> Iterator[str]:
 
 
 def _real(x: float) -> bool:
-    """True if the number is possible for a drive."""
+    """True if the number is in the range allowed for a drive."""
     return bool(_SMALLEST <= x <= LARGEST)

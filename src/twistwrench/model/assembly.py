@@ -24,20 +24,20 @@ DEFAULT_SNAP = 1e-9
 """Distance from 0 or ±1 below which an entry of a fixed rotation is set to it."""
 
 _ROUNDING = 4.5e-16, 1e-15
-"""A rotation whose R'R and R R' are this near to the identity is one to the last bit: sums of three products, each rounded.
-The first for what is let alone, the second for what was made orthonormal."""
+"""Deviations of R'R and R R' from the identity within rounding errors of three products: a rotation with a smaller one is
+kept; the second bound applies after orthonormalisation."""
 
 _ONE = np.eye(3)
 
 
 def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
-    """R (3, 3) with the entries within ``tolerance`` of 0 or ±1 set to it, made a rotation again; 0 changes nothing.
+    """R (3, 3) with entries within ``tolerance`` of 0 or ±1 set to it, orthonormalised again; a tolerance of 0 disables it.
 
-    A robot file writes a right angle as 1.57079632679, and even the best float for π/2 has a cosine of 6e-17; exact
-    zeros and ones vanish from the compiled kernels, and these do not. An entry becomes ±1 only together with the zeros
-    beside it: cos(1e-5) is nearer to 1 than the tolerance, but a small angle is an angle. What is left of the rotation is
-    made orthonormal to the last bit, for the algorithms take a transpose for an inverse: a signed permutation, a turn
-    about one axis, or a rotation with one zero entry. Where small entries are zeros of no rotation, nothing is changed.
+    Robot files write a right angle as 1.57079632679, and the cosine of the nearest float to π/2 is 6e-17. Exact zeros
+    and ones vanish from compiled kernels; these values do not. An entry becomes ±1 only together with the zeros beside
+    it: cos(1e-5) is within the tolerance of 1, but a small angle must stay. The remaining entries are orthonormalised
+    to the last bit, because algorithms use the transpose as the inverse. The result is a signed permutation, a rotation
+    about one axis, or a rotation with one zero entry. If no rotation has these zeros, R is unchanged.
     """
     if tolerance == 0:
         return R
@@ -67,7 +67,7 @@ def _is_rotation(R: Array, allowed: float) -> bool:
 
 
 def _nearest_of_two(B: Array) -> Array:
-    """The orthogonal matrix nearest to B (2, 2): a rotation or a reflection, as B is."""
+    """Orthogonal matrix nearest to B (2, 2): a rotation or a reflection, like B."""
     (a, b), (c, d) = B
     side = 1.0 if a * d - b * c > 0 else -1.0
     x, y = a + side * d, c - side * b
@@ -76,9 +76,9 @@ def _nearest_of_two(B: Array) -> Array:
 
 
 def _with_one_zero(R: Array, i: int) -> Array:
-    """R orthonormal again by Gram and Schmidt, from row i, which has the zero; determinant 1."""
+    """R orthonormalised by Gram–Schmidt, from row i, which has the zero; determinant 1."""
     first, second = R[i] / np.linalg.norm(R[i]), R[(i + 1) % 3]
-    for _ in range(2):  # once more, for what rounding left
+    for _ in range(2):  # twice, against rounding errors
         second = second - (first @ second) * first
         second = second / np.linalg.norm(second)
     found = np.empty((3, 3))
@@ -87,11 +87,11 @@ def _with_one_zero(R: Array, i: int) -> Array:
 
 
 def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
-    """T (4, 4) with its rotation snapped; the position is left as it is."""
+    """T (4, 4) with its rotation snapped; the position is unchanged."""
     if tolerance == 0 or T is IDENTITY:
         return T
     if T[:3, :3].tolist() == UPRIGHT:
-        return np.asarray(T + 0.0)  # no minus zeros
+        return np.asarray(T + 0.0)  # no negative zeros
     snapped = T.copy()
     snapped[:3, :3] = snap_rotation(T[:3, :3], tolerance)
     return snapped
@@ -101,10 +101,10 @@ def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
 
 
 def fuse(model: Model, held: Mapping[int, Array]) -> Model:
-    """Model with the joints of some bodies held rigid: ``held[i]`` is the pose T_joint,child (4, 4) of body i.
+    """Model with the joints of some bodies fixed: ``held[i]`` is the pose T_joint,child (4, 4) of body i.
 
-    Each such body's inertia is added to the body that carries it, its frames and children move over, and its
-    coordinates and limits go. Whoever holds a leader holds its followers too.
+    The inertia, frames and children of such a body move to the body that carries it; its coordinates and limits are
+    removed. If a leader is in ``held``, its followers must be too.
     """
     if not held:
         return model
@@ -169,14 +169,14 @@ def _carriers(model: Model, held: Mapping[int, Array]) -> dict[int, tuple[int, A
 
 
 def _seen_from(T: Array, inertia: SpatialInertia) -> SpatialInertia:
-    # A body seen from its own frame keeps its numbers to the last bit.
+    # Exact for a body in its own frame.
     return inertia if is_identity(T) else inertia.in_frame(T)
 
 
-# ── Configurations of a robot: by names, and at random
+# ── Configurations of a robot: by joint names, and random
 
 _ENDLESS = 1e3
-"""rad or m: at an angle of 1e16 neighbouring doubles are two apart, and the pose is undefined."""
+"""rad or m: limits beyond it count as none; at an angle of 1e16 neighbouring doubles differ by 2 rad."""
 
 
 def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
@@ -202,7 +202,7 @@ def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
 def random_configuration(model: Model, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Random q (*shape, nq): inside the limits, unbounded joints within ±π or ±1 m, quaternions uniform.
 
-    A limit of more than 1000 rad or m stands for none, such as ±1e16 in files of propellers.
+    Limits above 1000 rad or m, such as ±1e16 in files of propellers, count as none.
     """
     parts = [_random(model, body, rng, shape) for body in model.leaders]
     return np.concatenate([np.zeros((*shape, 0)), *parts], axis=-1)
@@ -213,7 +213,7 @@ def _random(model: Model, body: Body, rng: np.random.Generator, shape: tuple[int
     reach = np.where(np.any(joint.axes[:, :3] != 0, axis=1), np.pi, 1.0)
     lower, upper = model.limits.lower[mine], model.limits.upper[mine]
     lower, upper = np.where(lower < -_ENDLESS, -np.inf, lower), np.where(upper > _ENDLESS, np.inf, upper)
-    # Where one side alone is given, the other stays at least a reach away from it.
+    # If only one limit is given, the other bound is at least the default range away from it.
     free_lower = np.minimum(-reach, np.where(np.isfinite(upper), upper - reach, -reach))
     free_upper = np.maximum(reach, np.where(np.isfinite(lower), lower + reach, reach))
     lower, upper = np.where(np.isfinite(lower), lower, free_lower), np.where(np.isfinite(upper), upper, free_upper)
@@ -232,7 +232,7 @@ def default_tip(model: Model) -> str | None:
 
 
 def check_tip(model: Model, tip: str | None) -> str | None:
-    """``tip`` if the model has such a frame, the default for None; raises :class:`~twistwrench.UnknownNameError`."""
+    """``tip`` if the model has this frame; None: the default tip; raises :class:`~twistwrench.UnknownNameError`."""
     if tip is None:
         return default_tip(model)
     if tip not in model.all_frames:
@@ -243,12 +243,12 @@ def check_tip(model: Model, tip: str | None) -> str | None:
 # ── Mimic joints: resolved leaders, ratios and offsets, and limits inherited by leaders
 
 MIMIC_POLICIES = ("follow", "independent")
-"""``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
+"""``follow``: mimic joints share their leader's coordinate. ``independent``: mimic joints are ordinary joints."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Coordinate of a follower: ``ratio`` times its leader's, plus ``offset``; the leader does not follow another."""
+    """Coordinate of a follower: ``ratio`` times its leader's, plus ``offset``; the leader is not a follower itself."""
 
     leader: str
     ratio: float
@@ -256,14 +256,14 @@ class Drive:
 
 
 def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
-    """The drive of each follower by name, chains resolved; a mimic on a fixed joint is ignored.
+    """Drive of each follower by name, with chains resolved; a mimic entry of a fixed joint is ignored.
 
     Raises :class:`~twistwrench.ModelError` for cycles, missing leaders, and joints with several coordinates.
     """
     by_name = {joint.name: joint for joint in joints}
     found: dict[str, Drive] = {}
     for joint in by_name.values():
-        path: dict[str, tuple[JointEntry, Mimic]] = {}  # followers up to one that is resolved, or that follows nobody
+        path: dict[str, tuple[JointEntry, Mimic]] = {}  # followers up to a resolved or independent joint
         while joint.mimic is not None and not joint.fixed and joint.name not in found:
             leader = joint.mimic[0]
             _check_pair(joint, leader, by_name)
@@ -296,9 +296,9 @@ def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry
 def shared_limits(
     leader: JointEntry, followers: Iterable[JointEntry], drives: Mapping[str, Drive]
 ) -> tuple[Limits, list[str]]:
-    """Limits of a leader in which its followers keep theirs, and a remark on each follower for which there are none.
+    """Limits of a leader within which its followers keep theirs, and a note on each follower for which none exist.
 
-    Limits of position and velocity are shared. A limit of effort stays the follower's own: see :func:`follower_torques`.
+    Limits of position and velocity are shared. A follower keeps its own effort limit: see :func:`follower_torques`.
     """
     limits, remarks = leader.limits, []
     for joint in followers:
@@ -326,21 +326,21 @@ def shared_limits(
 def follower_torques(model: Model, F: Array) -> Array:
     """Torques of followers with an effort limit, (..., k) [N m or N], from wrenches across the joints (..., nbodies, 6).
 
-    τ = S' F for each of ``model.limited_followers``: the torque that a motor in its place would give, friction left out.
+    τ = S' F for each of ``model.limited_followers``: torque of a motor at the follower, without friction.
     """
     which = model.limited_followers
     return np.stack([F[..., i, :] @ model.bodies[i].joint.axes[0] for i in which], axis=-1)
 
 
-# ── Assembly of links and joints to a model with one body a joint
+# ── Assembly of links and joints to a model with one body per joint
 
 ROOT_JOINT = "root_joint"
-"""The name of the joint that ``floating_base=True`` adds."""
+"""Name of the joint that ``floating_base=True`` adds."""
 
 
 @dataclass(frozen=True)
 class _Column:
-    """First coordinate and first velocity of a leader."""
+    """Indices of a leader's first coordinate and first velocity."""
 
     q: int
     v: int
@@ -348,7 +348,7 @@ class _Column:
 
 @dataclass
 class Additions:
-    """Entries of a file beside links and joints."""
+    """Entries of a file other than links and joints."""
 
     sites: dict[str, SiteEntry] = field(default_factory=dict)
     springs: list[Spring] = field(default_factory=list)
@@ -368,7 +368,7 @@ def assemble(
     source: str,
     additions: Additions,
 ) -> Model:
-    """Model of a checked tree, fixed links fused; a follower of a fixed joint, or with ratio 0, is fixed too."""
+    """Model of a checked tree, fixed links merged; a follower of a fixed joint, or with ratio 0, is fixed too."""
     joints = ([_root_entry(tree.root)] if floating_base else []) + list(tree.joints)
     leaders = [j for j in joints if j.name not in drives and j.joint.nv]
     columns, nq, nv = {}, 0, 0
@@ -410,7 +410,7 @@ def assemble(
         closures=additions.closures, mounts={entry.child: (entry.parent, entry.name) for entry in joints},
         defects=tuple(text for _, remarks in limits for text in remarks),
     )  # fmt: skip
-    configurations = {  # without mimic joints, which follow
+    configurations = {  # mimic joints follow
         label: from_names(model, {joint: q[joint] for joint in model.joint_names if joint in q})
         for label, q in additions.configurations.items()
     }
@@ -418,7 +418,7 @@ def assemble(
 
 
 def _led(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Column]) -> Spring:
-    """Spring between leading coordinates, which take over the stretch of their followers."""
+    """Spring between leading coordinates, with the extension of their followers included."""
     terms: dict[str, float] = {}
     rest = spring.rest
     for joint, weight in spring.terms:
@@ -442,10 +442,10 @@ def _stacked(limits: list[Limits]) -> Limits:
 def _losses(
     joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int
 ) -> tuple[Friction, Array]:
-    """Friction and armature per velocity, those of followers folded into their leaders.
+    """Friction and armature per velocity, with those of followers added to their leaders.
 
-    A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping and armature count ratio², friction
-    |ratio|.
+    A follower moves at ratio * dq, and its torque acts on the leader times ratio: damping and armature are scaled by
+    ratio², friction by |ratio|.
     """
     damping, friction, armature = [0.0] * nv, [0.0] * nv, [0.0] * nv
     for entry in joints:

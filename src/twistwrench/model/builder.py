@@ -1,4 +1,4 @@
-"""Builder: links and joints by name in, a checked and frozen model out."""
+"""Builder: validates named links and joints and returns a frozen model."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from .model import Model, OfferedClosure, Spring, Tree, find_tree
 
 
 class ModelBuilder:
-    """Model builder: collects links and joints, in any order, and builds a model of them.
+    """Model builder: collects links and joints, in any order, and builds a model from them.
 
-    The result is a :class:`~twistwrench.model.model.Model`. ``where`` is the place of a link's or joint's description ("line
-    12"), and appears in messages about it.
+    The result is a :class:`~twistwrench.model.model.Model`. ``where`` is the location of a link's or joint's
+    description ("line 12") for messages.
 
     Parameters
     ----------
-    name : str, the robot's
-    source : str, what it is read from
+    name : str, the robot's name
+    source : str, file or origin of the description
 
     Examples
     --------
@@ -89,7 +89,7 @@ class ModelBuilder:
         return tuple(self._additions.sites)
 
     def remark(self, *texts: str) -> None:
-        """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects.
+        """Add a remark on a doubtful entry: a :class:`~twistwrench.ModelWarning` on building, kept in the defects.
 
         Parameters
         ----------
@@ -98,11 +98,11 @@ class ModelBuilder:
         self._remarks.extend(texts)
 
     def note(self, subject: object, text: str) -> None:
-        """Note something doubtful about a link, a joint or an element of the file; equal notes are joined in warnings.
+        """Add a note on a doubtful link, joint or element of the file; equal notes are joined in warnings.
 
         Parameters
         ----------
-        subject : object, whose text names it
+        subject : object, its text is the subject of the sentence
         text : str, the rest of the sentence
         """
         self._remarks.append(ModelNote(str(subject), text))
@@ -116,14 +116,14 @@ class ModelBuilder:
         shaped: bool = False,
         hidden: bool = False,
     ) -> None:
-        """Add a link with its inertia about its own frame's origin.
+        """Add a link with its inertia about the origin of its frame.
 
         Parameters
         ----------
         name : str
-        inertia : SpatialInertia, optional; None is a link without mass
-        shaped : bool, the link has a shape in its file, so that it cannot be a mere frame
-        hidden : bool, the link only stands between two joints of one body and is not offered as a frame
+        inertia : SpatialInertia, optional; None: a link without mass
+        shaped : bool, the link has a shape in its file and is more than a frame
+        hidden : bool, the link only connects two joints of one body and is not offered as a frame
 
         Examples
         --------
@@ -165,21 +165,21 @@ class ModelBuilder:
         Parameters
         ----------
         name : str
-        kind : str, one of these
+        kind : str, one of these types
         parent, child : str, links
         placement : (4, 4) array_like, optional, T_parent,child with the joint at zero; None: the identity
         axis : (3,) or (6,) array_like, direction or screw axis (angular part first) in the child's frame
-        pitch : float, goes with a direction and ``helical`` [m/rad]
-        normalise_axes : bool, make axes of unit length; else q counts in units of the axis's length
-        lower, upper : float, optional, limits of position [rad or m]; None: not given
+        pitch : float, of a ``helical`` joint with a direction as axis [m/rad]
+        normalise_axes : bool, scale axes to unit length; otherwise q is in units of the axis's length
+        lower, upper : float, optional, position limits [rad or m]; None: not given
         velocity : float, optional, limit [rad/s or m/s]
         effort : float, optional, limit [N m or N]
-        acceleration, deceleration : float, optional, limits of a joint that speeds up and slows down [rad/s² or m/s²]; one
-            alone holds for both
+        acceleration, deceleration : float, optional, limits of a joint that speeds up or slows down [rad/s² or m/s²];
+            if only one is given, it holds for both
         jerk : float, optional, limit [rad/s³ or m/s³]
         damping : float, viscous friction [N m s/rad or N s/m]
         friction : float, Coulomb friction [N m or N]
-        armature : float, inertia of the drive that acts on each velocity of the joint [kg m² or kg]
+        armature : float, reflected inertia of the drive for each velocity of the joint [kg m² or kg]
         mimic : (leader, multiplier, offset), optional
 
         Examples
@@ -218,7 +218,7 @@ class ModelBuilder:
 
         Returns
         -------
-        name : str, as the site is called: ``site:NAME`` where a link has the name already
+        name : str, name of the site: ``site:NAME`` if a link already has the name
 
         Examples
         --------
@@ -241,7 +241,7 @@ class ModelBuilder:
         ----------
         terms : {joint: weight}
         stiffness : float [N m/rad or N/m]
-        rest : float, the sum at which it stores nothing [rad or m]
+        rest : float, sum of the unloaded spring [rad or m]
 
         Examples
         --------
@@ -268,7 +268,8 @@ class ModelBuilder:
         Parameters
         ----------
         actuator : Actuator
-        friction : {law: value}, optional, friction of the drive as seen at the joint, beside that of the joint
+        friction : {law: value}, optional, friction of the drive referred to the joint, in addition to the joint's
+            friction
 
         Examples
         --------
@@ -289,12 +290,12 @@ class ModelBuilder:
         Parameters
         ----------
         name : str
-        positions : {joint: its coordinates} [rad, m]; joints that are left out are neutral
+        positions : {joint: its coordinates} [rad, m]; omitted joints are neutral
         """
         self._additions.configurations[name] = dict(positions)
 
     def add_closure(self, name: str, closure: OfferedClosure) -> None:
-        """Add a loop closure between two frames that the user may request.
+        """Add a loop closure between two frames, which the user may apply.
 
         Parameters
         ----------
@@ -315,15 +316,15 @@ class ModelBuilder:
         gravity: ArrayLike | None = None,
         quiet: bool = False,
     ) -> Model:
-        """Build the model, checked: one tree, possible bodies, mimic chains resolved, fixed links fused.
+        """Build and validate the model: one tree, consistent inertias, mimic chains resolved, fixed links merged.
 
         Parameters
         ----------
         floating_base : bool, let the root link float
         mimic : "follow" or "independent"
-        snap : float, entries of fixed rotations this near to 0 or ±1 are set to it
-        gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what was described
-        quiet : bool, issue no warnings; remarks are in ``model.defects`` all the same
+        snap : float, entries of fixed rotations within this distance of 0 or ±1 are set to it
+        gravity : (3,) array_like, optional, in the base frame [m/s²]; None: from the description
+        quiet : bool, issue no warnings; remarks are still stored in ``model.defects``
 
         Examples
         --------
@@ -350,7 +351,7 @@ class ModelBuilder:
         model = edit.lock(model, lock) if lock else model
         model = self._driven(model)
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
-        # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
+        # For files with missing masses; a purely kinematic table has none by intention.
         if massless := [str(self._links[link]) for link in massless_links(model) if self._links[link].where]:
             verb, whose = ("has", "its") if len(massless) == 1 else ("have", "their")
             found.append(f"{listed(massless)} {verb} no mass: {whose} weight and inertia are missing from every torque")
@@ -360,7 +361,7 @@ class ModelBuilder:
         return model
 
     def _driven(self, model: Model) -> Model:
-        """Model with the described actuators of joints that are left."""
+        """Model with the described actuators of the remaining joints."""
         described = {name: self._actuators[name] for name in model.joint_names if name in self._actuators}
         model = with_actuators(model, [actuator for actuator, _ in described.values() if actuator.motor is not None])
         return with_link_friction(model, {name: law for name, (_, law) in described.items() if law})

@@ -1,4 +1,4 @@
-"""Described links and joints of a robot, each checked by itself, and notes on them."""
+"""Described links and joints of a robot, each validated by itself, and notes on them."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from ..typing import Array
 from .limits import Limits
 
 _NAMED = 4
-"""Subjects that a grouped sentence names; the rest are counted, and stand in ``robot.defects``."""
+"""Number of subjects named in a grouped sentence; the others are counted, and listed in ``robot.defects``."""
 
 
 class ModelNote(str):
-    """A sentence whose subject is known: ``ModelNote("link 'a'", "has no mass") == "link 'a' has no mass"``."""
+    """Sentence with a known subject: ``ModelNote("link 'a'", "has no mass") == "link 'a' has no mass"``."""
 
     subject: str
     said: str
@@ -43,7 +43,7 @@ class ModelNote(str):
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:
-    """Remarks in their order, equal ones of several subjects joined into one sentence.
+    """Notes in their order; equal notes on several subjects are joined into one sentence.
 
     >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
     ["joint 'a' has no limit; the same of joint 'b'", 'x']
@@ -62,18 +62,18 @@ def grouped(remarks: Iterable[str]) -> list[str]:
 
 
 def sentences(name: str, remarks: Iterable[str]) -> list[str]:
-    """The warnings of a robot with such remarks."""
+    """Warnings of a robot, from its notes."""
     return [f"robot {name!r}: {text}." for text in grouped(remarks)]
 
 
 def issue(texts: Iterable[str]) -> None:
-    """Issue such warnings, at the user's line."""
+    """Issue warnings, attributed to the user's line."""
     for text in texts:
         warnings.warn(text, ModelWarning, stacklevel=frames_to_user())
 
 
 def frames_to_user() -> int:
-    """The stack level of the first caller outside this package, so that a warning points at the user's own line."""
+    """Stack level of the first caller outside this package, for warnings that point to the user's line."""
     package = __name__.partition(".")[0]
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
@@ -81,16 +81,16 @@ def frames_to_user() -> int:
     return level
 
 
-# ── Described links and joints of a robot, each checked by itself
+# ── Described links and joints of a robot, each validated by itself
 
 Mimic = tuple[str, float, float]
-"""Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""
+"""Leader, multiplier and offset: the joint's coordinate is multiplier * leader + offset."""
 
 _SURE = 1e-15
-"""Largest gap of rows from a rotation beyond doubt: the 1e-14 up to which placements stay as they are."""
+"""Largest gap between rows for which the deviation is certainly within the 1e-14 that leaves rotations unchanged."""
 
 TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
-"""The types of joints that may be described; fixed ones are fused away when the model is built."""
+"""Types of joints that may be described; fixed ones are removed when the model is built."""
 
 
 def label(kind: str, name: str, where: str) -> str:
@@ -100,7 +100,7 @@ def label(kind: str, name: str, where: str) -> str:
 
 
 def unused(name: str, taken: set[str]) -> str:
-    """Unused name: ``_`` is appended until it is not taken, and it is added to ``taken``."""
+    """Unused name: ``_`` is appended until the name is free; then it is added to ``taken``."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -113,12 +113,12 @@ class LinkEntry:
 
     name: str
     inertia: SpatialInertia
-    """About the link frame's origin; zero when none is given."""
+    """Inertia about the link frame's origin; zero if not given."""
     where: str
     shaped: bool = False
-    """True if it has a visual or collision shape."""
+    """True if the link has a visual or collision shape."""
     hidden: bool = False
-    """True if it only stands between two joints of one body and is not offered as a frame."""
+    """True if the link only connects two joints of one body and is not offered as a frame."""
 
     def __str__(self) -> str:
         return label("link", self.name, self.where)
@@ -126,13 +126,13 @@ class LinkEntry:
 
 @dataclass(frozen=True, eq=False)
 class JointEntry:
-    """One described joint. A fixed one is a joint without axes."""
+    """One described joint, possibly fixed."""
 
     joint: Joint
     parent: str
     child: str
     placement: Array
-    """(4, 4) T_parent,child with the joint at zero."""
+    """Pose T_parent,child (4, 4) with the joint at zero."""
     limits: Limits
     damping: float
     friction: float
@@ -147,7 +147,7 @@ class JointEntry:
 
     @property
     def fixed(self) -> bool:
-        """True if the joint holds two links together rigidly."""
+        """True if the joint is fixed."""
         return self.joint.nv == 0
 
     def __str__(self) -> str:
@@ -161,13 +161,13 @@ class SiteEntry:
     name: str
     link: str
     pose: Array
-    """(4, 4) in the link's frame."""
+    """Pose in the link's frame (4, 4)."""
 
 
 def link_entry(
     name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False, hidden: bool = False
 ) -> LinkEntry:
-    """Link with a finite inertia and a mass that is not negative: the policies do not repair those."""
+    """Link with a finite inertia and nonnegative mass; inertia policies do not repair these."""
     link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped, hidden)
     if not all(map(math.isfinite, link.inertia.parameters.tolist())):
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
@@ -179,7 +179,7 @@ def link_entry(
 
 
 def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
-    """Mimic entry with its numbers checked."""
+    """Mimic entry with validated numbers."""
     if mimic is None:
         return None
     leader, multiplier, offset = mimic
@@ -188,7 +188,7 @@ def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
 
 
 def armature_of(armature: ArrayLike, who: str) -> float:
-    """Armature of a joint, finite and not negative."""
+    """Armature of a joint, finite and nonnegative."""
     value = number(armature, f"the armature of {who}")
     if value < 0:
         raise ModelError(
@@ -198,7 +198,7 @@ def armature_of(armature: ArrayLike, who: str) -> float:
 
 
 def placement_of(T: ArrayLike | None, who: str) -> Array:
-    """Pose (4, 4), the identity for None; raises unless it is a rigid motion."""
+    """Pose (4, 4), the identity for None; raises an error if it is not a rigid motion."""
     if T is None or T is IDENTITY:
         return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
@@ -206,12 +206,12 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (top == UPRIGHT or max(map(abs, gaps(top))) <= _SURE):
         return T
     R = T[:3, :3]
-    # 1e-6: rotations typed with six digits are meant as rotations; anything worse is another kind of matrix.
+    # 1e-6 accepts rotations written with six digits.
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(T[3] != (0, 0, 0, 1)):
         raise ModelError(
             f"the placement of {who} is not a pose: a rotation, a position and the last row 0 0 0 1 are required."
         )
-    if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # the nearest rotation: algorithms take a transpose for an inverse
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # nearest rotation, so that the transpose is the inverse
         left, _, right = np.linalg.svd(R)
         T = T.copy()
         T[:3, :3] = left @ right
@@ -221,7 +221,7 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
 def limits_of(
     joint: Joint, lower: float | None, upper: float | None, largest: Mapping[str, float | None], who: str
 ) -> tuple[Limits, list[str]]:
-    """Limits of a joint, (nv,) each, infinite if not given, and remarks on implausible ones; ``largest`` of magnitudes."""
+    """Limits of a joint, (nv,) each, infinite if not given, and notes on implausible ones; ``largest``: limits of magnitude."""
     remarks: list[str] = []
     if joint.nv != 1:
         if joint.nv and any(x is not None for x in (lower, upper, *largest.values())):
@@ -238,7 +238,7 @@ def _bounds(
 ) -> tuple[float, float]:
     low = -np.inf if lower is None else _limit("lower", lower, who)
     high = np.inf if upper is None else _limit("upper", upper, who)
-    if endless:  # turns without end, whatever the file says
+    if endless:  # limits of continuous joints are ignored
         return -np.inf, np.inf
     if low == high == 0:
         remarks.append(ModelNote(who, "has lower = upper = 0, taken to mean that no limits are given"))

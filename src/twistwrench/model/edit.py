@@ -1,4 +1,4 @@
-"""Editing: a payload, another gravity, joints locked. Each edit returns a new model and leaves the old one alone."""
+"""Edits of a model: payload, gravity, locked joints. Each edit returns a new model; the original is unchanged."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     Raises
     ------
     InertiaError
-        No body has that inertia, or the body that carries it becomes one that cannot exist.
+        The inertia is physically impossible, or that of the carrying body becomes so.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
         return replace(model, base_inertia=model.base_inertia + moved)
     body = model.bodies[at.body]
     loaded = replace(body, inertia=body.inertia + moved)
-    # A body that was accepted as impossible when the robot was loaded may stay so.
+    # An inconsistent body that was accepted at loading stays accepted.
     size = moved_moments(model, at.body) + abs(float(moved.moment_about_origin.trace()))
     if not reasons(body.inertia, size) and (found := loaded.inertia.defects(size=size)):
         raise InertiaError(
@@ -62,7 +62,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
 
 
 def with_gravity(model: Model, g: ArrayLike) -> Model:
-    """Model in another gravity.
+    """Model with another gravity.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def with_gravity(model: Model, g: ArrayLike) -> Model:
 
 
 def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
-    """The model with other armature (reflected inertia of the drives) at some joints.
+    """Model with other armature (reflected inertia of the drives) at some joints.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def gravity_vector(g: ArrayLike) -> Array:
 
 
 def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
-    """Model with some joints held at given positions.
+    """Model with some joints fixed at given positions.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
 
     Notes
     -----
-    The bodies they carried become part of their parents, and what mimics them is held too. Rotations are snapped as on
+    Their bodies become part of the parents, and joints that mimic them are fixed too. Rotations are snapped as in
     loading.
 
     Examples

@@ -1,4 +1,4 @@
-"""Checks of the inertias of moving bodies: physical consistency, and masses that are missing."""
+"""Checks of the inertias of moving bodies: physical consistency, and missing masses."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .description import ModelNote
 from .model import BASE, Body, Model
 
 _LISTED = 3
-"""Number of impossible bodies that an error describes; many have one cause most often."""
+"""Number of impossible bodies that an error describes; several often have the same cause."""
 INERTIA_POLICIES = ("error", "accept", "repair")
-"""Policies for a physically impossible moving body: refuse it, keep it, or take the nearest consistent inertia."""
+"""Policies for a moving body with a physically impossible inertia: error, keep it, or use the nearest consistent inertia."""
 
 
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
-    """Violated conditions of physical consistency, in words with amounts. Rotational inertia without mass is checked by itself.
+    """Violated conditions of physical consistency, as text with amounts; without mass, only the rotational inertia is checked.
 
-    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error. ``size`` [kg m²] is
-    that of the moments it was made of, which rounding goes by.
+    Files use such inertias for rotors whose mass is counted elsewhere; they cause a warning, never an error. ``size``
+    [kg m²] is the size of the summed moments, which determines rounding errors.
     """
     if inertia.mass == 0 and inertia.parameters[4:].any():
         return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
@@ -32,9 +32,9 @@ def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
 
 
 def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
-    """Judge each moving body, fixed links fused, and remark on single links; ``link`` returns a link's name in messages.
+    """Check each moving body with its fixed links, and note doubtful single links; ``link`` returns a link's name in messages.
 
-    Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every body that cannot exist.
+    Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every inconsistent body.
     """
     remarks: list[str] = []
     refused: list[str] = []
@@ -62,7 +62,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
 
 
 def _clear(inertias: Sequence[SpatialInertia]) -> Array:
-    """True for inertias that are consistent beyond doubt, without a tolerance, (n,): all at once, as few are not."""
+    """Mask (n,) of inertias that are consistent without a tolerance; a vectorised check that settles most bodies."""
     p = np.array([G.parameters for G in inertias]).reshape(-1, 10)
     with np.errstate(all="ignore"):
         m, h = p[:, 0], p[:, 1:4]
@@ -75,7 +75,7 @@ def _clear(inertias: Sequence[SpatialInertia]) -> Array:
 
 
 def moved_moments(model: Model, index: int) -> float:
-    """Largest moments [kg m²] of the sums and differences in a fused body: each link's, moved along its own levers."""
+    """Largest moments [kg m²] in the sums and differences of a body with fixed links, each moved along its levers."""
     total = 0.0
     for name, frame in model.frames.items():
         if frame.body == index:
@@ -85,7 +85,7 @@ def moved_moments(model: Model, index: int) -> float:
 
 
 def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
-    """Name of the body by its links: those at fault, if any, else all with a mass."""
+    """Name of the body by its links: the inconsistent ones, if any, else all with a mass."""
     members = [n for n, f in model.frames.items() if f.body == index and model.link_inertias[n].parameters.any()]
     guilty = [n for n in members if reasons(model.link_inertias[n])] or members
     fused = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
@@ -94,7 +94,7 @@ def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
 
 def _repaired(body: Body) -> tuple[Body, str]:
     inertia = body.inertia
-    if inertia.mass == 0:  # only the rotational part is mended: without mass it has no centre to be about
+    if inertia.mass == 0:  # without mass there is no centre of mass
         stand_in = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
         near = SpatialInertia.from_com(0.0, np.zeros(3), stand_in.moment_about_com)
     else:
@@ -104,7 +104,7 @@ def _repaired(body: Body) -> tuple[Body, str]:
 
 
 def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
-    """Remarks on links that are doubtful by themselves and have no effect."""
+    """Notes on links that are inconsistent by themselves without effect on their body."""
     remarks: list[str] = []
     clear = _clear(list(model.link_inertias.values()))
     for (name, inertia), fine in zip(model.link_inertias.items(), clear.tolist(), strict=True):
@@ -112,7 +112,7 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
         moments = inertia.parameters[4:]
         if inertia.mass == 0 and moments.any():
             remarks.append(ModelNote(link(name), "has rotational inertia but no mass"))
-        # Through the parallel-axis theorem a zero comes back as rounding of the moments about the origin.
+        # The parallel-axis theorem turns zeros into rounding errors of the moments about the origin.
         elif inertia.mass and not fine and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
             remarks.append(ModelNote(link(name), "has mass but zero inertia, as a point mass has"))
         if body not in bad and not fine and (found := reasons(inertia)):
@@ -121,30 +121,31 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
     return remarks
 
 
-# ── Zero-inertia checks: moving links without mass
+# ── Missing masses: moving links without mass
 
 
 def massless_links(model: Model) -> tuple[str, ...]:
-    """Moving links without mass that must have one, in document order.
+    """Moving links that lack a mass they should have, in document order.
 
-    A moving body, with all links fixed to it, that has neither mass nor moments is named
+    A moving body with all its fixed links, but without mass and moments, is named
 
-    * if nothing that it carries has a mass either: its joint then moves nothing;
-    * if it has a shape in the file (``model.shaped``): what can be seen has a weight;
-    * if no link of the file has a shape, and the next joint stands away from its own: something has to reach there.
+    * if nothing that it carries has a mass either: its joint then moves no inertia;
+    * if it has a shape in the file (``model.shaped``): a visible body has a mass;
+    * if no link of the file has a shape, and the next joint is at a distance from its own: a physical link is between
+    them.
 
-    Other massless bodies join several joints to one, such as the three of a ball joint or those of a base that slides
-    and turns, and are left alone. So are bodies with moments and no mass, such as rotors whose mass is counted with
-    their housing. A massless frame on a fixed joint is part of the body it is fixed to.
+    Other massless bodies combine several joints to one, such as the three of a ball joint or of a planar base; they are
+    accepted. So are bodies with moments but no mass, such as rotors whose mass is counted with their housing. A
+    massless frame on a fixed joint is part of the body it is fixed to.
     """
     n = len(model.bodies)
     has = [bool(body.inertia.parameters.any()) for body in model.bodies]
     carries, reaches, shaped = list(has), [False] * n, [False] * n
-    for i in reversed(range(n)):  # parents come before children
+    for i in reversed(range(n)):  # children before parents
         body = model.bodies[i]
         if body.parent != BASE:
             carries[body.parent] |= carries[i]
-            reaches[body.parent] |= max(map(abs, body.placement[:3, 3].tolist())) > 1e-9  # more than rounding
+            reaches[body.parent] |= max(map(abs, body.placement[:3, 3].tolist())) > 1e-9  # above rounding errors
     for link, frame in model.frames.items():
         if link in model.shaped and frame.body != BASE:
             shaped[frame.body] = True

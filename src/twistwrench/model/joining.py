@@ -22,10 +22,10 @@ _Value = TypeVar("_Value")
 
 
 def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: str) -> Model:
-    """Model with another one's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` goes before the other's names.
+    """Model with another model's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` is prepended to the other's names.
 
     Raises :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.FrameError` as :meth:`Model.frame`, and
-    :class:`~twistwrench.ModelError` where a name would stand for two things.
+    :class:`~twistwrench.ModelError` for duplicate names.
     """
     model.frame(frame)
     at = model.tip if frame is None else frame
@@ -57,12 +57,12 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
 
 
 def chain(model: Model, base: str | None, tip: str | None) -> Model:
-    """Part of the model, its base fixed: all that a link carries, or the joints between it and a tip alone.
+    """Part of the model with a fixed base: the subtree of a link, or only the joints between it and a tip.
 
-    What is fixed rigidly to the part belongs to it; gravity is seen from the new base with every joint neutral.
+    Links fixed to the part belong to it; gravity is that in the new base frame with every joint neutral.
 
-    Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, :class:`~twistwrench.FrameError` for a tip that
-    the base does not carry, and :class:`~twistwrench.ModelError` where the part depends on joints outside it.
+    Raises :class:`~twistwrench.UnknownNameError` for unknown frames, :class:`~twistwrench.FrameError` if the base does
+    not carry the tip, and :class:`~twistwrench.ModelError` if the part depends on joints outside it.
     """
     found = disassemble(model, extra=False)
     root = found.root if base is None else base
@@ -150,7 +150,7 @@ def _renamed_actuator(actuator: Actuator, prefix: str) -> Actuator:
 
 
 def _below(found: ModelParts, root: str, tip: str | None) -> set[str]:
-    """Links to keep: all that the root carries, or those between it and a tip with everything fixed to them."""
+    """Links to keep: the subtree of the root, or the chain to a tip with everything fixed to it."""
     carried = {joint.child: joint for joint in found.joints}
     way = {root}
     if tip is not None:
@@ -161,7 +161,7 @@ def _below(found: ModelParts, root: str, tip: str | None) -> set[str]:
             way.add(link)
             link = carried[link].parent
     kept = {root}
-    for joint in found.joints:  # parents come first
+    for joint in found.joints:  # parents first
         if joint.parent in kept and (tip is None or joint.child in way or joint.fixed):
             kept.add(joint.child)
     return kept
@@ -180,7 +180,7 @@ def _rotation(model: Model, link: str) -> Array:
 
 
 def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
-    """Parts with some links only, and everything that concerns nothing else."""
+    """Parts with some links only, without entries that concern other links."""
     joints = [joint for joint in found.joints if {joint.parent, joint.child} <= kept]
     names = {joint.name for joint in joints} | ({ROOT_JOINT} if found.floating else set())
     for joint in joints:

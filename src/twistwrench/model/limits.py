@@ -1,4 +1,4 @@
-"""Limits of the joints with their tolerance, and friction. Modern Robotics section 8.9.4."""
+"""Joint limits with their tolerance, and joint friction. Modern Robotics section 8.9.4."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..typing import Array
 __all__ = ["TOLERANCE", "Limits", "margin", "over_limit"]
 
 TOLERANCE = 1e-6
-"""Share of a joint's largest limit by which it may exceed one and still count as at it: rounding to float32, or to six
-digits in a file, does not count as excess."""
+"""Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
+digits in files."""
 
 
 def over_limit(share: Any) -> Any:
-    """True if a magnitude exceeds its limit by more than rounding.
+    """True if a magnitude exceeds its limit by more than rounding errors.
 
     Parameters
     ----------
-    share : float or (...) array, the magnitude over its limit
+    share : float or (...) array, magnitude divided by its limit
 
     Returns
     -------
-    over : bool or (...) array of bool; NaN is beyond no limit
+    over : bool or (...) array of bool; False for NaN
 
     Examples
     --------
@@ -41,7 +41,7 @@ def margin(limit: Any) -> Array:
 
     Parameters
     ----------
-    limit : (...) array_like, inf where none is given
+    limit : (...) array_like, inf if not given
 
     Returns
     -------
@@ -58,9 +58,9 @@ def margin(limit: Any) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Joint limits, one entry per velocity, (nv,) each; inf where none is given.
+    """Joint limits, one entry per velocity, (nv,) each; inf if not given.
 
-    If only one of acceleration and deceleration is given, it holds for both.
+    If only acceleration or deceleration is given, it is used for both.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class Limits:
     """
 
     lower: Array
-    """Least positions [rad or m]."""
+    """Smallest positions [rad or m]."""
     upper: Array
     """Largest positions [rad or m]."""
     velocity: Array
@@ -81,9 +81,9 @@ class Limits:
     effort: Array
     """Largest torques [N m or N]."""
     acceleration: Array = None  # type: ignore[assignment]
-    """Largest accelerations of joints that speed up [rad/s² or m/s²]."""
+    """Largest accelerations of a joint that speeds up [rad/s² or m/s²]."""
     deceleration: Array = None  # type: ignore[assignment]
-    """Largest accelerations of joints that slow down [rad/s² or m/s²]."""
+    """Largest decelerations of a joint that slows down [rad/s² or m/s²]."""
     jerk: Array = None  # type: ignore[assignment]
     """Largest jerks [rad/s³ or m/s³]."""
 
@@ -98,7 +98,7 @@ class Limits:
     def tolerance(self) -> Array:
         """Excess over a position limit up to which a joint counts as at it, (nv,) [rad or m].
 
-        :data:`TOLERANCE` of the larger of the joint's two limits, of those that are finite; of 1 where that is none or zero.
+        :data:`TOLERANCE` times the larger finite position limit of the joint, or times 1 if both are infinite or zero.
         """
         ends = np.abs(np.stack([self.lower, self.upper]))
         largest = np.max(np.where(np.isfinite(ends), ends, 0.0), axis=0)
@@ -109,17 +109,17 @@ class Limits:
 
         Parameters
         ----------
-        positions : (..., nv) array_like, the coordinate of each velocity [rad or m], see :meth:`Model.positions`
+        positions : (..., nv) array_like, coordinate of each velocity [rad or m], see :meth:`Model.positions`
 
         Returns
         -------
-        exceeded : (..., nv) array of bool; NaN is beyond no limit
+        exceeded : (..., nv) array of bool; False for NaN
         """
         x, most = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - most) | (x > self.upper + most))
 
     def acceleration_at(self, dq: Array, ddq: Array) -> Array:
-        """Limit of accelerations: of joints that slow down the deceleration, at rest the larger of the two.
+        """Acceleration limit at a state: the deceleration limit if a joint slows down; at rest the larger of the two.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class Limits:
 # ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4
 
 NONE_GIVEN = "friction is requested, but the robot file has none; add it with robot.with_actuators"
-"""Remark if friction is requested and the robot has none."""
+"""Warning if friction is requested and the robot has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,19 +154,19 @@ class Friction:
 
     ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
 
-    The law gives 0 at rest, where friction takes whatever holds the joint, up to ``static``.
+    The law returns 0 at rest, where friction balances the load up to ``static``.
     """
 
     viscous: Array
-    """N m s/rad or N s/m."""
+    """Viscous coefficient [N m s/rad or N s/m]."""
     coulomb: Array
-    """N m or N."""
+    """Coulomb friction [N m or N]."""
     static: Array
-    """Breakaway torque, N m or N, at least ``coulomb``."""
+    """Breakaway torque [N m or N], at least ``coulomb``."""
     stribeck: Array
-    """Speed at which static friction has mostly become Coulomb friction, above 0 [rad/s or m/s]."""
+    """Stribeck speed, of the transition from static to Coulomb friction, above 0 [rad/s or m/s]."""
     load: Array
-    """Friction per torque carried, below 1."""
+    """Friction per carried torque, below 1."""
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -174,7 +174,7 @@ class Friction:
 
     def __setstate__(self, state: dict[str, Array]) -> None:
         vars(self).update(state)
-        self.__post_init__()  # arrays come out of a pickle writable
+        self.__post_init__()  # unpickled arrays are writable
 
     @classmethod
     def plain(cls, viscous: Array, coulomb: Array) -> Friction:
@@ -183,23 +183,23 @@ class Friction:
         return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
 
     def select(self, places: Sequence[int] | Array) -> Friction:
-        """Friction of some of the velocities, in that order."""
+        """Friction of selected velocities, in that order."""
         return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
 
     def replaced(self, place: int, **values: float) -> Friction:
-        """Friction with other numbers for one velocity."""
+        """Friction with other values for one velocity."""
         columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
         for name, value in values.items():
             columns[name][place] = value
         return Friction(**columns)
 
     def extended(self) -> Friction:
-        """Friction with one more velocity at the end, without friction."""
+        """Friction with one more velocity, free of friction, at the end."""
         new = Friction.plain(np.zeros(1), np.zeros(1))
         return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
 
     def moved(self, place: int, to: int) -> Friction:
-        """Friction of one velocity moved to another."""
+        """Friction with the entry of one velocity moved to another index."""
         laws = {f.name: float(getattr(self, f.name)[place]) for f in fields(self)}
         return self.replaced(to, **laws).replaced(place, **dict.fromkeys(laws, 0.0) | {"stribeck": 1.0})
 
@@ -210,4 +210,4 @@ class Friction:
 
 
 LAWS = tuple(entry.name for entry in fields(Friction))
-"""Names of the parts of the law in actuator files and parameters."""
+"""Names of the friction parameters in actuator files and parameters."""

@@ -31,7 +31,7 @@ class Tree:
 
 
 def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
-    """Order the joints depth first; raises :class:`~twistwrench.ModelError` unless they join all links into one tree."""
+    """Sort joints depth first; raises :class:`~twistwrench.ModelError` unless they join all links into one tree."""
     if not links:
         raise ModelError("the robot has no links. Give at least one.")
     parent_joint: dict[str, JointEntry] = {}
@@ -79,7 +79,7 @@ def _root(links: Mapping[str, LinkEntry], parent_joint: Mapping[str, JointEntry]
 
 
 def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tuple[JointEntry, ...]:
-    # A stack rather than recursion: a chain may be longer than Python's stack is deep.
+    # A stack instead of recursion: chains may exceed Python's recursion limit.
     ordered: list[JointEntry] = []
     stack = list(reversed(children[root]))
     while stack:
@@ -90,7 +90,7 @@ def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tup
 
 
 def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
-    # Going up from a link that no root reaches must come back to where it has been.
+    # Parents of a link without a root form a cycle.
     path = [link]
     while (above := parent_joint[path[-1]].parent) not in path:
         path.append(above)
@@ -107,17 +107,17 @@ def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
 
 @dataclass(frozen=True)
 class Spring:
-    """Spring with the energy ``½ stiffness (Σ weight · coordinate - rest)²`` of the one-degree joints named."""
+    """Spring with the energy ``½ stiffness (Σ weight · coordinate - rest)²`` between joints of one degree of freedom."""
 
     terms: tuple[tuple[str, float], ...]
     """(joint, weight) pairs."""
     stiffness: float
-    """N m/rad or N/m."""
+    """Stiffness [N m/rad or N/m]."""
     rest: float = 0.0
-    """rad or m."""
+    """Unloaded length [rad or m]."""
 
     def with_fixed(self, positions: dict[str, float]) -> Spring:
-        """Spring with some joints locked: their part of its stretch is constant."""
+        """Spring with some joints locked; their part of the extension is constant."""
         fixed = sum(weight * positions[joint] for joint, weight in self.terms if joint in positions)
         return Spring(tuple(t for t in self.terms if t[0] not in positions), self.stiffness, self.rest - fixed)
 
@@ -140,41 +140,41 @@ class OfferedClosure:
 # ── Model: moving bodies, joints and frames
 
 BASE = -1
-"""Index that stands for the base, the one body that does not move."""
+"""Index of the fixed base."""
 _MAPPINGS = ("actuators", "configurations", "closures", "mounts")
-"""Read-only fields."""
+"""Fields made read-only."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
     """One moving body (fixed links fused) and the joint that carries it.
 
-    At joint coordinates ``ratio * q[q_index] + offset`` (mimic joints have a ratio and an offset; the others 1 and 0), the
-    body's frame has the pose ``placement @ joint.pose(·)`` in its parent's frame.
+    At joint coordinates ``ratio * q[q_index] + offset`` (ratio 1 and offset 0 except for mimic joints), the body's
+    frame has the pose ``placement @ joint.pose(·)`` in its parent's frame.
     """
 
     joint: Joint
-    """The joint that carries it."""
+    """Joint that carries the body."""
     link: str
-    """The child link, whose frame is the body's frame; links fixed to it moved in with it."""
+    """Child link, whose frame is the body's frame; links fixed to it are part of the body."""
     parent: int
-    """Number of the body it hangs on; ``BASE`` for the base."""
+    """Index of the parent body; ``BASE`` for the base."""
     placement: Array
-    """(4, 4) T_parent,joint."""
+    """Pose T_parent,joint (4, 4)."""
     inertia: SpatialInertia
-    """About the origin of the body's frame, which is the child link's frame."""
+    """Inertia about the origin of the body's frame, which is the child link's frame."""
     q_index: int
     """Index of the joint's first coordinate in q."""
     v_index: int
     """Index of the joint's first velocity in dq."""
     ratio: float = 1.0
-    """Ratio of a mimic joint: its coordinate over its leader's."""
+    """Ratio of a mimic joint: its coordinate divided by its leader's."""
     offset: float = 0.0
-    """Coordinate of a mimic joint if its leader's is 0 [rad or m]."""
+    """Coordinate of a mimic joint at zero of its leader [rad or m]."""
     follows: bool = False
-    """True if the joint mimics another, whose coordinate it shares."""
+    """True if the joint mimics another and shares its coordinate."""
     effort: float = np.inf
-    """Largest torque of a mimic joint [N m or N]; inf if none is given, and for other joints."""
+    """Largest torque of a mimic joint [N m or N]; inf if not given, and for other joints."""
 
     @property
     def places(self) -> tuple[slice, slice]:
@@ -188,29 +188,29 @@ class Frame:
     """Frame fixed to a body."""
 
     body: int
-    """Number of the body; ``BASE`` for the base."""
+    """Index of the body; ``BASE`` for the base."""
     pose: Array
-    """Its pose in the body's frame (4, 4)."""
+    """Pose in the body's frame (4, 4)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """Robot model as data: parents come before children; made by :class:`~twistwrench.model.builder.ModelBuilder`."""
+    """Robot model as data, parents before children; created by :class:`~twistwrench.model.builder.ModelBuilder`."""
 
     name: str
     """The robot's name."""
     bodies: tuple[Body, ...]
-    """The moving bodies, parents first."""
+    """Moving bodies, parents first."""
     frames: dict[str, Frame]
-    """Every link of the file by name, fused ones included, in document order."""
+    """Frames of all links by name, fixed ones included, in document order."""
     limits: Limits
     """Limits of the joints."""
     friction: Friction
-    """Friction of the joints, which quantities include only on request."""
+    """Joint friction, which quantities include only on request."""
     gravity: Array
-    """(3,) m/s², in the base frame."""
+    """Gravity in the base frame, (3,) m/s²."""
     base_inertia: SpatialInertia
-    """The links that do not move, fused, in the base frame."""
+    """Inertia of all fixed links, in the base frame."""
     tip: str | None
     """Default frame of quantities."""
     leaves: tuple[str, ...] = ()
@@ -218,33 +218,33 @@ class Model:
     defects: tuple[str, ...] = ()
     """Doubtful entries of the file."""
     link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
-    """The inertia of each link by itself, in its own frame, for reports."""
+    """Inertia of each single link, in its own frame, for reports."""
     source: str = ""
-    """Path it was read from."""
+    """Path of the file."""
     springs: tuple[Spring, ...] = ()
-    """Between joint coordinates; their torques are part of the dynamics, as gravity's are."""
+    """Springs between joint coordinates; their torques are part of the dynamics, like gravity torques."""
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
     """Actuators by joint; their rotors are among the bodies, their elasticity among the springs."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
-    """(frame, inertia about it) of attached payloads; the bodies and the links that carry them include them."""
+    """(frame, inertia about it) of attached payloads; included in the bodies and links that carry them."""
     shaped: frozenset[str] = frozenset()
     """Links with a visual or collision shape."""
     snap: float = 0.0
-    """Distance from 0 or ±1 below which an entry of a fixed rotation was set to it; edits use it too."""
+    """Distance from 0 or ±1 within which entries of fixed rotations were set to it; edits use the same value."""
     armature: Array = field(default_factory=lambda: np.zeros(0))
-    """(nv,) kg m² or kg: the inertia of the drive at a velocity, on the diagonal of M; it has no weight and no
-    momentum. A rotor whose place and axis are known is a body instead."""
+    """(nv,) kg m² or kg: reflected inertia of the drives, added to the diagonal of M; without weight or momentum. A rotor with
+    known position and axis is a body instead."""
     sites: dict[str, Frame] = field(default_factory=dict)
-    """Named frames of the file that are not links, in document order; no name is a link's."""
+    """Named frames of the file that are not links, in document order; their names differ from link names."""
     configurations: Mapping[str, Array] = field(default_factory=dict)
-    """(nq,) each: named configurations of the file, such as ``home``."""
+    """Named configurations of the file, such as ``home``; (nq,) each."""
     couplings: tuple[Coupling, ...] = ()
-    """Motors that move several joints together. Armature, friction and effort in the places of these joints are the motors'."""
+    """Motors that move several joints together. Armature, friction and effort at their joints' indices are the motors'."""
     closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
-    """Loops that the file closes and the tree leaves open."""
+    """Loops that the file describes; the tree leaves them open."""
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Carrier and joint of each link but the root, as described; fixed joints too. The root of a
-    floating base hangs on the link ``""``."""
+    """Parent link and joint of each link except the root, as described, including fixed joints. The parent of a floating
+    base is the link ``""``."""
 
     def __post_init__(self) -> None:
         if not self.armature.size:
@@ -254,15 +254,15 @@ class Model:
         arrays = [self.gravity, self.armature, *vars(self.limits).values(), *self.configurations.values()]
         arrays += [frame.pose for frame in self.all_frames.values()] + [c.motor_per_joint for c in self.couplings]
         for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
-            array.setflags(write=False)  # robots share these, and kernels have them compiled in
+            array.setflags(write=False)  # shared by robots and compiled into kernels
 
     def __getstate__(self) -> dict[str, Any]:
-        state = {f.name: getattr(self, f.name) for f in fields(self)}  # what is derived is derived again
+        state = {f.name: getattr(self, f.name) for f in fields(self)}  # without cached properties
         return {**state, **{name: dict(state[name]) for name in _MAPPINGS}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.__post_init__()  # arrays come out of a pickle writable
+        self.__post_init__()  # unpickled arrays are writable
 
     @cached_property
     def nq(self) -> int:
@@ -300,17 +300,17 @@ class Model:
 
     @cached_property
     def leaders(self) -> tuple[Body, ...]:
-        """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
+        """Bodies whose joints have coordinates of their own, in the order of q: all except followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
 
     @cached_property
     def limited_followers(self) -> tuple[int, ...]:
-        """Numbers of the bodies whose joints follow others and have a limit of effort of their own."""
+        """Indices of bodies with a mimic joint that has its own effort limit."""
         return tuple(i for i, b in enumerate(self.bodies) if b.follows and np.isfinite(b.effort))
 
     @cached_property
     def moving_mass(self) -> float:
-        """Mass of all moving bodies [kg], without what is fixed to the base."""
+        """Mass of all moving bodies [kg], without links fixed to the base."""
         return float(sum(body.inertia.mass for body in self.bodies))
 
     @cached_property
@@ -321,7 +321,7 @@ class Model:
 
     @cached_property
     def all_frames(self) -> dict[str, Frame]:
-        """Every frame that may be named: the links, then the sites."""
+        """All frames by name: links, then sites."""
         return {**self.frames, **self.sites}
 
     def __repr__(self) -> str:
@@ -329,22 +329,22 @@ class Model:
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """The joints that have coordinates, in the order of q."""
+        """Joints with coordinates, in the order of q."""
         return tuple(b.joint.name for b in self.leaders)
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
-        """A name for each coordinate: the joint's, with a suffix where it has several; (nq,)."""
+        """A name for each coordinate: the joint's name, with a suffix if the joint has several; (nq,)."""
         return tuple(b.joint.name + s for b in self.leaders for s in b.joint.coordinate_suffixes)
 
     @cached_property
     def velocity_names(self) -> tuple[str, ...]:
-        """A name for each velocity and torque: the joint's, with a suffix where it has several; (nv,)."""
+        """A name for each velocity and torque: the joint's name, with a suffix if the joint has several; (nv,)."""
         return tuple(b.joint.name + s for b in self.leaders for s in b.joint.velocity_suffixes)
 
     @cached_property
     def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """Places in dq (n,), A and A⁻¹ (n, n) of each coupling."""
+        """Indices in dq (n,), A and A⁻¹ (n, n) of each coupling."""
         place = {b.joint.name: b.v_index for b in self.leaders}
         return tuple(
             (np.array([place[joint] for joint in c.joints]), c.motor_per_joint, c.joint_per_motor)
@@ -353,22 +353,22 @@ class Model:
 
     @cached_property
     def drive_names(self) -> tuple[str, ...]:
-        """A name for the drive of each velocity: the joint's, or that of the coupled motor in its place; (nv,)."""
+        """A name for the drive of each velocity: the joint, or the coupled motor at its index; (nv,)."""
         motors = {joint: motor for c in self.couplings for joint, motor in zip(c.joints, c.motors, strict=True)}
         return tuple(motors.get(name, name) for name in self.velocity_names)
 
     @cached_property
     def drive_labels(self) -> tuple[str, ...]:
-        """:attr:`drive_names` for reports: coupled motors with the joints that they move; (nv,)."""
+        """Drive names (:attr:`drive_names`) for reports: coupled motors with the joints they move; (nv,)."""
         labels = {motor: c.label(motor) for c in self.couplings for motor in c.motors}
         return tuple(labels.get(name, name) for name in self.drive_names)
 
     def drive_index(self, name: str) -> int:
-        """Place in dq of what drives a velocity.
+        """Index in dq of a drive.
 
         Parameters
         ----------
-        name : str, of a joint of one degree that is not coupled, or of a coupled motor
+        name : str, a joint with one degree of freedom that is not coupled, or a coupled motor
 
         Returns
         -------
@@ -409,7 +409,7 @@ class Model:
         return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
 
     def frame(self, name: str | None) -> Frame:
-        """Frame by its name, or the tip's.
+        """Frame by name; None: the tip.
 
         Parameters
         ----------

@@ -1,12 +1,12 @@
 """Parameters of a model: base-parameter regrouping, and parameters that vary from sample to sample.
 
-A part G_s of a body's inertia that the joint's motion leaves as it is, and that has no momentum in it (G_s A = 0), moves as
-if it were fixed to the parent. For a turning joint about w through the origin these are the mass, the first moment along
-w, and a rotational inertia J (1 - w w'); for a sliding joint, the whole rotational inertia. What is left has zeros in
-their places, and zeros cost nothing once traced.
+A part G_s of a body's inertia that is invariant under the joint's motion and has no momentum in it (G_s A = 0) acts as
+if it were fixed to the parent. For a revolute joint about w through the origin, G_s comprises the mass, the first
+moment along w, and a rotational inertia J (1 - w w'); for a prismatic joint, the whole rotational inertia. The
+remaining inertia has zeros in their places, which cost nothing in traced programs.
 
-Source: Gautier and Khalil, "Direct calculation of minimum set of inertial parameters of serial robots", IEEE T-RA 6(3), 1990.
-The regrouped model has the same torques and mass matrix, but not the same energies, momenta or wrenches in the joints.
+Source: Gautier and Khalil, "Direct calculation of minimum set of inertial parameters of serial robots", IEEE T-RA 6(3),
+1990. The regrouped model has the same torques and mass matrix, but other energies, momenta and joint wrenches.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .model import BASE, Model
 
 
 def regrouped(model: Model) -> Model:
-    """A model with the same joint-space dynamics and as many inertial parameters zero as moving them inward can make."""
+    """Model with the same joint-space dynamics and as many zero inertial parameters as regrouping can achieve."""
     inertias = [body.inertia for body in model.bodies]
     for i in reversed(range(len(model.bodies))):
         body = model.bodies[i]
@@ -53,7 +53,7 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
     I = G.moment_about_origin
     if not w.any():
         return SpatialInertia.from_parameters(ten_parameters(0, (0, 0, 0), I))
-    if v.any():  # the axis passes beside the origin, or the joint is a helix
+    if v.any():  # the axis misses the origin, or the joint is helical
         return None
     w = w / np.linalg.norm(w)
     across = np.eye(3)[(int(np.argmax(np.abs(w))) + 1) % 3]
@@ -64,7 +64,7 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
 
 
 def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
-    """Parameters with differences that are round-off set to zero."""
+    """Parameters with differences due to rounding errors set to zero."""
     p = G.parameters.copy()
     scale = np.repeat(
         [abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()], [1, 3, 6]
@@ -75,9 +75,9 @@ def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
 
 # ── Parameters that may vary by sample: masses, centres of mass, moments, lengths, friction
 
-# A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its own axes),
-# ``<joint>.x`` … (where the joint sits in the body that carries it), or ``<joint>.viscous`` and the other laws of
-# friction. A link may be one without mass: ``tool0.mass`` is a payload. Static friction that is Coulomb's stays so where only
+# A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its axes),
+# ``<joint>.x`` … (position in the parent body), or ``<joint>.viscous`` and the other friction parameters. The link may
+# be massless: ``tool0.mass`` is a payload. Static friction equal to Coulomb friction follows if only
 # ``<joint>.coulomb`` is given.
 
 _OF_LINKS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -85,7 +85,7 @@ _OF_JOINTS = ("x", "y", "z")
 
 
 def nominal(model: Model) -> dict[str, float]:
-    """Every name, and the number the model has there."""
+    """All parameters by name, with the model's values."""
     values: dict[str, float] = {}
     for link, frame in model.frames.items():
         if frame.body != BASE:
@@ -100,7 +100,7 @@ def nominal(model: Model) -> dict[str, float]:
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
-    """True if lengths are among them. Quantities linear in the other parameters stay so if inertias are regrouped."""
+    """True if lengths are among them. Without lengths, a quantity linear in the parameters stays so after regrouping."""
     places = {f"{body.joint.name}.{what}" for body in model.bodies for what in _OF_JOINTS}
     return any(name in places for name in names)
 
@@ -112,9 +112,9 @@ def _of_link(model: Model, link: str) -> list[float]:
 
 
 def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
-    """The names that patterns such as ``*.mass`` mean, each once, in the order of the patterns.
+    """Names that match patterns such as ``*.mass``, each once, in the order of the patterns.
 
-    Raises :class:`~twistwrench.UnknownNameError` for a pattern that means none.
+    Raises :class:`~twistwrench.UnknownNameError` for a pattern without a match.
     """
     known = nominal(model)
     found: dict[str, None] = {}
@@ -127,7 +127,7 @@ def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
 
 
 def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
-    """The model with these numbers, or symbols, in place of its own."""
+    """Model with these numbers or symbols in place of its own parameters."""
     new = dict(zip(names, values, strict=True))
     bodies = [_body_moved(body, new) for body in model.bodies]
     for link, frame in model.frames.items():
@@ -153,10 +153,10 @@ def _body_moved(body: Any, new: dict[str, Any]) -> Any:
 
 
 def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
-    """Inertia from mass, centre of mass, and moments about it."""
+    """Inertia from mass, centre of mass, and moments about the centre of mass."""
     m, c, I = numbers[0], np.array(numbers[1:4], object), numbers[4:]
     about_com = np.array([[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]], object)
-    J = about_com - m * (so3.hat(c) @ so3.hat(c))  # Steiner
+    J = about_com - m * (so3.hat(c) @ so3.hat(c))  # parallel-axis theorem
     return SpatialInertia.from_parameters(np.array(ten_parameters(m, m * c, J), object))
 
 
@@ -173,19 +173,19 @@ def _friction(model: Model, new: dict[str, Any]) -> Friction:
     return Friction(**columns) if changed else model.friction
 
 
-# ── Checks of values given by sample, as in loading
+# ── Validation of parameters given by sample, with the criteria of loading
 
 _TENSOR = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _SLACK = 1e-6
-"""Tolerance relative to the sum of the principal moments, the same as for a single body."""
+"""Tolerance relative to the sum of the principal moments, as for a single body."""
 
 
 def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
-    """Refuse masses and friction below zero, and moments of inertia that no body has; NaN passes.
+    """Raise an error for negative masses or friction, and for physically impossible moments of inertia; NaN passes.
 
-    ``given`` are numbers of any shape by the names of :func:`~twistwrench.model.parameters.nominal`. A tensor is
-    judged with the links that are fixed to its own, and left alone on a body that could not exist as it was loaded. Raises
-    InertiaError and ValueRangeError, naming the link or joint and the sample.
+    ``given``: numbers of any shape by the names of :func:`~twistwrench.model.parameters.nominal`. An inertia tensor is
+    checked together with its fixed links, unless its body was already inconsistent when loaded. Raises InertiaError and
+    ValueRangeError, naming the link or joint and the sample.
     """
     links = {link for link, frame in model.frames.items() if frame.body != BASE}
     for name, values in given.items():

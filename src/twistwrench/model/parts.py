@@ -1,4 +1,4 @@
-"""Links and joints of a model, for writing, joining and cutting out, and the way back."""
+"""Links and joints of a model, for writing, joining and extraction, and reassembly of a model from them."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .limits import Friction, Limits
 from .model import BASE, Body, Model, find_tree
 
 _ROUNDING = 1e-13
-"""Largest difference of a body's inertia and the sum of its links', relative to the largest number."""
+"""Largest difference between a body's inertia and the sum of its links' inertias, relative to the largest entry."""
 
 
 @dataclass(eq=False)
 class ModelParts:
-    """Links of a model with an inertia each, joints between them, fixed ones too, and the entries beside them.
+    """Links of a model with one inertia each, joints between them (also fixed ones), and other entries.
 
-    Rotors are not among its bodies: they stay with the actuators.
+    Rotors are not bodies here; they belong to the actuators.
     """
 
     name: str
@@ -35,59 +35,59 @@ class ModelParts:
     snap: float
     source: str
     root: str
-    """The link that stands still, or, of a floating base, the first one that moves."""
+    """Fixed root link, or the first moving link of a floating base."""
     floating: bool
     """True if the root floats."""
     links: dict[str, LinkEntry] = field(default_factory=dict)
     """Links in document order."""
     joints: list[JointEntry] = field(default_factory=list)
-    """Depth first, so that the moving ones are in the order of q; without armature and losses, which are beside."""
+    """Joints depth first, moving ones in the order of q; armature and friction are stored separately."""
     whole: dict[str, SpatialInertia] = field(default_factory=dict)
-    """Inertia of the link that a moving joint carries, and of the root, with everything fixed to it."""
+    """Inertia of the root and of each link on a moving joint, including everything fixed to it."""
     friction: dict[str, Friction] = field(default_factory=dict)
-    """Friction of each joint with coordinates, by name, (nv of the joint,) each; of motors behind elastic gears too."""
+    """Friction of each joint with coordinates, by name, (nv of the joint,) each; also of motors behind elastic gears."""
     armature: dict[str, Array] = field(default_factory=dict)
     """Armature by joint, without rotors."""
     actuators: list[Actuator] = field(default_factory=list)
     couplings: list[Coupling] = field(default_factory=list)
-    """Coupled drives; friction, armature and effort of their joints are those of the motors in the same places."""
+    """Coupled drives; friction, armature and effort of their joints are those of the motors at the same indices."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     additions: Additions = field(default_factory=Additions)
     """Sites, springs, configurations, closures."""
 
 
 def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
-    """The links and joints of a model. Links have the inertia of rotors that they were weighed with, of extra ones on request.
+    """Links and joints of a model. Link inertias include their rotors; ``extra`` also includes rotors not counted in the file.
 
-    Links that are fixed together and were described one by one are so again; what a link got since, as a payload at a site or
-    by a repair, is counted with the link whose joint moves it.
+    Links that are fixed together are separated as described in the file. Later changes of a body's inertia, such as a
+    payload at a site or a repair, are assigned to the link on its joint.
     """
     return _Disassembly(model, extra).parts()
 
 
 class _Disassembly:
-    """One model on its way into links and joints."""
+    """Conversion of one model to links and joints."""
 
     def __init__(self, model: Model, extra: bool) -> None:
         self.model, self.extra = model, extra
         self.bodies = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
         rotors = (body for body in model.leaders if not body.joint.moves_body)
         self.motors = {model.actuators[body.joint.name].joint: body for body in rotors}
-        """Motors behind elastic gears, whose coordinates are their own, by the joint they drive."""
+        """Motors behind elastic gears, which have coordinates of their own, by the joint they drive."""
         self.by_column = {body.v_index: body for body in model.leaders}
         held = set(model.frames) | set(self.bodies)
         self.parents = {link: self._carrier(link, held) for link in held if link in model.mounts}
         self.names = [*model.frames, *(link for link in self.bodies if link not in model.frames)]
 
     def _carrier(self, link: str, held: set[str]) -> str:
-        """The link that carries it, of those that are left: hidden links whose joints were locked are none any more."""
+        """Nearest ancestor link that remains; hidden links of locked joints are removed."""
         parent = self.model.mounts[link][0]
         while parent and parent not in held:
             parent = self.model.mounts[parent][0]
         return parent
 
     def parts(self) -> ModelParts:
-        """The whole."""
+        """All parts of the model."""
         model = self.model
         top = next((link for link in self.names if not self.parents.get(link, "")), "world")
         floating = top in self.bodies
@@ -96,7 +96,7 @@ class _Disassembly:
             model.name, model.gravity, model.snap, model.source, root=still, floating=floating,
             actuators=list(model.actuators.values()), couplings=list(model.couplings), payloads=model.payloads,
         )  # fmt: skip
-        if still != top:  # a free root that was locked stands somewhere in the base frame
+        if still != top:  # a locked floating root is placed in the base frame
             self.parents[top] = still
             found.links[still] = LinkEntry(still, SpatialInertia.zero(), "")
         self._add_links(found)
@@ -134,7 +134,7 @@ class _Disassembly:
         found.whole.setdefault(found.root, whole[BASE])
 
     def _depth_first(self, root: str) -> Iterator[str]:
-        """The links so that the bodies come in their order."""
+        """Links in an order that yields the bodies in their order."""
         children: dict[str, list[str]] = {name: [] for name in (root, *self.names)}
         for link in self.names:
             if link != root and link in self.parents:
@@ -155,7 +155,7 @@ class _Disassembly:
             stack.extend(reversed(sorted(children[link], key=first.__getitem__)))  # noqa: C413  what is equal stays in order
 
     def _pose(self, link: str) -> tuple[int, Array]:
-        """The body that a link is fixed to, and its pose there."""
+        """Body that a link is fixed to, and the link's pose in it."""
         if link in self.bodies:
             return self.bodies[link], np.eye(4)
         if link in self.model.frames:
@@ -173,7 +173,7 @@ class _Disassembly:
         body = model.bodies[self.bodies[link]]
         place = body.places[1]
         limits = Limits(*(getattr(model.limits, what)[place] for what in vars(model.limits)))
-        if name in self.motors:  # which has the limit of effort
+        if name in self.motors:  # which has the effort limit
             limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
         entry = _entry(body.joint, parent, link, _seen_from(T_parent, body.placement), limits)
         if not body.follows:
@@ -186,7 +186,7 @@ class _Disassembly:
         return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
 
     def _note(self, found: ModelParts, body: Body) -> None:
-        """Friction and armature of a joint, and of the motor behind its elastic gear."""
+        """Store friction and armature of a joint, and of the motor behind its elastic gear."""
         for one in filter(None, (body, self.motors.get(body.joint.name))):
             at = one.places[1]
             found.friction[one.joint.name] = self.model.friction.select(np.arange(at.start, at.stop))
@@ -213,17 +213,17 @@ def _entry(joint: Joint, parent: str, child: str, placement: Array, limits: Limi
 
 
 def fixed_entry(name: str, parent: str, child: str, placement: Array) -> JointEntry:
-    """A fixed joint."""
+    """Fixed joint."""
     return _entry(Fixed(name, np.zeros((0, 6))), parent, child, placement, _NO_LIMITS)
 
 
 def _seen_from(T_ab: Array, T_ac: Array) -> Array:
-    """T_bc; nothing is rounded where {b} is {a}."""
+    """Relative pose T_bc; exact if {b} equals {a}."""
     return T_ac if np.array_equal(T_ab, np.eye(4)) else np.asarray(se3.inverse(T_ab) @ T_ac)
 
 
 def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
-    """True if the difference between a body and its links is more than rounding."""
+    """True if the difference between a body and its links exceeds rounding errors."""
     most, size = np.abs(rest.parameters), np.abs(whole.parameters)
     parts = (slice(0, 1), slice(1, 4), slice(4, 10))
     return any(most[part].max() > _ROUNDING * max(size[part].max(), size.max() * 1e-3) for part in parts)
@@ -233,7 +233,7 @@ def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
 
 
 def reassemble(found: ModelParts) -> Model:
-    """Model of its parts, without checks and remarks."""
+    """Model from its parts, without checks and warnings."""
     tree = find_tree(found.links, found.joints)
     model = assemble(
         found.name, found.links, tree, find_drives(found.joints), floating_base=found.floating, snap=found.snap,
@@ -243,7 +243,7 @@ def reassemble(found: ModelParts) -> Model:
     model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
     model = replace(model, couplings=tuple(found.couplings))
     model = with_actuators(model, found.actuators)
-    laws = [found.friction[name] for name in model.joint_names]  # of motors too
+    laws = [found.friction[name] for name in model.joint_names]  # also of motors
     columns = {
         what: np.concatenate([np.zeros(0), *(getattr(law, what) for law in laws)]) for what in vars(model.friction)
     }
