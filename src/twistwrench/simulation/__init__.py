@@ -1,6 +1,6 @@
-"""Simulation of robots under torques, wrenches, friction and contacts, with estimates of the error.
+"""Simulation of robots under torques, wrenches, friction and contacts, with error estimates.
 
-``robot.simulate`` is the door; what it takes beside numbers and functions, and what it gives, is here.
+The entry point is ``robot.simulate``. This package holds the types of its arguments and results.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Accuracy of a simulation: errors of sampled steps, quadrature of forces, and the messages."""
+"""Accuracy of a simulation: errors of sampled steps, quadrature of forces, and messages."""
 
 from __future__ import annotations
 
@@ -22,40 +22,39 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _DRIFT = 0.01
-"""Share of the energy that moved from which the drift is remarked on."""
+"""Energy drift that triggers a remark, as a fraction of the energy exchanged."""
 _ERROR = 0.05
-"""Share of the motion from which its error is reported. Errors are added without sign, so smaller shares mean little.
-"""
+"""Error that is reported, as a fraction of the motion. Errors are added without sign, so smaller values mean little."""
 _REST = 1e-9
-"""rad or m: a motion shorter than this is rest."""
+"""rad or m: smaller displacements count as rest."""
 _MANY = 1e4
 _MORE = "more than 10 000 times"
-"""Error, as a multiple of the motion, above which it is not printed as a number."""
+"""Text for an error above this multiple of the motion."""
 _ROWS = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """Travel of the joints of a run and its duration, over all revolute and over all prismatic velocities."""
+    """Travel of the joints in a run and its duration, over all revolute and over all prismatic velocities."""
 
     travels: Array
-    """(nv,) rad or m, the largest difference of two places of a joint."""
+    """Largest displacement of each joint (nv,) [rad or m]."""
     spans: Array
-    """(nv,) s, the travel at the peak speed."""
+    """Travel divided by peak speed (nv,) [s]."""
 
     @property
     def rests(self) -> Array:
-        """(nv,) whether a joint does not move at all."""
+        """Mask (nv,) of joints that do not move."""
         return np.asarray(self.travels < _REST)
 
     @classmethod
     def from_states(cls, robot: Robot, states: Array) -> Extent:
-        """Return the extent of states (n, nq + nv or more)."""
+        """Extent of the states (n, nq + nv or more)."""
         rows: Any = slice(None)
         if len(states) > _ROWS:
             rows = np.linspace(0, len(states) - 1, _ROWS).round().astype(int)
         ways = np.ascontiguousarray(robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T)
-        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # rows are faster
+        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # contiguous rows are faster
         each, speeds = ways.max(axis=1) - ways.min(axis=1), np.maximum(rates.max(axis=1), -rates.min(axis=1))
         travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
         angular = np.array([turns for body in robot.model.leaders for turns in body.joint.turning], bool)
@@ -68,24 +67,24 @@ class Extent:
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """The error of each coordinate, and of the motion as a whole."""
+    """Error of each coordinate, and of the motion as a whole."""
 
     error: Array
-    """(nv,) rad or m, NaN where nothing is known."""
+    """(nv,) rad or m, NaN if unknown."""
     relative: float
 
     @classmethod
     def from_error(cls, extent: Extent, error: Array) -> Accuracy:
-        """An error (nv,), measured against the motion."""
+        """Accuracy from an error (nv,), relative to the motion."""
         return cls(error, float(np.max(error / np.maximum(extent.travels, _REST))))
 
     @property
     def remarkable(self) -> bool:
-        """True if the error is a share of the motion that is reported."""
+        """True if the relative error is large enough to be reported."""
         return self.relative > _ERROR
 
     def remarks(self, method: str, relative_drift: float) -> list[str]:
-        """Return remarks on errors and drift, if they are large."""
+        """Remarks on large errors and drift."""
         less, said = "rtol" if method == ADAPTIVE else "dt", []
         if self.remarkable:
             share = f"about {_percent(self.relative)} of" if self.relative < _MANY else _MORE
@@ -105,15 +104,15 @@ def _percent(share: float) -> str:
 # ── Selection and storage of sampled steps
 
 _LEAST = 32
-"""Steps probed of a run, if it has so many."""
+"""Smallest number of sampled steps of a run, if it has as many."""
 _SPACING = 50
-"""Steps between two that are probed, in a long run. A probe is the work of 2.5 steps, of 6 for a method of one evaluation."""
+"""Spacing of sampled steps in a long run. A sample costs 2.5 steps, or 6 for a method with one evaluation."""
 MOST_SAMPLED = 2000
-"""Steps probed of a run, and as many again in which a contact begins or ends."""
+"""Largest number of sampled steps of a run, and of additional steps in which a contact begins or ends."""
 
 
 class SampledSteps(NamedTuple):
-    """Steps of a run, m with an axis or a single one."""
+    """Steps of a run, either m along an axis or a single one."""
 
     numbers: Any
     t: Any
@@ -122,10 +121,10 @@ class SampledSteps(NamedTuple):
     held: Array
     """Torques of the controller."""
     begun: Array
-    """Accelerations that they begin with."""
+    """Accelerations at the start of the steps."""
 
     def pick(self, which: Any) -> SampledSteps:
-        """Some of them, or one."""
+        """Selected steps, or a single one."""
         return SampledSteps(*(x[which] for x in self))
 
     @classmethod
@@ -136,7 +135,7 @@ class SampledSteps(NamedTuple):
 
 @lru_cache(maxsize=16)
 def sampled_steps(n: int) -> tuple[int, ...]:
-    """Numbers of the sampled steps among n: the first ones densely, then one of each block, without a period.
+    """Indices of the sampled steps among n: dense at first, then one in each block, without a period.
 
     >>> sampled_steps(3000)[:9]
     (0, 1, 2, 4, 8, 16, 32, 80, 111)
@@ -147,7 +146,7 @@ def sampled_steps(n: int) -> tuple[int, ...]:
         found.append(k)
         k = max(2 * k, 1)
     for block in range(1, -(-n // spacing)):
-        k = block * spacing + int(spacing * (block * 0.6180339887498949 % 1.0))  # the golden section
+        k = block * spacing + int(spacing * (block * 0.6180339887498949 % 1.0))  # golden-section sequence
         if k < n:
             found.append(k)
     return tuple(sorted(found))
@@ -155,20 +154,19 @@ def sampled_steps(n: int) -> tuple[int, ...]:
 
 # ── Step errors by halving sampled steps
 
-# The state after a step of length h and that after two of h/2 from the same state differ by (1 - 2^-p) of what the step is off
-# by, for a method of order p. Friction, contacts and torques that are functions act in the halves as they do in the step.
-# Source:
-# Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.4, "Richardson extrapolation".
+# For a method of order p, the states after a step of length h and after two steps of h/2 differ by (1 - 2^-p) of the
+# step's error. Friction, contacts and callbacks act in the half steps as in the step. Source: Hairer, Nørsett and
+# Wanner, Solving Ordinary Differential Equations I, section II.4, "Richardson extrapolation".
 #
-# The halves are taken after the run, so they change nothing in it, whatever a function remembers of its calls. A controller is
-# not asked again: its torque is that of the step.
+# Half steps are taken after the run and do not affect it, even with stateful callbacks. A controller is not called
+# again: its torque is that of the step.
 
 
 _ROUNDING = 1e-14
 
 
 class Flow(Protocol):
-    """Steps of one method, one by one or many at once."""
+    """Steps of one method, one at a time or batched."""
 
     @property
     def order(self) -> int:
@@ -179,17 +177,17 @@ class Flow(Protocol):
         """True if states and times may have a batch axis."""
 
     def after(self, t: float, y: Array, h: float, /) -> Array:
-        """The state a time h later, quaternions of unit length."""
+        """State a time h later, with unit quaternions."""
 
     def begun(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
-        """Return the state a time h later and the accelerations (nv,) at the given state."""
+        """State a time h later, and accelerations (nv,) at the given state."""
 
     def accelerations(self, t: float, y: Array, /) -> Array:
-        """Return the accelerations (nv,) of a state (size,)."""
+        """Accelerations (nv,) of a state (size,)."""
 
 
 class StepDoubling:
-    """The steps of a run that are to be probed, and what they turn out to be off by."""
+    """Sampled steps of a run, and their errors by step doubling."""
 
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
         self.h, self.lagging = h, lagging
@@ -200,10 +198,10 @@ class StepDoubling:
         self._changed: list[SampledSteps] = []
         self.steps = self._changes = 0
         self._last: SampledSteps | None = None
-        """The last step, unless it is among those that changed."""
+        """Last step, unless it is among the changed ones."""
 
     def note(self, t: float, y: Array, after: Array, held: Array, begun: Array, *, changed: bool) -> None:
-        """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
+        """Record the next step; ``changed``: a contact begins or ends in it, or dry friction changes direction."""
         if changed or self.steps in self._due:
             self.note_block(np.array([t]), np.array([y, after]), held, begun[None], np.array([changed]))
         else:
@@ -213,7 +211,7 @@ class StepDoubling:
     def note_block(
         self, times: Array, states: Array, held: Array, begun: Array, changed: NDArray[np.bool_]
     ) -> None:  # fmt: skip
-        """Take note of the next m steps, through states (m + 1, size); one before a step that changes counts as such a one."""
+        """Record the next m steps, by states (m + 1, size); the step before a changed one also counts as changed."""
         first, m = self.steps, len(times)
         numbers, held = np.arange(first, first + m), np.broadcast_to(held, begun.shape)
         steps = SampledSteps(numbers, times, states[:-1], states[1:], held, begun)
@@ -231,13 +229,13 @@ class StepDoubling:
         self.steps = first + m
 
     def _mark(self, steps: SampledSteps) -> None:
-        """Count steps as such in which something changes, and keep them to be probed while they are not too many."""
+        """Count changed steps, and store them as samples up to the largest number."""
         if self._changes < MOST_SAMPLED:
             self._changed.append(steps.pick(slice(MOST_SAMPLED - self._changes)))
         self._changes += len(steps.t)
 
     def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
-        """Error of all steps, added without sign, (nv,) [rad or m], velocities times ``spans`` [s] or the time they last."""
+        """Sum of absolute errors of all steps (nv,) [rad or m]; velocity errors times ``spans`` [s] or their decay time."""
         before = system.held, system.applied, system.evaluations
         try:
             every = self._spread
@@ -258,7 +256,7 @@ class StepDoubling:
         return total
 
     def _probe(self, system: System, flow: Flow, parts: list[SampledSteps], spans: Array) -> tuple[Array, Array] | None:
-        """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
+        """Indices (m,) of the steps that could be halved, and their errors (m, nv)."""
         found, parts = [], [some for some in parts if len(some.t)]
         if not parts:
             return None
@@ -270,7 +268,7 @@ class StepDoubling:
                 halves, begun = self._lagging(system, flow, step) if self.lagging else (self._halves(flow, step), None)
                 change = (halves - step.after)[..., system.moving]
                 lasts = lasting(flow, system.moving, step.t + self.h, step.after, change, begun)
-            except SimulationError:  # a function that fails at other times than those of the run
+            except SimulationError:  # a callback fails at times between those of the run
                 if np.ndim(step.t):
                     left += [steps.pick(k) for k in range(len(steps.t))]
                 continue
@@ -290,7 +288,7 @@ class StepDoubling:
         return numbers, off / (1.0 - 0.5**flow.order)
 
     def _late(self, system: System, flow: Flow, spans: Array) -> Array:
-        """Effect of the initial velocities of a lagging method, given for the start and not half a step before it."""
+        """Effect of a lagging method's initial velocities, given at the start rather than half a step before it."""
         if not self.lagging:
             return np.zeros(system.nv)
         first, v = self._spread[0].pick(0), system.moving
@@ -299,17 +297,16 @@ class StepDoubling:
         return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
 
     def _halves(self, flow: Flow, step: SampledSteps) -> Array:
-        """The state after two steps of half the length."""
+        """State after two steps of half the length."""
         half = 0.5 * self.h
         return flow.after(step.t + half, flow.after(step.t, step.y, half), half)
 
     def _lagging(self, system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array]:
-        """Step in halves for a method whose velocities lag by h/2, and by h/4 with half the step.
+        """Error of a step for a method whose velocities lag by h/2, and by h/4 in half steps.
 
-        Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
-        one time to the other before the halves, and back after them, by the accelerations over a half step. Those after the
-        whole step are known then. A velocity brought to another time violates constraints by as much as these turn: that is not
-        an error, and is removed.
+        Taken as errors, these lags would add up over a run, although they cancel. Velocities are therefore shifted in
+        time before and after the half steps, using accelerations over half a step; those after the whole step are then
+        known. A shifted velocity violates constraints by the amount they turn, which is not an error and is removed.
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
         start[v] += 0.5 * half * step.begun
@@ -321,7 +318,7 @@ class StepDoubling:
 
 
 def lasting(flow: Flow | System, moving: slice, t: Any, y: Array, off: Array, begun: Array | None = None) -> Array:
-    """About how long velocity differences (..., nv) last, by the accelerations they add to ``begun``, (...) s; inf undamped."""
+    """Approximate decay time (...) [s] of velocity differences (..., nv), by their effect on ``begun``; inf if undamped."""
     moved = y.copy()
     moved[..., moving] += off
     damped = -np.vecdot(off, flow.accelerations(t, moved) - (flow.accelerations(t, y) if begun is None else begun))
@@ -330,12 +327,12 @@ def lasting(flow: Flow | System, moving: slice, t: Any, y: Array, off: Array, be
 
 
 def _above_rounding(off: Array, of: Array) -> Array:
-    """The sizes of differences (m, nv) of numbers (m, k), those of rounding left out."""
+    """Magnitudes of differences (m, nv) of numbers (m, k), with rounding errors set to zero."""
     return np.where(np.abs(off) > _ROUNDING * np.abs(of).max(axis=1, keepdims=True), np.abs(off), 0.0)
 
 
 def _integral(numbers: Array, off: Array, n: int) -> Array:
-    """The sum over steps 0 … n - 1 of what is known at some of them, straight between these; (m,), (m, k) → (k,)."""
+    """Sum over steps 0 … n - 1 of values known at some of them, linearly interpolated; (m,), (m, k) → (k,)."""
     edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])
     return np.asarray(np.diff(edges) @ off)
 
@@ -343,25 +340,24 @@ def _integral(numbers: Array, off: Array, n: int) -> Array:
 # ── Quadrature check of torques and wrenches between the stages of a step
 
 Path = Callable[[Array], Array]
-"""From shares (m,) of steps to the states (..., m, size) then."""
+"""Function from fractions (m,) of steps to states (..., m, size)."""
 
 _MOST_KEPT = 100_000
-"""Steps that are stored until the end of the run before functions are called; of more, the first are checked earlier.
-"""
+"""Number of steps stored for a check at the end of the run; of longer runs, the first steps are checked earlier."""
 
 
 _AT_ONCE = 256
-"""Steps that are looked at together."""
+"""Number of steps that are evaluated together."""
 
 
 class ForceQuadrature:
-    """Functions of a run, evaluated at the times of :class:`~twistwrench.core.quadrature.ProbeRule`."""
+    """Callbacks of a run, evaluated at the times of :class:`~twistwrench.core.quadrature.ProbeRule`."""
 
     def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
         self.system, self.rule = system, ProbeRule(times, weights, spacing)
 
     def impulses(self, t: Any, h: float, path: Path) -> Array:
-        """Missed impulses of the functions in steps from times t (...), (..., nv) [N m s or N s]."""
+        """Impulses of the callbacks missed by steps from times t (...), (..., nv) [N m s or N s]."""
         t, missing = np.asarray(t), np.zeros((*np.shape(t), self.system.nv))
         if not self.system.functions or not self.rule.needed(h):
             return missing
@@ -373,12 +369,12 @@ class ForceQuadrature:
         return h * missing
 
     def change(self, q: Array, dq: Array, impulse: Array) -> Array:
-        """The changes of velocity (..., nv) that impulses (..., nv) make."""
+        """Changes of velocity (..., nv) due to impulses (..., nv)."""
         forward = self.system.robot.forward_dynamics
         return np.asarray(forward(q, dq, impulse) - forward(q, dq, np.zeros_like(impulse)))
 
     def furthest(self, t: float, h: float, path: Path) -> tuple[str, float]:
-        """Name of the function furthest from its usual value in a step from t, and the time of it [s]."""
+        """Name of the callback with the largest deviation from its median in a step from t, and the time [s]."""
         shares, _ = self.rule.shares(h)
         states, found = path(shares), (-1.0, "", t)
         for name, forces in self.system.functions:
@@ -389,23 +385,23 @@ class ForceQuadrature:
 
 
 class ForceCheck:
-    """Missed impulses of all steps of length ``h``, added up; evaluated at the end of the run, like step doubling."""
+    """Sum of missed impulses over all steps of length ``h``; evaluated at the end of the run, like step doubling."""
 
     def __init__(self, probes: ForceQuadrature, h: float) -> None:
         self.probes, self.h = probes, h
         self._sum = np.zeros(probes.system.nv)
         self._blocks: list[tuple[Array, ...]] = []
-        """Times (m,), states before and after, and torques of the controller, (m, ...)."""
+        """Times (m,), states before and after, and controller torques, (m, ...)."""
         self._count = 0
         self._worst: tuple[Array, tuple[float, Array, Array, Array]] | None = None
 
     def note(self, t: float, y: Array, after: Array) -> None:
-        """Take note of a step from y at t to the state after it."""
+        """Record a step from y at t to the state after it."""
         if self.probes.system.functions:
             self._keep(np.array([t]), y[None], after[None], self.probes.system.held[None])
 
     def note_block(self, times: Array, states: Array, held: Array) -> None:
-        """Take note of n steps from times (n,) through states (n + 1, size) under torques (nv,) or (n, nv) of a controller."""
+        """Record n steps from times (n,), with states (n + 1, size) and controller torques (nv,) or (n, nv)."""
         if self.probes.system.functions:
             kept, torques = states.copy(), np.broadcast_to(held, (len(times), held.shape[-1])).copy()
             self._keep(times, kept[:-1], kept[1:], torques)
@@ -417,9 +413,9 @@ class ForceCheck:
             self._add_up()
 
     def error(self, extent: Extent, end: float) -> Array | None:
-        """Error of a run to ``end`` [s], (nv,) rad or m; None where nothing is left out.
+        """Error of a run to ``end`` [s], (nv,) rad or m; None if no impulse is missed.
 
-        Changes last as errors of velocity do in step doubling, to the end for a joint that does not move at all.
+        Velocity changes decay as in step doubling; for a joint that does not move they last to the end.
         """
         self._add_up()
         if self._worst is None:
@@ -436,7 +432,7 @@ class ForceCheck:
         return np.asarray(np.minimum(np.where(extent.rests, end, extent.spans), lasts) * self._sum)
 
     def remark(self) -> str:
-        """Remark on the functions for which the steps are too long."""
+        """Remark on callbacks for which the steps are too long."""
         if self._worst is None:
             return ""
         t, y, after, _ = self._worst[1]
@@ -465,7 +461,7 @@ class ForceCheck:
             self._worst = change[largest], (float(t[k]), y[k], after[k], held[k])
 
     def _impulses(self, t: Array, y: Array, after: Array) -> Array:
-        """Missed impulses of steps, (n, nv); zero if a function fails at other times than those of the run."""
+        """Missed impulses of steps, (n, nv); zero if a callback fails at times between those of the run."""
         try:
             return self.probes.impulses(t, self.h, _straight(y, after))
         except SimulationError:

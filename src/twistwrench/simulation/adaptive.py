@@ -36,18 +36,18 @@ STAGES = len(DORMAND_PRINCE.b)
 
 @dataclass(frozen=True)
 class TrialStep(StepPlan):
-    """Trial step of Dormand and Prince's method, quaternions not normalised."""
+    """Trial step of the Dormand–Prince method, without normalisation of quaternions."""
 
     @property
     def stages(self) -> int:
-        """Evaluations of forward dynamics, those at the beginning left out: its rates are given."""
+        """Evaluations of forward dynamics, except the first stage, whose rates are inputs."""
         return STAGES - 1
 
     def recurrence(self) -> Scan:
-        """The program, whose states are q, dq, W, the rates (7, size) of the stages, error (size,) and judgement (4,).
+        """Loop with the states q, dq, W, the rates (7, size) of the stages, error (size,) and step statistics (4,).
 
-        Of the rates the first are given; error and judgement go in as any numbers, and nothing takes them. After the step's
-        length and all else that is given come the tolerances.
+        Of the rates, only the first are inputs; error and statistics are outputs only. The tolerances follow the step's
+        length and the other inputs.
         """
         model = self.model
         shapes = [(model.nq,), (model.nv,), (len(WORKS),)]
@@ -75,7 +75,7 @@ class TrialStep(StepPlan):
         h: Any,
         *given: Any,
     ) -> tuple[Array, ...]:
-        """Rates at a stage, written into K by the first half of a row, and the next stage, by its second half; then judged."""
+        """Write the rates of a stage into K, by the first half of a row; its second half gives the next stage or the end."""
         *acting, rtol, atol = given
         rate = np.concatenate(self._rates(angles, angles, dq, acting)[0])
         here, ahead = row[:STAGES], row[STAGES:]
@@ -88,7 +88,7 @@ class TrialStep(StepPlan):
 
 
 def _rows() -> tuple[tuple[float, ...], ...]:
-    """Index of the rate of each stage, and the weights that lead to the next one, from the last to the end."""
+    """For each stage the index of its rate and the weights of the next stage; the last row is the end of the step."""
     a, b, *_ = DORMAND_PRINCE.numbers
     rows = []
     for i in range(STAGES):
@@ -103,7 +103,7 @@ def _rows() -> tuple[tuple[float, ...], ...]:
 
 
 def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any) -> tuple[Array, Array]:
-    """Error (size,) of a step from y to y1, and squared size, steepness, distance and speed (4,)."""
+    """Error (size,) of a step from y to y1, and squared norm, steepness, distance and speed (4,)."""
     mine = slice(0, moving.stop)
     a, _, _, weights, _ = DORMAND_PRINCE.numbers
     error = h * (weights @ K)
@@ -119,13 +119,13 @@ def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, a
 # ── Compiled trial steps
 
 ROWS = 256
-"""Steps that there is room for; those accepted wait there for the states between them to be made."""
+"""Number of rows in the buffer; accepted steps stay there until their dense output is evaluated."""
 
 
 class TrialSteps:
-    """Steps of any length under the constant torques and wrenches of a system, and room for what comes of them.
+    """Steps of any length under the constant torques and wrenches of a system, and buffers for their results.
 
-    The rows before :attr:`count` are the steps accepted, the next one is the last that was tried.
+    Rows before :attr:`count` are accepted steps; the next row is the last trial step.
     """
 
     def __init__(self, system: System, plan: TrialStep, kernel: Any, tolerances: tuple[float, float]) -> None:
@@ -134,7 +134,7 @@ class TrialSteps:
         m, size = ROWS, system.size
         self.states, self.rates = np.zeros((m, size)), np.zeros((m, STAGES, size))
         self.errors, self.judgements = np.zeros((m, size)), np.zeros((m, 4))
-        """(m, size), (m, 7, size), (m, size), (m, 4): states after the steps, rates of the stages, errors and judgements."""
+        """(m, size), (m, 7, size), (m, size), (m, 4): states after the steps, rates of the stages, errors and statistics."""
         self._y, self._K, self._h = np.zeros((1, size)), np.zeros((1, STAGES, size)), np.zeros(1)
         self._given = {"tau": np.zeros((1, system.nv)), **{k: x[None] for k, x in constants(system, plan).items()}}
         self._held: Array | None = None
@@ -150,7 +150,7 @@ class TrialSteps:
 
     @classmethod
     def build(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
-        """None where something is a function, a contact, or cannot be compiled."""
+        """Trial steps; None if there are callbacks or contacts, or compilation is impossible."""
         if system.functions or not acts_by_itself(system):
             return None
         robot, plan = system.robot, TrialStep.from_system(system, "dopri5")
@@ -164,7 +164,7 @@ class TrialSteps:
         return None if owner_of(kernel) is None else cls(system, plan, kernel, tolerances)
 
     def attempt(self, _t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
-        """Try a step from a state and its rates (size,): size of its error, steepness, distance, and squared speed."""
+        """Try a step from a state and its rates (size,): norm of its error, steepness, distance, and squared speed."""
         if self.count == ROWS:
             self.restart()
         s, k = self.system, self.count
@@ -178,22 +178,22 @@ class TrialSteps:
         return math.sqrt(square), math.sqrt(steep), math.sqrt(away), speed
 
     def accept(self) -> None:
-        """Keep the step that was tried last."""
+        """Accept the last trial step."""
         self.count += 1
 
     def restart(self) -> None:
-        """Give the rows of the steps accepted to the next ones."""
+        """Reuse the rows of the accepted steps."""
         self._total = self.total
         self.count = 0
 
     @property
     def total(self) -> Array:
-        """Estimated errors of all accepted steps, added up, (size,)."""
+        """Sum of the estimated errors of all accepted steps (size,)."""
         return np.asarray(self._total + np.abs(self.errors[: self.count]).sum(axis=0))
 
 
 def _calls(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau: int) -> Callable[[int], Any]:
-    """A function that makes call k of a kernel, from and to rows of arrays."""
+    """Function that makes call k of a kernel, from and to rows of arrays."""
     if can_bind_calls(kernel):
         return bind_calls(kernel, [*inputs, *outputs], tau, len(inputs) + len(outputs) - 1)
 
@@ -206,7 +206,7 @@ def _calls(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau: int) -> Ca
 
 
 class FunctionTrials:
-    """Steps under torques or wrenches that are functions, in Python; rows as of :class:`TrialSteps`, one of each."""
+    """Trial steps in Python with torque or wrench callbacks; one row of each buffer of :class:`TrialSteps`."""
 
     count = 0
 
@@ -216,7 +216,7 @@ class FunctionTrials:
         self.states = self.rates = self.errors = np.zeros((1, system.size))
 
     def attempt(self, t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
-        """Try a step from a state and its rates (size,): size of its error, steepness, distance; the speed is not known."""
+        """Try a step from a state and its rates (size,): norm of its error, steepness, distance; the speed is unknown."""
         scheme, mine, (rtol, atol) = self.scheme, slice(0, self.system.size - len(WORKS)), self.tolerances
         y1 = scheme.step(t, y, h, rate)
         K = scheme.K.copy()
@@ -228,28 +228,28 @@ class FunctionTrials:
         return float(np.sqrt(np.mean(np.square(share[mine])))), steep, away, np.nan
 
     def accept(self) -> None:
-        """Count the error of the step that was tried last."""
+        """Add the error of the last trial step."""
         self.total += np.abs(self.errors[0])
 
 
 # ── Stiffness
 
-# The last two stages of Dormand and Prince's method are at the end of the step, at two states z and y1. The difference of their
-# rates over the difference of the states estimates the largest eigenvalue λ of the equations, and the method is stable up to
-# h λ of about 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
+# The last two stages of the Dormand–Prince method are at the end of the step, at two states z and y1. The difference of
+# their rates divided by the difference of the states estimates the largest eigenvalue λ; the method is stable up to h λ
+# ≈ 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
 
 _EDGE = 3.25
-"""h λ above which a step is as long as stability allows."""
+"""Value of h λ above which stability limits the step."""
 _WINDOW = 3000
-"""Steps tried between two looks at how far they lead: some seconds."""
+"""Number of trial steps between two checks of the progress: a few seconds."""
 _STIFF_SHARE = 0.1
-"""Share of the steps of a window at the edge of stability from which the equations are stiff there."""
+"""Fraction of steps limited by stability above which the equations count as stiff."""
 _MOST_TO_COME = 100_000
-"""Steps still to be taken from which a stiff run is ended: more than a minute."""
+"""Estimated number of remaining steps above which a stiff run is ended: more than a minute."""
 
 
 class Stiffness:
-    """The steps tried since the last look, and how many of them were as long as stability allows."""
+    """Trial steps since the last check, and the number limited by stability."""
 
     def __init__(self, system: System, trials: TrialSteps | FunctionTrials, duration: float) -> None:
         self.system, self.trials, self.duration = system, trials, duration
@@ -294,7 +294,7 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
 class Stepper:
-    """Dormand and Prince's method, the tolerances its steps keep to, and the last step it took."""
+    """Dormand–Prince method with step-size control by tolerances, and its last step."""
 
     def __init__(
         self, system: System, rtol: float, atol: float, longest: float, spacing: float, duration: float,
@@ -308,13 +308,13 @@ class Stepper:
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
         self.speed = 0.0
-        """The square of all velocities after the last of these."""
+        """Sum of squared velocities after the last step."""
         self.rate_after = np.zeros(0)
-        """f at the end of the last step; a part of what the dense output is made of."""
+        """f at the end of the last step; used by the dense output."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
-        """Time and state after one step that is accepted, not beyond ``until``."""
+        """Time and state after one accepted step, not beyond ``until``."""
         trials = self.trials
         h = min(self.h or self._first(y, rate, until - t), self.longest)
         grow = _GROW
@@ -328,7 +328,7 @@ class Stepper:
                 size = max(size, self._unseen(t, step, y, y1, K))
             if size <= 1.0:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
-                if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
+                if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` does not predict the next one
                     self.h = step * factor
                 trials.accept()
                 self.rate_after = K[-1]
@@ -347,7 +347,7 @@ class Stepper:
                 )
 
     def between(self, times: Array) -> Array:
-        """The states (m, size) at times (m,) within the last step, by the dense output."""
+        """States (m, size) at times (m,) within the last step, by dense output."""
         t0, h, y0, K = self.last
         y = y0 + h * _dense(((times - t0) / h)[:, None], self.scheme.dense.T @ K)
         for one in y:
@@ -358,12 +358,12 @@ class Stepper:
         return self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
 
     def judged(self, spans: Array) -> Array:
-        """Estimated error of all steps so far by a method of order 4, (nv,) [rad or m], velocities times ``spans`` (nv) [s]."""
+        """Estimated error of all steps with order 4, (nv,) [rad or m]; velocity errors times ``spans`` (nv) [s]."""
         off = self.trials.total
         return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
 
     def _unseen(self, t: float, h: float, y: Array, y1: Array, K: Array) -> float:
-        """Impulse of functions between the stages of a step, as a change of velocity, over the tolerance."""
+        """Impulse of callbacks between the stages of a step, as a change of velocity relative to the tolerance."""
         Q = self.scheme.dense.T @ K
         missing = self.probes.impulses(t, h, lambda shares: y + h * _dense(shares[:, None], Q))
         if not missing.any():
@@ -372,7 +372,7 @@ class Stepper:
         return float(np.sqrt(np.mean(np.square(change / self._allowed(y, y1)[self.system.moving]))))
 
     def _first(self, y: Array, rate: Array, span: float) -> float:
-        """A first step in which a straight line goes a hundredth of what there is, or what acts at once."""
+        """Initial step in which linear extrapolation changes the state by 1 %; 1e-6 s if the state or its rate is tiny."""
         scale = self.atol + self.rtol * np.abs(y)
         judged = slice(0, self.system.size - len(WORKS))
         d0, d1 = (float(np.sqrt(np.mean(np.square((x / scale)[judged])))) for x in (y, rate))
@@ -381,18 +381,18 @@ class Stepper:
 
 
 def _dense(share: Any, Q: Array) -> Array:
-    """The mean rate (..., size) from the beginning of a step to a share (..., 1) of it, times the share."""
+    """Mean rate (..., size) from the start of a step to a fraction (..., 1) of it, times the fraction."""
     return np.asarray(share ** np.arange(1, len(Q) + 1) @ Q)
 
 
 # ── Steps without observers: dense output in one batch
 
 _NUMBERS = 2_000_000
-"""Numbers that the states made at once may be."""
+"""Largest number of entries of the states evaluated at once."""
 
 
 def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
-    """Take the steps of a run from its first state, which is kept, to its end, to a limit, or to where it fails."""
+    """Take the steps of a run from its stored first state to its end, to a limit, or to a failure."""
     system, end = run.system, run.end
     (t, y), rate = run.last, run.rate.copy()
     waiting = _Waiting(run, stepper, trials)
@@ -416,7 +416,7 @@ def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
                     return
                 trials.restart()
     except (SimulationError, KeyboardInterrupt) as problem:
-        if waiting.keep() and isinstance(problem, SimulationError):  # the run had ended before it failed
+        if waiting.keep() and isinstance(problem, SimulationError):  # the run ended before the failure
             return
         raise
     if not waiting.keep():
@@ -424,29 +424,29 @@ def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
 
 
 class _Waiting:
-    """Steps whose states between are still to be kept, and looked at: their rows are the trials'."""
+    """Accepted steps whose dense output is not yet stored and checked; their rows are those of the trials."""
 
     def __init__(self, run: Run, stepper: Stepper, trials: TrialSteps) -> None:
         self.run, self.trials, self.dense, self.kept = run, trials, stepper.scheme.dense, 1
         """Number of stored states."""
         self.steps: list[tuple[float, float, int, int]] = []
-        """When each begins and how long it is [s]; evaluations and steps rejected up to its end."""
+        """Start time and length of each step [s]; evaluations and rejected steps up to its end."""
         self.first = run.last[1].copy()
-        """The state that the first of them begins in."""
+        """State at the start of the first step."""
         self._most = max(1, _NUMBERS // (5 * run.system.size))
-        """States that are made at once."""
+        """Largest number of states evaluated at once."""
 
     @property
     def many(self) -> bool:
-        """True if so many states are due that they are to be stored now."""
+        """True if enough states are due to be stored now."""
         return self.run.last[0] > (self.kept + self._most) * self.run.h * self.run.every
 
     def add(self, t: float, h: float) -> None:
-        """The step from t that was accepted last."""
+        """Add the step from t that was accepted last."""
         self.steps.append((t, h, self.run.system.evaluations, self.run.rejected))
 
     def keep(self) -> bool:
-        """Keep the states at all times that are due within the steps, by the dense output; whether the run ends there."""
+        """Store the states at all times due within the steps, by dense output; True if the run ends there."""
         run, system, n = self.run, self.run.system, len(self.steps)
         if not n:
             return False
@@ -455,7 +455,7 @@ class _Waiting:
         t1 = np.append(t0[1:], run.last[0])
         before = np.concatenate([self.first[None], self.trials.states[: n - 1]])
         Q = np.tensordot(self.dense.T, self.trials.rates[:n], axes=(1, 1))
-        most = self._most if run.detector is None else run.n  # nothing is kept before all is looked at
+        most = self._most if run.detector is None else run.n  # nothing is stored before all is checked
         while True:
             due = np.arange(self.kept, min(self.kept + most, int(t1[-1] / spacing) + 2)) * spacing
             due = due[(due < t1[-1] - near) & (due < run.end)]
@@ -482,7 +482,7 @@ class _Waiting:
         assert run.detector is not None
         first = np.searchsorted(k, np.arange(n + 1)).tolist()
         owners = np.concatenate([k, np.arange(n)])
-        order = np.argsort(owners, kind="stable")  # those in a step, then the one after it
+        order = np.argsort(owners, kind="stable")  # states within a step, then the one after it
         passed, gaps, margins = run.detector.passed(np.concatenate([between, trials.states[:n]])[order])
         evaluations = run.system.evaluations
         for j in np.unique(owners[order][passed]).tolist():
@@ -508,7 +508,7 @@ class _Waiting:
 
 
 def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator[Array]) -> Array:
-    """y + h (θ w1 + θ² w2 + …), (m, size), at shares θ (m,) of steps of h (m,) from y (m, size); weights in falling powers."""
+    """y + h (θ w1 + θ² w2 + …), (m, size), at fractions θ (m,) of steps h (m,) from y (m, size); weights in falling powers."""
     found, shares = next(weights), shares[:, None]
     for w in weights:
         found *= shares
@@ -518,11 +518,11 @@ def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator
     return found
 
 
-# ── Steps from controller sample to controller sample, with dense output one by one
+# ── Steps between controller samples, each with dense output
 
 
 def run_adaptive(run: Run, stepper: Stepper) -> None:
-    """Take adaptive steps, between the samples of a controller if there is one; states between come from dense output."""
+    """Take adaptive steps, between the samples of a controller if there is one; states in between by dense output."""
     run.stepper = stepper
     y = run.begin()
     t, k, spacing = 0.0, 0, run.h * run.every

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 
 class CallbackSteps(CompiledSteps):
-    """The steps of one method under torques and wrenches of which some are functions; its kernel takes one stage a call."""
+    """Steps of one method with callbacks for torques or wrenches; its kernel computes one stage per call."""
 
     @staticmethod
     def recurrence(plan: StepPlan) -> Scan:
-        """Return the compiled loop: one stage, which is a step for methods of one stage."""
+        """Compiled loop over stages; for methods with one stage, over steps."""
         return plan.one_stage() if plan.stages > 1 else plan.recurrence()
 
     def __init__(self, system: System, plan: StepPlan, order: int, h: float, kernel: Any, cost: float) -> None:
@@ -38,7 +38,7 @@ class CallbackSteps(CompiledSteps):
         self.laws += [(f"wrench at {frame}", law) for frame, law in system.wrenches.items() if law.varies]
 
     def stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
-        """States after ``count`` stages of a step, and the accelerations at its beginning."""
+        """States after ``count`` stages of a step, and accelerations at its start."""
         if self.stages == 1:
             states, ddq, _ = self.advance_with(y, 1, h, self._given(t, y))
             return states[..., 1, :], ddq[..., 0, :]
@@ -59,7 +59,7 @@ class CallbackSteps(CompiledSteps):
         return x, begun
 
     def _given(self, t: Any, y: Array) -> list[Array]:
-        """Inputs of a stage at states (..., size) but its length, with functions evaluated there."""
+        """Inputs of a stage at states (..., size) except its length, with callbacks evaluated there."""
         s = self.system
         given = {"tau": s.held, **self.constants}
         for name, law in self.laws:
@@ -69,43 +69,43 @@ class CallbackSteps(CompiledSteps):
         return [given[name] for name in self.names]
 
 
-# ── Buffers of a block of steps with callbacks, and the prepared calls
+# ── Buffers for a block of steps with callbacks, and the prepared calls
 
 Evaluation = tuple[ControlLaw, Array, Array | None]
-"""Function to evaluate, destination of its result, and an addend, if any."""
+"""Function to evaluate, destination of its result, and an optional addend."""
 
 Stage = tuple[float, int, Array, Array, list[Evaluation]]
-"""A kernel call: share of its step, number, coordinates and velocities, and the functions to evaluate."""
+"""Kernel call: fraction of its step, index, coordinates and velocities, and the functions to evaluate."""
 
 
 SHORT, LONG = 128, 512
-"""Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
+"""Numbers of steps in a block: a longer block takes longer to prepare, a shorter one is stored in more parts."""
 
 
 class CallbackRows:
-    """A block of m steps: their states, the torques given, and what is to be done for each of them."""
+    """Block of m steps: states, given torques, and the calls for each step."""
 
     def __init__(self, steps: CompiledSteps, m: int) -> None:
         s = steps.system
         laws, shares = steps.laws, steps.shares
         self.every = n = len(shares)
-        """Calls that make a step."""
+        """Calls per step."""
         own = np.arange(m * n)
         step, one = own // n, np.zeros(m * n, int)
         self.states = np.zeros((m * n + 1, s.size))
-        """At the beginning of each call, and after the last one."""
+        """States at the start of each call, and after the last one."""
         self.ddq = np.zeros((m * n, s.nv))
         self.held = np.zeros((m, s.nv))
-        """(m, nv), what the controller gives and what is constant."""
+        """(m, nv), torques of the controller plus constant torques."""
         self._h = np.zeros(1)
         self._constants = {name: x[None].copy() for name, x in steps.constants.items()}
         given: dict[str, Rows] = {name: (x, one) for name, x in self._constants.items()}
         given["tau"] = self.held, step
         given |= {name: (np.zeros((m * n, *law.shape)), own) for name, law in laws}
         self.given = given["tau"][0]
-        """The torques of each call; of each step where no function but a controller gives them."""
+        """Torques of each call, or of each step if only a controller varies them."""
         self.tau = self.given[:: len(self.given) // m]
-        """(m, nv), the torques as each step begins."""
+        """(m, nv), torques at the start of each step."""
         self.peaks = np.zeros(m * n + 1)
         """Peaks of these states: see :func:`.compiled_steps.ended`."""
         states, after = ([*self._parts(steps, which), (self.peaks, which)] for which in (own, own + 1))
@@ -116,20 +116,20 @@ class CallbackRows:
             states += [*self._parts(steps, step * n), (steps.table, own % n)]
         named = [given[name] for name in steps.names]
         self.gaps = np.zeros((m * n, len(s.contacts)))
-        """Gaps of the contacts as each call begins."""
+        """Gaps of the contacts at the start of each call."""
         said = [(self.ddq, own), (self.gaps, own)][: 1 + bool(s.contacts)]
         operands = [*states, (self._h, one), *named, *after, *said]
         first = len(states) + 1
         self.call = bind_calls(
             steps.kernel, operands, first + steps.names.index("tau"), first + len(named) + len(steps.cuts)
         )
-        """Makes a call, with torques of its own if they are given, and gives the peak after it."""
+        """Makes a call, with torques if given, and returns the peak after it."""
 
         self._rows = {name: given[name][0] for name, _ in laws}
         q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
         self._calls = [*zip(shares * m, own.tolist(), q, dq, strict=True)]
         self.sole: ControlLaw | None = None
-        """The only function, if it gives the torques of every call."""
+        """The only callback, if it gives the torques of every call."""
         self.steps: list[list[Stage]] = []
         """Calls of each step."""
         self._plain: list[list[Stage]] = []
@@ -139,22 +139,22 @@ class CallbackRows:
     def pooled(
         cls, steps: CompiledSteps, controller: ControlLaw | None, constant: Array, n: int
     ) -> Iterator[CallbackRows]:
-        """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
+        """Rows for a run of n steps, cached with the robot for the next run because the setup is slow."""
         m = SHORT if n <= 2 * SHORT else LONG
         key = "callback rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in steps.laws)
         free: list[CallbackRows] = steps.system.robot.engine.cached(key, list)
         try:
             rows = free.pop()
-        except IndexError:  # all are in use: a function that is called may simulate itself, and so may another thread
+        except IndexError:  # all in use, by nested simulations or other threads
             rows = cls(steps, m)
         rows._begin(steps, controller, constant)
         yield rows
-        rows.steps = rows._plain  # no function is kept
+        rows.steps = rows._plain  # keeps no reference to callbacks
         rows.sole = None
         free.append(rows)
 
     def _begin(self, steps: CompiledSteps, controller: ControlLaw | None, constant: Array) -> None:
-        """Numbers and functions of a run."""
+        """Numbers and callbacks of a run."""
         self._h[0], self.held[:], laws, n = steps.h, constant, steps.laws, self.every
         for name, x in steps.constants.items():
             self._constants[name][0] = x
@@ -187,13 +187,13 @@ class CallbackRows:
 # ── Compiled part of a run: blocks of steps, stored results and end
 
 FASTEST = 1e6
-"""rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
+"""rad/s or m/s: larger speeds indicate an unstable step."""
 _LOOKS = 100
-"""Number of blocks of a run after which progress is reported, at least."""
+"""Smallest number of progress reports of a run."""
 
 
 def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
-    """Take the steps of a run as long as they are stable: from the first one that is not they are to be taken one by one."""
+    """Take the steps of a run while they are stable; the rest is left to single steps."""
     system = run.system
     most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
     while run.steps < run.n:
@@ -207,14 +207,14 @@ def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
 
 
 def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: Array) -> bool:
-    """Keep the next m steps of a run, by states (m + 1, size), up to one that is unstable or ends it; True if none is."""
+    """Store the next m steps of a run, by states (m + 1, size), up to an unstable one or the end; True if all are stored."""
     m, after, speeds = len(ddq), states[1:], states[1:, run.system.moving]
-    if not (speeds.max() < FASTEST and speeds.min() > -FASTEST and np.isfinite(after).all()):  # row by row takes longer
+    if not (speeds.max() < FASTEST and speeds.min() > -FASTEST and np.isfinite(after).all()):  # cheaper than by row
         m = int((np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < FASTEST)).argmin())
     states, stable = states[: m + 1], m == len(ddq)
     gaps = _gaps(run, gaps[:m], states[-1])
     if run.detector is not None:
-        gaps[0] = run.detector.gaps  # as at the last check: rounding does not begin a contact
+        gaps[0] = run.detector.gaps  # as at the last check: rounding errors do not begin a contact
     first, end, used = run.steps, None, m
     if run.detector is not None and m:
         at_once = first == 0 and run.leaves_at_once(states[0], states[1], run.h)
@@ -233,14 +233,14 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
 
 
 def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
-    """Look for events in a step from y at t; how long after t one ends the run, if one does."""
+    """Locate events in a step from y at t; returns the time after t at which one ends the run, or None."""
     if t == 0.0 and run.leaves_at_once(y, after, run.h):
         return 0.0
     return run.locate_event(t, [(run.h, after)], partial(steps.after, t, y))
 
 
 def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
-    """End a run in its next step, which begins with ``ddq`` and ``tau``, a time ``end`` after that."""
+    """End a run in its next step at a time ``end`` after its start, where its values are ``ddq`` and ``tau``."""
     t, y = run.last
     if run.steps % run.every == 0:
         run.record.keep(t, y, ddq, tau)
@@ -249,9 +249,9 @@ def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Arr
 
 
 def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gaps: Array) -> None:
-    """Keep and note the next m steps of a run, by the states (m + 1, size) between them.
+    """Store and record the next m steps of a run, by their states (m + 1, size).
 
-    Torques, also those ``held`` for a controller, are (nv,) for all or (m, nv), gaps (m + 1, contacts).
+    Torques, and torques ``held`` for a controller, are (nv,) for all or (m, nv); gaps are (m + 1, contacts).
     """
     system, first, m = run.system, run.steps, len(ddq)
     if not m:
@@ -275,7 +275,7 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gap
 
 
 def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
-    """Take all steps of a run, to its end or to an event that ends it. Raises SimulationError where a function fails."""
+    """Take all steps of a run, to its end or to an event that ends it; raises SimulationError if a callback fails."""
     system = run.system
     with CallbackRows.pooled(steps, run.controller, run.constant, run.n) as rows:
         while run.steps < run.n:
@@ -287,7 +287,7 @@ def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
 
 
 def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
-    """Take as many steps as there are rows, or are left; True if an event ended the run."""
+    """Take one block of steps, or the remaining ones; True if an event ended the run."""
     first, h, system = run.steps, run.h, run.system
     watched, tick = run.detector is not None, run.tick
     states = rows.states[:: rows.every]
@@ -313,7 +313,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
                     peak = call(k, found)
                     if peak is None:  # not a plain array
                         peak = call(k, sole.checked(t, found))
-                    if not peak < bound:  # torques that are not finite make the work NaN
+                    if not peak < bound:  # NaN from torques that are not finite fails too
                         sole.checked(t, rows.given[k])
             if not peak < bound:
                 sampled = done + 1
@@ -340,6 +340,6 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
 
 
 def _gaps(run: Run, begun: Array, last: Array) -> Array:
-    """Gaps of the contacts as each of m steps begins and after the last one, (m + 1, contacts)."""
+    """Gaps of the contacts at the start of each of m steps and after the last one, (m + 1, contacts)."""
     q = run.system.split(last)[0]
     return np.concatenate([begun, [[contact.gap(q) for contact in run.system.contacts]]])

@@ -1,7 +1,7 @@
-"""Closed robots: constrained dynamics, integration and projection, traced into one program, and what comes of them.
+"""Closed robots: constrained dynamics, integration and projection in one traced program, with results.
 
-Simulations and rollouts take the same steps. The state is q and dq, what steps left to be taken away so far, and, in
-simulations, the works done.
+Simulations and rollouts take the same steps. The state consists of q and dq, the constraint errors removed so far, and,
+in simulations, the works done.
 """
 
 from __future__ import annotations
@@ -42,27 +42,27 @@ if TYPE_CHECKING:
     from ..robot.closed_robot import ClosedRobot
 
 WIDEST, FASTEST, OPEN, PIVOT, GOOD = range(5)
-"""Loop-closure state passed from step to step, beside q and dq: largest gap [rad or m] and gap rate before projection,
-largest gap after it, smallest pivot of A M⁻¹ A' over its usual size, and 1 while all steps end on the constraints."""
+"""Loop-closure state passed between steps with q and dq: largest gap [rad or m] and gap rate before projection, largest
+gap after it, smallest relative pivot of A M⁻¹ A', and 1 as long as all steps end on the constraints."""
 KEPT = 5
 SMALL, SHRUNK = 1e-2, 0.25
-"""Small pivot over its usual size; and the share of the previous one at which its root has halved, so that another such
+"""Relative pivot that counts as small; and ratio to the previous pivot at which its root has halved, so that another such
 step would reach or pass the singular configuration."""
 
 
 @dataclass(frozen=True)
 class ClosedStep(StepPlan):
-    """Step on constraints, without its numbers."""
+    """Step on constraints, without numerical values."""
 
     loops: LoopRows = field(default_factory=lambda: LoopRows((), ()))
     usual: tuple[float, ...] = ()
-    """The usual size of each pivot of A M⁻¹ A'."""
+    """Typical size of each pivot of A M⁻¹ A'."""
     allowed: tuple[float, ...] = ()
-    """Largest gap of each row with a position after a step, rad or m."""
+    """Largest gap of each position row after a step, rad or m."""
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Plans of one robot with one key are one program."""
+        """Cache key: plans of one robot with equal keys share a program."""
         return "closed step", super().key, self.loops
 
     @property
@@ -73,7 +73,7 @@ class ClosedStep(StepPlan):
 
     @property
     def eases(self) -> bool:
-        """Friction is eased by every method."""
+        """True: every method smooths friction."""
         return self.friction
 
     @cached_property
@@ -81,7 +81,7 @@ class ClosedStep(StepPlan):
         return independent_constraints(self.loops.constraints, self.loops.independent)
 
     def recurrence(self) -> Scan:
-        """The program, and where its inputs come from."""
+        """Loop of steps, and the sources of its inputs."""
         parts = [name for name, _ in self.state]
         program = trace(self._step, [*self.state, *self.given], [*parts, *self._reports])
         fed = [Source("state", k) for k in range(len(parts))] + [Source("given")] * len(self.given)
@@ -90,7 +90,7 @@ class ClosedStep(StepPlan):
     # ── on symbols ──
 
     def _step(self, q: Array, dq: Array, passed: Array, *rest: Any) -> tuple[Array, ...]:
-        """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and back onto the constraints."""
+        """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and projection onto the constraints."""
         start, (h, *given) = (q, dq, *rest[: self.works]), rest[self.works :]
         first, tau, _ = self._rates(q, q, dq, given)
         if self.method in TABLEAUS:
@@ -111,7 +111,7 @@ class ClosedStep(StepPlan):
         return constrained_dynamics(plant, angles, dq, force, self._pushed(inputs), self._held)[0]
 
     def _passed_on(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
-        """Loop-closure state for the next step; :func:`lost` judges it in numbers."""
+        """Loop-closure state for the next step; :func:`lost` evaluates it."""
         pivot: Any = smallest(pivots / np.array(self.usual), np.inf)
         beyond = after / np.array(self.allowed) if self.allowed else after
         gone = (1.0 - positive(SMALL - pivot) * positive(SHRUNK * before[PIVOT] - pivot)) * (
@@ -123,7 +123,7 @@ class ClosedStep(StepPlan):
 
 
 def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequence[Array]]) -> list[Array]:
-    """x + h Σ w_i k_i of each part of the state."""
+    """Step x + h Σ w_i k_i of each part of the state."""
     return [
         x + h * sum(float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w)
         for part, x in enumerate(start)
@@ -131,7 +131,7 @@ def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequ
 
 
 def lost(pivot: Array, earlier: Array | float) -> Array:
-    """True if the constraints lose rank after a step, or would in the next, by the smallest pivots after and before it."""
+    """True if the constraints lose rank after a step or in the next, by the smallest pivots after and before it."""
     return ~(pivot >= SAFE) | ((pivot < SMALL) & (pivot < SHRUNK * earlier))
 
 
@@ -139,14 +139,15 @@ def lost(pivot: Array, earlier: Array | float) -> Array:
 
 # q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
 #
-# hold the acceleration only, so after each step q and dq are projected: see :mod:`twistwrench.algorithms.loop_closure`.
+# determine the acceleration only. After each step q and dq are projected: see
+# :mod:`twistwrench.algorithms.loop_closure`.
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
-"""Methods that evaluate rates only; the variational ones are written for open robots."""
+"""Methods that only evaluate rates; the variational ones support open robots only."""
 
 
 class Loops:
-    """The constraints of a closed robot as a simulation keeps to them, and what its steps left to be taken away."""
+    """Constraints of a closed robot in a simulation, and the constraint errors that its steps left."""
 
     def __init__(self, closed: ClosedRobot) -> None:
         self.closed, robot = closed, closed.robot
@@ -159,9 +160,9 @@ class Loops:
         self._project = robot.engine.cached(("projection", closed.constraints, closed.independent), self._compiled)
         self.dynamics = robot.kernel("constrained_dynamics", constraints=self.kept)
         self.widest = self.fastest = 0.0
-        """The largest gap [rad or m] and the largest rate of one [rad/s, m/s] that a step left, before they were taken away."""
+        """Largest gap [rad or m] and largest gap rate [rad/s, m/s] after a step, before projection."""
         self.system: ClosedSystem
-        """Forces on the robot, set when they are known."""
+        """Forces on the robot, set later."""
 
     def _compiled(self) -> Any:
         closed, robot = self.closed, self.closed.robot
@@ -174,15 +175,15 @@ class Loops:
         return compiled(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
 
     def effort(self, stages: int) -> float:
-        """About how many operations a step of so many stages is; inf where nothing is compiled."""
+        """Approximate operations of a step with this number of stages; inf if nothing is compiled."""
         owners = owner_of(self._project), owner_of(self.dynamics)
         return sum(n * owner.cost if owner else np.inf for n, owner in zip((1, stages), owners, strict=True))
 
     def begin(self, y: Array) -> None:
-        """Bring the first state onto the constraints, in place; ConstraintError where it is far from them."""
+        """Project the first state onto the constraints, in place; raises ConstraintError if it is far from them."""
         q, dq = y[: self._nq], y[self._moving]
         checks.require_met(self.closed, q, dq)
-        with np.errstate(all="ignore"):  # an inverse there may be none of
+        with np.errstate(all="ignore"):  # the inverse may not exist
             smallest = self.smallest(y)
         if not smallest >= SAFE:
             raise ValueRangeError(
@@ -193,17 +194,17 @@ class Loops:
         self.widest = self.fastest = 0.0
 
     def smallest(self, y: Array) -> Array:
-        """The smallest pivot of A M⁻¹ A' over its usual size, of states (..., size); 0 where the constraints lose rank."""
+        """Smallest relative pivot of A M⁻¹ A', of states (..., size); 0 if the constraints lose rank."""
         return np.asarray(self.projected(y[..., : self._nq], y[..., self._moving])[-1])
 
     def projected(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """q (..., nq) and dq (..., nv) on the constraints, and the smallest pivot over its usual size (...)."""
+        """Projected q (..., nq) and dq (..., nv), and the smallest relative pivot (...)."""
         q, dq, *_, pivots = self._project(q, dq)
         return q, dq, (pivots / self._sizes).min(axis=-1, initial=np.inf)
 
     def step(self, t: float, h: float, y: Array, y1: Array) -> None:
-        """Bring the state after a step from y at t onto the constraints, in place."""
-        if not np.isfinite(y1).all():  # said where steps are looked at
+        """Project the state after a step from y at t onto the constraints, in place."""
+        if not np.isfinite(y1).all():  # reported by the check of the step
             return
         smallest = self.onto(t + h, y1)
         if not smallest >= SMALL and lost(np.array(smallest), self.smallest(y)):
@@ -214,18 +215,18 @@ class Loops:
             )
 
     def step_of(self, plan: StepPlan) -> ClosedStep:
-        """The step of a plan, on the constraints."""
+        """Step of a plan, on the constraints."""
         options = {each.name: getattr(plan, each.name) for each in fields(StepPlan)}
         rows = LoopRows(self.closed.constraints, self.closed.independent)
         usual, allowed = (tuple(x.tolist()) for x in (self._sizes, CLOSED * self._units))
         return ClosedStep(**options, loops=rows, usual=usual, allowed=allowed)
 
     def note(self, gap: float, rate: float) -> None:
-        """Take note of the largest that a step left to be taken away, gap and rate."""
+        """Record the largest gap and gap rate that a step left."""
         self.widest, self.fastest = max(self.widest, float(gap)), max(self.fastest, float(rate))
 
     def onto(self, t: float, y: Array) -> float:
-        """Bring a state onto the constraints, in place; gives the smallest pivot over its usual size."""
+        """Project a state onto the constraints, in place; returns the smallest relative pivot."""
         q, dq, before, rates, after, pivots = self._project(y[: self._nq], y[self._moving])
         gap = float(np.abs(before).max(initial=0.0))
         if not np.abs(after / self._units).max(initial=0.0) <= CLOSED:
@@ -242,14 +243,14 @@ class Loops:
 
 
 class ClosedSystem(System):
-    """A closed robot and what acts on it: y' = f(t, y)."""
+    """Closed robot and the forces on it: y' = f(t, y)."""
 
     takes_many = False
 
     def __init__(self, loops: Loops, **acting: Any) -> None:
         super().__init__(loops.closed.robot, **acting)
         self.done = slice(self.size - len(WORKS), self.size)
-        """The works of a state."""
+        """Slice of the works in a state."""
         self.loops, loops.system = loops, self
 
     def rates(self, t: float, y: Array, out: Array) -> None:
@@ -261,12 +262,12 @@ class ClosedSystem(System):
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
     def allowed_velocities(self, y: Array) -> Array:
-        """Velocities (..., nv) on the constraints, by the projection that ends a step."""
+        """Velocities (..., nv) projected onto the constraints, as at the end of a step."""
         with np.errstate(all="ignore"):  # states may be NaN
             return self.loops.projected(y[..., : self.nq], y[..., self.moving])[1]
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
-        """Multipliers λ (n, k) of states under torques tau and all other forces; wrench functions are called again."""
+        """Multipliers λ (n, k) of states under torques tau and all other forces; wrench callbacks are called again."""
         if not len(times):
             return np.zeros((0, len(self.loops.closed.sizes)))
         total = self.total(times, q, dq, tau)
@@ -278,34 +279,34 @@ class ClosedSystem(System):
 
 
 class ClosedScheme:
-    """A one-step method whose steps end on the constraints."""
+    """One-step method whose steps end on the constraints."""
 
     def __init__(self, scheme: Scheme, loops: Loops) -> None:
         self.scheme, self.loops = scheme, loops
         self.order, self.quadrature, self.lagging = scheme.order, scheme.quadrature, scheme.lagging
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
-        """The state a time ``h`` later."""
+        """State a time ``h`` later."""
         y1 = self.scheme.step(t, y, h, rate)
         self.loops.step(t, h, y, y1)
         return y1
 
 
 class ClosedStepper(Stepper):
-    """Dormand and Prince's method, whose steps and the states between them end on the constraints."""
+    """Dormand–Prince method whose steps and dense output are projected onto the constraints."""
 
     def __init__(self, loops: Loops, *rest: float) -> None:
         super().__init__(loops.system, *rest)
         self.loops = loops
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
-        """Time and state after one step that is accepted, not beyond ``until``."""
+        """Time and state after one accepted step, not beyond ``until``."""
         t1, y1 = super().step(t, y, rate, until)
         self.loops.step(t, t1 - t, y, y1)
         return t1, y1
 
     def between(self, times: Array) -> Array:
-        """The states (m, size) at times (m,) within the last step."""
+        """States (m, size) at times (m,) within the last step."""
         states = super().between(times)
         for t, y in zip(times.tolist(), states, strict=True):
             self.loops.onto(t, y)
@@ -315,19 +316,19 @@ class ClosedStepper(Stepper):
 # ── Compiled steps under constant torques and wrenches
 
 LARGEST = 30_000
-"""Operations of a step from which it is not compiled: that takes a second or two, more than most simulations without."""
+"""Largest number of operations of a compiled step; compilation takes a second or two, more than most simulations."""
 BLOCK = 2000
-"""Steps between two looks at whether the user wants to stop: some 10 ms."""
+"""Steps between two checks for a keyboard interrupt: about 10 ms."""
 
 
 class ClosedSteps(CompiledSteps):
-    """The steps of one method under the constant torques and wrenches of a closed system."""
+    """Steps of one method under the constant torques and wrenches of a closed system."""
 
     loops: Loops
 
     @classmethod
     def build(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
-        """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
+        """Compiled steps; None if there are callbacks or contacts, or a step is too long to compile."""
         if not isinstance(system, ClosedSystem) or method not in COMPILED_METHODS:
             return None
         if system.functions or system.contacts or not acts_by_itself(system):
@@ -377,22 +378,22 @@ class ClosedSteps(CompiledSteps):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosedSimulation(SimulationResult):
-    """A simulated motion of a closed robot. What it has beside :class:`SimulationResult` is read from no file."""
+    """Simulated motion of a closed robot. Files do not store the fields in addition to :class:`SimulationResult`."""
 
     row_names: tuple[str, ...] = ()
     """Names of the entries of lam."""
     lam: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(n, k) N m or N, λ of each state: what the robot applies where it is held."""
+    """(n, k) N m or N, λ of each state, exerted by the robot on its constraints."""
     gap: Array = field(default_factory=lambda: np.zeros(0))
-    """(n,) rad or m, by how much the loops are open at most, in each state."""
+    """(n,) rad or m, largest gap of the loops in each state."""
     gap_before: float = 0.0
-    """rad or m, the largest gap that a step left; it was closed at the end of the step."""
+    """rad or m, largest gap after a step, before the projection removed it."""
     slip_before: float = 0.0
-    """rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
+    """rad/s or m/s, largest rate A dq after a step, before the projection removed it."""
 
     @classmethod
     def from_result(cls, found: SimulationResult, closed: ClosedRobot, loops: Loops | None) -> Self:
-        """The result with what its constraints did; ``loops`` is None where no row of them holds anything."""
+        """Result with its constraint forces and errors; ``loops`` is None if no row is constrained."""
         known = {f.name: getattr(found, f.name) for f in fields(SimulationResult) if f.init}
         known |= {"row_names": closed.row_names, "gap": np.abs(closed.gaps(found.q)).max(axis=-1, initial=0.0)}
         if loops is None:
@@ -410,17 +411,17 @@ class ClosedSimulation(SimulationResult):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosedRollout(Rollout):
-    """Rollout of a closed robot: motions of any batch shape, and how well each kept to the constraints."""
+    """Rollout of a closed robot: motions of any batch shape, with their constraint errors."""
 
     gap: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) rad or m, by how much the loops were open at most, after any step."""
+    """(...) rad or m, largest gap of the loops after any step."""
     gap_before: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) rad or m, the largest gap that a step left; it was closed at the end of the step."""
+    """(...) rad or m, largest gap after a step, before the projection removed it."""
     slip_before: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
+    """(...) rad/s or m/s, largest rate A dq after a step, before the projection removed it."""
     lost_from: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) s, the first kept time at which the constraints had lost rank or could not be kept, inf where they were: the states
-    from there on are NaN, for the motion may go on in several ways."""
+    """(...) s, first stored time at which the constraints had lost rank or could not be satisfied; inf if they hold throughout.
+    States from there on are NaN, because the motion is not unique."""
 
     def __repr__(self) -> str:
         gaps = (float(np.max(x, initial=0.0)) for x in (self.gap, self.gap_before))
@@ -452,7 +453,7 @@ def rollout_closed(
     q, dq, kept, *tau = computed(robot, inputs, room_for(inputs, None))
     lost = ~(kept[..., GOOD] > 0.5)
     q[lost], dq[lost] = np.nan, np.nan
-    last = np.maximum((~lost).sum(axis=-1) - 1, 0)  # the last state that is on the constraints
+    last = np.maximum((~lost).sum(axis=-1) - 1, 0)  # last state on the constraints
     end = np.take_along_axis(kept, last[..., None, None], axis=-2)[..., 0, :]
     lost_from = np.where(lost.any(axis=-1), inputs.times[np.argmax(lost, axis=-1)], np.inf)
     if lost.any():
@@ -468,9 +469,9 @@ def rollout_closed(
 
 
 def _begun(loops: Loops, given: Inputs) -> Inputs:
-    """The inputs with their first states on the constraints, and what is passed on from step to step beside them."""
+    """Inputs with initial states projected onto the constraints, and the initial loop-closure state."""
     closed = loops.closed
-    # Loops close to 1e-12, and float32 knows no such number.
+    # float64, since loops are closed to 1e-12.
     q, dq, *rest = (x.astype(float, copy=False) for x in given.arrays)
     checks.require_met(closed, q, dq)
     with np.errstate(all="ignore"):

@@ -1,7 +1,7 @@
 """Compiled steps of rollouts and simulations: torques, forward dynamics and integration, traced together.
 
-Angles go in apart from the coordinates they are: the same numbers, as an array that is nothing but angles, whose size can be
-looked at once. That is what lets a whole step be one piece of machine code without a branch.
+Angles are inputs in addition to the coordinates, with the same values. As a separate array, their magnitude can be
+checked once. A whole step can therefore be compiled without branches.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from .schemes import EULER, RK4, Tableau
 from .torque_laws import GivenTorque, TorqueLaw
 
 TABLEAUS = {"euler": EULER, "rk4": RK4}
-"""The methods whose stages need the one before alone."""
+"""Methods in which each stage depends only on the previous one."""
 COMPILED_METHODS = ("semi_implicit", *TABLEAUS)
-"""The methods that have steps here, by their names in simulations."""
+"""Methods with compiled steps, by their names in simulations."""
 
 Ports = list[tuple[str, tuple[int, ...]]]
 
@@ -45,10 +45,10 @@ _TRACE = 1e-30
 
 @dataclass(frozen=True)
 class StepPlan:
-    """Step of a simulation or rollout, without its numbers.
+    """Step of a simulation or rollout, without numerical values.
 
-    Simulations count works, too: their state is the y = (q, dq, W) of :mod:`.forces`, works are integrated by the method that
-    moves the robot, and a step reports the accelerations that it begins with.
+    Simulations also count works: their state is y = (q, dq, W) of :mod:`.forces`. Works are integrated by the same
+    method as the motion, and a step also returns the accelerations at its start.
     """
 
     model: Model
@@ -67,7 +67,7 @@ class StepPlan:
 
     @classmethod
     def from_system(cls, system: System, method: str) -> Self:
-        """The step of a simulation under constant torques."""
+        """Step of a simulation under constant torques."""
         return cls(
             system.robot.model, GivenTorque(), method, frames=tuple(system.wrenches), friction=system.rubs, works=True,
             contacts=system.contacts,
@@ -75,20 +75,20 @@ class StepPlan:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Plans of one robot with one key are one program."""
+        """Cache key: plans of one robot with equal keys share a program."""
         options = self.method, self.limited, self.frames, self.parameters, self.friction, self.says_torques
         contacts = tuple(contact.key for contact in self.contacts)
         return "simulated step" if self.works else "rollout", *self.law.key, *options, contacts
 
     @property
     def state(self) -> Ports:
-        """Names and shapes of the parts of the state that are passed from step to step."""
+        """Names and shapes of the parts of the state passed between steps."""
         work: Ports = [("work", (len(WORKS),))]
         return [("q", (self.model.nq,)), ("dq", (self.model.nv,)), *work * self.works]
 
     @property
     def eases(self) -> bool:
-        """True if dry friction is smoothed at low speeds, and not an impulse that stops a joint."""
+        """True if dry friction is smoothed at low speeds; False if it is an impulse that stops a joint."""
         return self.friction and self.method != "semi_implicit"
 
     @property
@@ -98,7 +98,7 @@ class StepPlan:
 
     @property
     def given(self) -> Ports:
-        """Names and shapes of what is given for each step, in the kernel's order: those of contacts last."""
+        """Names and shapes of the inputs of each step, in the kernel's order: those of contacts last."""
         nq, nv = self.model.nq, self.model.nv
         ports: Ports = [("dt", ())]
         ports += [(name, (nq,) if name == "q_des" else (nv,)) for name in self.law.names]
@@ -111,7 +111,7 @@ class StepPlan:
         return ports
 
     def recurrence(self) -> Scan:
-        """Loop over whole steps. In simulations a peak follows the state: see :meth:`_ended`; it goes in as any number."""
+        """Loop over whole steps. In simulations, a peak with arbitrary initial value follows the state: see :meth:`_ended`."""
         if self.method in TABLEAUS:
             program, fed = self._staged()
             table, hidden = stages(TABLEAUS[self.method]), len(self.state)
@@ -122,13 +122,13 @@ class StepPlan:
         return Scan(program, fed, visible=len(self.state) + self.works)
 
     def one_stage(self) -> Scan:
-        """Loop over Runge-Kutta stages: sums are states; start of the step and row of the tableau are inputs."""
+        """Loop over Runge–Kutta stages: sums are states; start of the step and row of the tableau are inputs."""
         program, fed = self._staged()
         sources = tuple(source if source.kind == "state" else Source("given") for source in fed)
         return Scan(program, sources, visible=2 * len(self.state) + self.works)
 
     def _staged(self) -> tuple[Program, tuple[Source, ...]]:
-        """The program of a stage, and where its inputs come from."""
+        """Program of a stage, and the sources of its inputs."""
         state, n = self.state, len(self.state)
         start, sums = ([(f"{name} {when}", shape) for name, shape in state] for when in ("at start", "sum"))
         inputs: Ports = [("angles", state[0][1]), *state, *start, *sums, ("stage", (5,)), *self.given]
@@ -145,13 +145,13 @@ class StepPlan:
 
     @property
     def _reports(self) -> list[str]:
-        """Names of what a step reports as it begins."""
+        """Names of the outputs at the start of a step."""
         return ["ddq"] * self.works + ["gaps"] * bool(self.contacts) + ["tau"] * self.says_torques
 
     # ── on symbols ──
 
     def step(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
-        """State of a rollout after a step, by all of its stages, and the applied torques if they are requested."""
+        """State of a rollout after a step with all its stages, and the applied torques if requested."""
         if self.method == "semi_implicit":
             return self._semi_implicit(angles, q, dq, h, *given)
         found: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
@@ -164,14 +164,15 @@ class StepPlan:
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, *rest: Any) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
 
-        With friction, dq1 is that of the middle, qm = q ⊕ ½ h dq, then q1 = qm ⊕ ½ h dq1, and works are by mean velocities.
+        With friction, dq1 is evaluated at the midpoint qm = q ⊕ ½ h dq, then q1 = qm ⊕ ½ h dq1; works use mean
+        velocities.
         """
         work, (h, *given) = rest[: self.works], rest[self.works :]
         known, plant, inputs = self._models(given)
         wanted = [inputs[name] for name in self.law.names]
         if hasattr(self.law, "torques_of_step"):
             tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *wanted)
-        else:  # a law of the caller's stays as it is
+        else:  # laws of the caller are used unchanged
             tau, gains = self.law.torques(known, angles, q, dq, *wanted), None
         push, gaps = self._touched(plant, angles, dq, inputs)
         middle, start, share = angles, q, h
@@ -194,7 +195,7 @@ class StepPlan:
         return *self._ended(q1, dq1, work[0] + h * powers), ddq, *gaps, *reports
 
     def _stage(self, angles: Array, *rest: Any) -> tuple[Array, ...]:
-        """One stage of a Runge-Kutta method, by its row of :func:`stages`."""
+        """One stage of a Runge–Kutta method, by its row of :func:`stages`."""
         n = len(self.state)
         (q, dq, *_), start, before, (row, h, *given) = rest[:n], rest[n : 2 * n], rest[2 * n : 3 * n], rest[3 * n :]
         keep, weight, last, all_of_them, ends = row
@@ -207,13 +208,13 @@ class StepPlan:
         return *after, *sums, *[rates[1]] * self.works, *gaps, *[tau] * self.says_torques
 
     def _ended(self, q: Array, dq: Array, *work: Array) -> list[Any]:
-        """State and its peak, if it has one: squared velocities with a trace of all else, which is NaN if any entry is."""
+        """State and, in simulations, its peak: squared velocities plus tiny multiples of the rest, NaN if any entry is."""
         return [q, dq, *work, *[dq @ dq + _TRACE * (q @ q + w @ w) for w in work]]
 
     def _rates(
         self, angles: Array, q: Array, dq: Array, given: Sequence[Array]
     ) -> tuple[list[Array], Array, tuple[Array, ...]]:
-        """Rates of the parts of the state with smoothed dry friction, torques, and gaps of contacts, if there are any."""
+        """Rates of the state with smoothed dry friction, torques, and gaps of contacts, if any."""
         known, plant, inputs = self._models(given)
         tau = self.law.torques(known, angles, q, dq, *(inputs[name] for name in self.law.names))
         tau = force = clipped(tau, inputs["torque limits"]) if self.limited else tau
@@ -239,7 +240,7 @@ class StepPlan:
         return known, plant, inputs
 
     def _pushed(self, inputs: dict[str, Array]) -> dict[str, Array] | None:
-        """The wrenches that the robot applies."""
+        """Wrenches applied by the robot."""
         return {frame: -inputs[f"wrench at {frame}"] for frame in self.frames} or None
 
     def _touched(
@@ -275,10 +276,10 @@ class StepPlan:
 
 
 def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
-    """A row for each stage of a method whose stages need the one before alone.
+    """A row for each stage of a method in which each stage depends only on the previous one.
 
-    Whether the sum of weighted rates is kept, the weight, what of this rate and what of the sum leads from the beginning of the
-    step to the next stage, and whether the step ends there.
+    Entries: 1 if the sum of weighted rates is kept; the weight; the factors of this rate and of the sum from the start
+    of the step to the next stage; 1 if the step ends there.
     """
     a, b, _, _, _ = tableau.numbers
     last = len(b) - 1
@@ -289,15 +290,15 @@ def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
 # ── Blocks of compiled steps without callbacks
 
 _IN_ONE_CALL = 5e8
-"""Operations between two looks at whether the user wants to stop: some hundredths of a second."""
+"""Operations between two checks for a keyboard interrupt: a few hundredths of a second."""
 _TOUCHING = 64
-"""Points and joints that run into something, up to which steps are compiled: each is written out."""
+"""Largest number of contact points and joint stops in compiled steps; each is unrolled."""
 _NUMBERS = 2_000_000
-"""Numbers that the states of one call may be."""
+"""Largest number of entries of the states of one call."""
 
 
 def acts_by_itself(system: System) -> bool:
-    """True if the forces on a robot depend on its state only, apart from functions, and steps can be compiled."""
+    """True if forces, apart from callbacks, depend on the state only and steps can be compiled."""
     gained = system.dry_friction is not None and system.dry_friction.gained
     touching = sum(contact.size for contact in system.contacts)
     return not gained and touching <= _TOUCHING and compiles()
@@ -317,7 +318,7 @@ def constants(system: System, plan: StepPlan) -> dict[str, Array]:
 
 
 class CompiledSteps:
-    """The steps of one method, under the torques held by a system and its constant wrenches."""
+    """Steps of one method, under the held torques of a system and its constant wrenches."""
 
     takes_many = True
 
@@ -326,20 +327,20 @@ class CompiledSteps:
         self.stages = plan.stages
         """Evaluations of forward dynamics in a step."""
         self.most = max(1, int(min(_IN_ONE_CALL / (cost * self.stages), _NUMBERS / (system.size + system.nv))))
-        """Steps to take in one call."""
+        """Largest number of steps in one call."""
         self.names = [name for name, _ in plan.given[1:]]
-        """Names of the inputs of a step but its length."""
+        """Names of the inputs of a step except its length."""
         self.constants = constants(system, plan)
         self.cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, system.size)
-        """The parts of a state."""
+        """Slices of the parts of a state."""
         self.shares, self.table = [0.0], np.zeros((1, 5))
-        """Times of the calls of a step, as shares of it, and coefficients from each stage to the next, (stages, 5)."""
+        """Times of the calls of a step, as fractions of it, and coefficients from each stage to the next, (stages, 5)."""
         self.laws: list[tuple[str, ControlLaw]] = []
-        """The functions, and what each of them gives, by its name in the plan."""
+        """Callbacks with the names of their results in the plan."""
 
     @classmethod
     def build(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
-        """The steps of a system in machine code; None if they cannot be compiled."""
+        """Compiled steps of a system; None if compilation is impossible."""
         if method not in COMPILED_METHODS or not acts_by_itself(system):
             return None
         return cls._with_kernel(system, StepPlan.from_system(system, method), order, h, scalar=True)
@@ -348,7 +349,7 @@ class CompiledSteps:
     def _with_kernel(
         cls, system: System, plan: StepPlan, order: int, h: float, *, scalar: bool
     ) -> CompiledSteps | None:
-        """Return compiled steps for one state at a time, or for a batch."""
+        """Compiled steps for one state at a time, or for a batch."""
         robot = system.robot
 
         def build() -> Any:
@@ -361,28 +362,29 @@ class CompiledSteps:
         return None if owner is None else cls(system, plan, order, h, kernel, owner.cost)
 
     def side_by_side(self) -> CompiledSteps:
-        """Return these steps compiled for a batch: the numbers of a state do not depend on its neighbours."""
+        """These steps compiled for a batch; results of a state do not depend on its neighbours."""
         return self._with_kernel(self.system, self.plan, self.order, self.h, scalar=False) or self
 
     @staticmethod
     def recurrence(plan: StepPlan) -> Scan:
-        """Return the compiled loop: whole steps."""
+        """Compiled loop over whole steps."""
         return plan.recurrence()
 
     def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
         """States before and after each step, (..., steps + 1, size), from y (..., size).
 
-        With accelerations (..., steps, nv) and gaps of the contacts (..., steps, contacts) as each step begins.
+        Also returns accelerations (..., steps, nv) and gaps of the contacts (..., steps, contacts) at the start of each
+        step.
         """
         return self.advance_with(y, steps, self.h if h is None else h, self.inputs())
 
     def inputs(self) -> list[Array]:
-        """Inputs of a step but its length, if none is a function."""
+        """Inputs of a step except its length, if there are no callbacks."""
         given = {"tau": self.system.held, **self.constants}
         return [given[name] for name in self.names]
 
     def advance_with(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Take steps with inputs ``given`` (..., n) that hold for all of them."""
+        """Take steps with inputs ``given`` (..., n) that are constant over all of them."""
         s = self.system
         Y, ddq = np.empty((*y.shape[:-1], steps + 1, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
         Y[..., 0, :] = y
@@ -398,21 +400,21 @@ class CompiledSteps:
         return Y, ddq, gaps
 
     def after(self, t: Any, y: Array, h: float) -> Array:
-        """Return the states a time h after states (..., size) at times t."""
+        """States a time h after states (..., size) at times t."""
         return self.stepped(t, y, h, self.stages)[0]
 
     def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
-        """Return the states a time h later and the accelerations (..., nv) at the given states."""
-        if self.system.dry_friction is not None:  # whose accelerations are those of a step of the usual length
+        """States a time h later, and accelerations (..., nv) at the given states."""
+        if self.system.dry_friction is not None:  # accelerations are those of a step of the usual length
             return self.after(t, y, h), self.accelerations(t, y)
         return self.stepped(t, y, h, self.stages)
 
     def accelerations(self, t: Any, y: Array) -> Array:
-        """Accelerations (..., nv) at the beginning of steps from states (..., size) at times t."""
+        """Accelerations (..., nv) at the start of steps from states (..., size) at times t."""
         return self.stepped(t, y, self.h, 1)[1]
 
     def stepped(self, _t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
-        """States after the first ``count`` stages of a step at least, and the accelerations at its beginning."""
+        """States after at least the first ``count`` stages of a step, and accelerations at its start."""
         Y, ddq, _ = self.advance(y, 1, h)
-        self.system.evaluations += count - self.stages  # stages beyond those requested are not counted
+        self.system.evaluations += count - self.stages  # only the requested stages count
         return Y[..., 1, :], ddq[..., 0, :]

@@ -1,14 +1,15 @@
-"""Compliant contacts with a plane and with joint stops, damped by the law of Hunt and Crossley, and their durations.
+"""Compliant contacts with a plane and with joint stops, damped by the Hunt–Crossley law, and their durations.
 
-Where a point is a depth d > 0 inside, and sinks in at the rate d', it is pushed out with
+If a point penetrates to a depth d > 0 at the rate d', the repulsive force is
 
     f = k dⁿ max(0, 1 + c d')
 
-The force begins and ends at zero and never pulls. Of the speed v of an impact the part e comes back,
+The force is zero at the start and end of the contact and never pulls. For an impact at speed v, the coefficient of
+restitution e satisfies
 
     c v - ln(1 + c v) = -c e v - ln(1 - c e v),      e ≈ 1 - ⅔ c v for slow ones,
 
-whatever k, n and the mass, while no other force matters. Source: Hunt and Crossley, "Coefficient of restitution interpreted as
+for any k, n and mass, if no other force acts. Source: Hunt and Crossley, "Coefficient of restitution interpreted as
 damping in vibroimpact", J. Applied Mechanics 42, 1975; the equation for e is the energy integral of the law.
 """
 
@@ -39,10 +40,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Plane:
-    """Contact plane n·x = height that points of one frame run into; ``docs/simulation.md`` has the law.
+    """Contact plane n·x = height for points of one frame; ``docs/simulation.md`` describes the law.
 
-    Along the plane a point sliding at v is held back by ``friction f v / √(|v|² + slip²)``: Coulomb's law, except that
-    it creeps where it would stick, at up to the speed ``slip``.
+    A point sliding at the velocity v is opposed by ``friction f v / √(|v|² + slip²)``: regularised Coulomb friction.
+    Instead of sticking, the point creeps at speeds up to ``slip``.
 
     Examples
     --------
@@ -52,23 +53,23 @@ class Plane:
     """
 
     frame: str
-    """The frame whose points run into it."""
+    """Frame of the contact points."""
     points: ArrayLike = (0.0, 0.0, 0.0)
-    """(3,) or (n, 3), in the frame [m]."""
+    """Contact points in the frame, (3,) or (n, 3) [m]."""
     normal: ArrayLike = (0.0, 0.0, 1.0)
-    """(3,), in the base frame, out of the ground; any length."""
+    """Normal of the plane in the base frame, (3,), pointing out of the ground; any length."""
     height: float = 0.0
-    """m, along the normal."""
+    """Height of the plane along the normal [m]."""
     stiffness: float = 1e5
-    """k [N/mⁿ]."""
+    """Stiffness k [N/mⁿ]."""
     exponent: float = 1.5
-    """n: 1.5 is Hertz's contact of round bodies."""
+    """Exponent n; 1.5 is Hertzian contact of round bodies."""
     dissipation: float = 0.0
-    """c [s/m]: 0 gives all of the energy back."""
+    """Dissipation c [s/m]; 0 is an elastic impact."""
     friction: float = 0.0
-    """Coulomb's coefficient."""
+    """Coulomb friction coefficient."""
     slip: float = 1e-2
-    """m/s."""
+    """Speed of regularisation [m/s]."""
 
     def __post_init__(self) -> None:
         points = np.atleast_2d(np.asarray(arguments.finite(self.points, "Plane: points", 3), float))
@@ -88,16 +89,16 @@ class Plane:
 
 @dataclass(frozen=True)
 class JointStops:
-    """Compliant joint stops at the position limits of the joints of one degree of freedom, by the law of :class:`Plane`."""
+    """Compliant stops at the position limits of joints with one degree of freedom, with the law of :class:`Plane`."""
 
     stiffness: float
-    """k [N m/radⁿ or N/mⁿ]."""
+    """Stiffness k [N m/radⁿ or N/mⁿ]."""
     exponent: float = 1.5
-    """n, as of a plane."""
+    """Exponent n, as for a plane."""
     dissipation: float = 0.0
-    """c [s/rad or s/m]."""
+    """Dissipation c [s/rad or s/m]."""
     joints: tuple[str, ...] | None = None
-    """The joints that have them; None: all that have limits."""
+    """Joints with stops; None: all with position limits."""
 
     def __post_init__(self) -> None:
         _check_law("JointStops", self.stiffness, self.exponent, self.dissipation)
@@ -113,33 +114,33 @@ def _check_law(what: str, stiffness: float, exponent: float, dissipation: float)
     positive(dissipation, f"{what}: dissipation", zero=True)
 
 
-# ── Contact durations in steps: contacts shorter than a step are not resolved
+# ── Contact durations: contacts shorter than a step are not resolved
 
 _FEW = 2
-"""Ends of steps in a row at which a contact that is too short is closed, at most."""
+"""Largest number of consecutive step ends with a closed contact for which the contact counts as too short."""
 
 
 class ContactDurations:
-    """The contacts of a run, step by step."""
+    """Contact states of a run, step by step."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
         self._closed = np.zeros(len(self.names), bool)
         self._since = np.zeros(len(self.names), int)
-        """The end of a step at which each contact closed last, counted from the beginning."""
+        """Index of the step end at which each contact closed last."""
         self._worked = False
         self._steps = 0
         self.short = 0
         """Number of contacts that began and ended within three steps."""
         self.first = ""
-        """The first of them, and when."""
+        """First of them with its time, as text."""
 
     def step(self, t: float, gaps: Sequence[float], *, worked: bool) -> bool:
-        """Take note of a step that ends at t: the gaps then, and whether contacts did work in it; whether that is new."""
+        """Record the gaps at the end t of a step, and whether contacts did work; returns True if the contact state changed."""
         return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
 
     def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Record m steps that end at times (m,) with gaps (m, contacts); True if a contact changes, (m,)."""
+        """Record m steps that end at times (m,) with gaps (m, contacts); mask (m,) of changes of contact state."""
         if not self.names:
             return np.zeros(len(times), bool)
         closed = np.concatenate([self._closed[None], gaps < 0.0])
@@ -175,31 +176,31 @@ class ContactDurations:
 # ── Contacts of a robot: traced law and its parameters
 
 _PRESSED = 3.0
-"""Multiple of the robot's weight on a point at the start from which the point counts as buried."""
+"""Multiple of the robot's weight on a point at the start above which the point counts as buried."""
 _NOTHING = 1e-9
 """Force that counts as zero, for robots without weight [N]."""
 
 
 class RobotContact(ABC):
-    """A robot and what it runs into."""
+    """Robot with one of its contacts."""
 
     def __init__(
         self, robot: Robot, name: str, key: tuple[Any, ...], size: int, numbers: dict[str, Array], **parts: Array
     ) -> None:
         self.robot, self.name, self.size, self.numbers = robot, name, size, numbers
-        """The name is that of the event with which it begins, the size counts its points or joints; inputs of its program
-        besides the state, by name, (...) each."""
+        """Name of the contact's event; number of points or joints; inputs of the program other than the state, by name, (...)
+        each."""
         self.key = (type(self).__name__, size, *key)
-        """Contacts of one robot with one key are one program."""
+        """Cache key: contacts of one robot with equal keys share a program."""
         self.parts = {**numbers, **parts}
-        """Inputs in parts (m, ...) that are evaluated as a batch, and whose torques add up."""
+        """Inputs in parts (m, ...), evaluated as a batch; the torques of the parts are added."""
 
     @abstractmethod
     def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
-        """On symbols, what it does to the joints, (nv,), and how deep each of its points or joints is inside, (m,)."""
+        """Joint torques (nv,) and penetration of each point or joint (m,), on symbols."""
 
     def touched(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Torques on the joints (..., nv), and penetration of each point or joint (..., m)."""
+        """Joint torques (..., nv) and penetration of each point or joint (..., m)."""
         if all(x.ndim == 1 for x in self.parts.values()):
             tau, depths = self._kernel(q, dq, *self.parts.values())
             return tau, depths
@@ -215,7 +216,7 @@ class RobotContact(ABC):
         return np.asarray(-self.touched(q, np.zeros(self.robot.nv))[1].max(axis=-1))
 
     def torques(self, q: Array, dq: Array) -> Array | None:
-        """Torques on the joints, (..., nv); None without contact."""
+        """Joint torques, (..., nv); None without contact."""
         tau, depths = self.touched(q, dq)
         return tau if (depths > 0.0).any() else None
 
@@ -233,7 +234,7 @@ class RobotContact(ABC):
 
 
 class PlaneContact(RobotContact):
-    """A plane and the robot that runs into it."""
+    """Robot and a contact plane."""
 
     def __init__(self, robot: Robot, plane: Plane) -> None:
         robot.model.frame(plane.frame)
@@ -245,12 +246,12 @@ class PlaneContact(RobotContact):
         self.plane = plane
 
     def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
-        """By :func:`.plane_contact`."""
+        """Joint torques and penetrations by :func:`.plane_contact`."""
         points, normal, law = numbers
         return plane_contact(model, q, dq, self.plane.frame, self.plane.exponent, points.reshape(-1, 3), normal, law)
 
     def buried(self, q: Array) -> str:
-        """Remark on a start with a point deeper inside than the robot's weight presses it; empty if there is none."""
+        """Remark on an initial state in which a point penetrates deeper than under the robot's weight; empty if none does."""
         plane, model = self.plane, self.robot.model
         depths = self.touched(q, np.zeros(self.robot.nv))[1]
         worst, weight = int(depths.argmax()), sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
@@ -267,7 +268,7 @@ class PlaneContact(RobotContact):
 
 
 class StopContact(RobotContact):
-    """Joint stops and the robot that has them."""
+    """Robot and its joint stops."""
 
     def __init__(self, robot: Robot, stops: JointStops) -> None:
         limits, known = robot.limits, {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
@@ -280,12 +281,12 @@ class StopContact(RobotContact):
         if not rows:
             raise ValueRangeError(f"robot {robot.name!r} has no limits of position there, so JointStops has no stops.")
         self.stops, self.places, mine = stops, tuple(rows), [k for _, k in rows]
-        """The places are those in q and in dq, of the joints that have stops."""
+        """Indices in q and in dq of the joints that have stops."""
         law = np.array([stops.stiffness, stops.dissipation], float)
         numbers = {"lower": limits.lower[mine], "upper": limits.upper[mine], "law": law}
         super().__init__(robot, "a joint touches its stop", (self.places, stops.exponent), len(rows), numbers)
 
     def traced(self, _model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
-        """By :func:`.stop_contact`."""
+        """Joint torques and penetrations by :func:`.stop_contact`."""
         lower, upper, law = numbers
         return stop_contact(q, dq, self.places, self.stops.exponent, lower, upper, law)

@@ -19,33 +19,33 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .contact import RobotContact
 
-# ── Position limits as events, one margin a joint and side
+# ── Position limits as events, one margin per joint and side
 
 
 @dataclass(frozen=True, eq=False)
 class PositionLimits:
-    """The m finite limits of position of a robot.
+    """Finite position limits of a robot, m in number.
 
-    A joint is inside a limit, at it, or beyond it: at it within the tolerance of :class:`twistwrench.model.limits.Limits`.
-    A joint that is inside reaches its limit where the margin is zero. A joint that is at its limit leaves through it where
-    the margin is less than minus the tolerance, so one that rests there ends nothing.
+    A joint within the tolerance of :class:`twistwrench.model.limits.Limits` is at its limit. A joint inside its limits
+    reaches one where the margin is zero. A joint at a limit leaves through it where the margin falls below minus the
+    tolerance. A joint at rest at a limit therefore ends nothing.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     """Names and units of the joints, (m,)."""
     sides: Array
-    """(m,) -1 for a lower limit, 1 for an upper one."""
+    """-1 for lower limits, 1 for upper ones, (m,)."""
     limits: Array
     tolerances: Array
-    """(m,) rad or m."""
+    """Tolerances (m,) [rad or m]."""
     coordinates: Array
     velocities: Array
-    """(m,) indices in q and in dq."""
+    """Indices in q and in dq, (m,)."""
 
     @classmethod
     def from_robot(cls, robot: Robot) -> PositionLimits:
-        """Return the limits of a robot; ValueRangeError if it has none."""
+        """Limits of a robot; raises ValueRangeError if it has none."""
         given = robot.limits
         joints = [(b.joint, b.q_index, b.v_index) for b in robot.model.leaders if b.joint.nv == 1]
         rows = [
@@ -64,7 +64,7 @@ class PositionLimits:
         return np.asarray(self.sides * (self.limits - q[..., self.coordinates]))
 
     def outside(self, q: Array) -> str:
-        """In words, the joint farthest beyond a limit; empty where none is beyond."""
+        """Joint farthest beyond a limit, as text; empty if none is beyond."""
         share = -self.margins(q) / self.tolerances
         worst = int(share.argmax())
         if share[worst] <= 1.0:
@@ -73,27 +73,27 @@ class PositionLimits:
         return f"joint {self.names[worst]!r} is at {place}, beyond {self.limit(worst)}"
 
     def limit(self, k: int) -> str:
-        """Limit k in words."""
+        """Limit k as text."""
         return f"its {'lower' if self.sides[k] < 0 else 'upper'} limit {printed(self.limits[k])} {self.units[k]}"
 
     def level(self, k: int, before: float) -> float:
-        """The margin at which an event happens, for a joint whose margin was ``before``."""
+        """Margin at which an event happens, for a joint with the margin ``before``."""
         return 0.0 if before > self.tolerances[k] else -float(self.tolerances[k])
 
     def passed(self, before: Array, after: Array) -> NDArray[np.bool_]:
-        """True if joints reach their limits, or leave through them, by the margins (..., m) before and after."""
+        """Mask of joints that reach their limits or leave through them, by the margins (..., m) before and after."""
         leaves = (after < -self.tolerances) & (-self.tolerances <= before)
         return np.where(before > self.tolerances, after <= 0.0, leaves)
 
     def words(self, k: int, before: float) -> str:
-        """Return the event text of limit k."""
+        """Event text of limit k."""
         return f"joint {self.names[k]!r} {'reaches' if before > self.tolerances[k] else 'moves beyond'} {self.limit(k)}"
 
     def leaving(self, q: Array, dq: Array, later: Array, h: float) -> int | None:
-        """The limit that a joint at it leaves through at once, the fastest of several.
+        """Limit that a joint at it leaves through immediately; the joint with the largest speed if there are several.
 
-        A joint leaves if it moves outward, or is at rest and moves outward ``h`` s later, at the velocities ``later`` (nv):
-        faster, or with more acceleration, than takes it past the tolerance in a second.
+        A joint leaves if it moves outward, or if it is at rest and moves outward ``h`` s later, at the velocities
+        ``later`` (nv). Its speed or acceleration must take it past the tolerance within a second.
         """
         speed, gained = (self.sides * v[self.velocities] for v in (dq, later - dq))
         rests = np.abs(speed) <= self.tolerances
@@ -107,18 +107,18 @@ class PositionLimits:
 # ── Zero crossings of functions of the state
 
 _NEAR = 1e-4
-"""Part of a step over which the slope of an event is measured."""
+"""Fraction of a step over which the slope of an event is measured."""
 _STEEPER = 3.0
-"""Slope of an event that passes zero once in a step, over that of the straight line: more is remarked."""
+"""Ratio of an event's slope to that of a straight line, above which several zeros in a step are possible."""
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 
 
 @dataclass(frozen=True)
 class Event:
-    """Event of a simulation: a function g(t, q, dq) whose zeros are looked for, and whether the simulation ends there.
+    """Event of a simulation: the zeros of a function g(t, q, dq), which may end the simulation.
 
-    Of several zeros within a step of a method one is seen at most; a remark of the result names the event if its slope
-    admits more. A zero at the very start does not count.
+    At most one zero is found within a step. If the slope of g allows more, a remark of the result names the event. A
+    zero at the start does not count.
 
     Examples
     --------
@@ -126,13 +126,13 @@ class Event:
     """
 
     function: Function
-    """g(t, q, dq), a number."""
+    """Function g(t, q, dq) that returns a number."""
     name: str = "event"
-    """In the result."""
+    """Name in the result."""
     direction: str = "both"
-    """"up", "down" or "both", the way g passes zero."""
+    """"up", "down" or "both": direction of the zero crossing."""
     terminal: bool = False
-    """True if the simulation ends there."""
+    """True if the simulation ends at the event."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -143,27 +143,27 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Happening:
-    """Event that happened: when, and in which state."""
+    """Event that happened, with time and state."""
 
     name: str
-    """The event's."""
+    """Name of the event."""
     time: float
-    """s."""
+    """Time [s]."""
     q: Array
-    """(nq,)."""
+    """Configuration (nq,)."""
     dq: Array
-    """(nv,)."""
+    """Velocities (nv,)."""
 
     def __str__(self) -> str:
         return f"{self.name} at {number(self.time, 6)} s"
 
 
 Step = Callable[[float], Array]
-"""From a time after the beginning of a step to the state then."""
+"""Function from the time since the start of a step to the state."""
 
 
 class EventDetector:
-    """Events, contacts and limits of position, in this order, and the values they had when last looked at."""
+    """Events, contacts and position limits, in this order, with their values at the last check."""
 
     def __init__(
         self,
@@ -172,22 +172,22 @@ class EventDetector:
         limits: PositionLimits | None = None,
         contacts: Sequence[RobotContact] = (),
     ) -> None:
-        # The beginning of a contact is an event that ends nothing.
+        # The start of a contact is a non-terminal event.
         touches = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
         self.watched, self.events, self.contacts = len(events), (*events, *touches), contacts
         self.split, self.limits = split, limits
         self.laws = [ControlLaw(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
-        """g of each event, when last looked at."""
+        """Value g of each event at the last check."""
         self.margins: Array = np.zeros(0)
-        """Margins of the limits of position at the last check."""
+        """Margins of the position limits at the last check."""
         self.state: Array | None = None
-        """When last looked at."""
+        """State at the last check."""
         self.several: dict[str, str] = {}
-        """By event that may pass zero more often than was seen: a sentence."""
+        """Remarks by event that may have more zero crossings than were found."""
 
     def values(self, t: float, y: Array) -> tuple[list[float], Array]:
-        """g of each event, and the margin of each limit."""
+        """Value g of each event, and margin of each limit."""
         q, dq = self.split(y)
         found = [law.number(t, q, dq) for law in self.laws]
         return found, self.margins if self.limits is None else self.limits.margins(q)
@@ -199,11 +199,11 @@ class EventDetector:
 
     @property
     def without_callbacks(self) -> bool:
-        """True if there are only contacts and limits of position."""
+        """True if there are only contacts and position limits."""
         return not self.watched
 
     def passings(self, states: Array, gaps: Array) -> Iterator[int]:
-        """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, each ready for a look."""
+        """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, ready to be located."""
         margins = self._margins(states)
         passed, m = self._passing(gaps, margins), len(states) - 1
         for k in (*np.flatnonzero(passed).tolist(), None):
@@ -213,7 +213,7 @@ class EventDetector:
                 yield k
 
     def passed(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-        """True if a contact begins or a joint passes a limit before each of m states, with gaps and margins (m + 1, ...)."""
+        """Mask (m,) of states before which a contact begins or a joint passes a limit, with gaps and margins (m + 1, ...)."""
         q = self.split(states.T)[0].T
         after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
         gaps = np.concatenate([np.array([self.before]), after])
@@ -221,27 +221,27 @@ class EventDetector:
         return self._passing(gaps, margins), gaps, margins
 
     def stand(self, gaps: Array, margins: Array) -> None:
-        """Take note of gaps and margins of a state that was looked at."""
+        """Store gaps and margins of a checked state."""
         self.before, self.margins = gaps.tolist(), margins.copy()
 
     def _margins(self, states: Array) -> Array:
-        """Margins of the limits of position, (m, limits)."""
+        """Margins of the position limits, (m, limits)."""
         return np.zeros((len(states), 0)) if self.limits is None else self.limits.margins(self.split(states.T)[0].T)
 
     def _passing(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
-        """True if a contact begins or a joint passes a limit between states (m + 1), (m,)."""
+        """Mask (m,): a contact begins or a joint passes a limit between states (m + 1)."""
         found = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
         if self.limits is not None:
             found |= self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
         return np.asarray(found)
 
     def begin(self, t: float, y: Array) -> None:
-        """Take the values of the first state."""
+        """Store the values of the first state."""
         self.before, self.margins = self.values(t, y)
         self.state = y.copy()
 
     def leaves_at_once(self, y: Array, later: Array, h: float) -> Happening | None:
-        """A joint that begins at a limit and moves beyond it, where ``later`` is the state ``h`` s after the first."""
+        """Event of a joint that starts at a limit and moves beyond it; ``later`` is the state ``h`` s after the first."""
         if self.limits is None:
             return None
         q, dq = self.split(y)
@@ -268,7 +268,7 @@ class EventDetector:
         return happened, None
 
     def _note_several(self, t: float, h: float, y: Array, after: Sequence[float]) -> None:
-        """Remark events whose slope at t, after a step of h, leads past zero more often than their values change sign."""
+        """Add remarks on events whose slope at t, after a step of h, allows more zeros than sign changes show."""
         if self.state is not None and h > 0.0:
             y0 = y + _NEAR * (self.state - y)
             for k, event in enumerate(self.events[: self.watched]):
@@ -302,7 +302,7 @@ class EventDetector:
         return self.laws[k].number(t, q, dq)
 
     def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], at: Step) -> float:
-        """When g has its level between two times after t, to a few units in the last place, by Brent's method on the step."""
+        """Time after t at which g reaches its level, to a few units in the last place, by Brent's method on the step."""
         from scipy.optimize import brentq
 
         (s0, g0), (s1, g1) = left, right

@@ -1,8 +1,8 @@
 """Forces of a simulation: callbacks, friction, contacts, and the rates of the state.
 
-Coordinates that are not vectors: Runge–Kutta methods step the numbers of q themselves, whose rates are N(q) dq, and
-quaternions are then normalised. The flow keeps their length, so the correction is of the size of the step's error, and every
-method has its full order. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, section IV.4.
+Configurations are not vectors: Runge–Kutta methods integrate the entries of q with rates N(q) dq, and then normalise
+quaternions. The exact flow preserves their norm, so the correction is of the order of the step's error, and every
+method keeps its order. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, section IV.4.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 
 
 class Manifold:
-    """The configurations of one robot, one state at a time."""
+    """Configuration manifold of one robot, one state at a time."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, robot.model
         self.flat = all(body.joint.plain_rates for body in self.model.leaders)
-        """True if the rates of all coordinates are the velocities."""
+        """True if the rates of all coordinates are velocities."""
 
     @cached_property
     def _rates(self) -> Any:
@@ -55,7 +55,7 @@ class Manifold:
         return self.robot.kernel("add")
 
     def rates(self, q: Array, dq: Array, out: Array) -> None:
-        """Write dq/dt of the coordinates, (nq,), at the joint velocities (nv,), into ``out``."""
+        """Write the rates (nq,) of the coordinates at the joint velocities (nv,) into ``out``."""
         if self.flat:
             out[:] = dq
         else:
@@ -71,7 +71,7 @@ class Manifold:
             q[mine] /= np.linalg.norm(q[mine])
 
     def errors(self, off: Array) -> Array:
-        """Errors of the joints (nv,) [rad or m] that errors of the coordinates (nq,) can make."""
+        """Errors of the joints (nv,) [rad or m] that correspond to errors of the coordinates (nq,)."""
         found = np.zeros(self.model.nv)
         for body in self.model.leaders:
             place, mine = body.places
@@ -80,7 +80,7 @@ class Manifold:
 
     @cached_property
     def groups(self) -> tuple[tuple[slice, Array, Array], ...]:
-        """Joints whose directions do not commute: their velocities, which of them turn, and c (n, n²) with ad(V) = V c."""
+        """Joints whose directions do not commute: velocities, mask of angular ones, and c (n, n²) with ad(V) = V c."""
         constants = brackets(self.model)
         found = []
         for body in self.model.leaders:
@@ -100,7 +100,7 @@ Function = Callable[[float, Array, Array], Any]
 
 @dataclass(frozen=True)
 class ControlLaw:
-    """Function (t, q, dq) whose results must be finite arrays of one shape; else SimulationError with the time."""
+    """Callback (t, q, dq) that must return finite arrays of one shape; otherwise raises SimulationError with the time."""
 
     function: Function
     what: str
@@ -111,31 +111,31 @@ class ControlLaw:
 
     @classmethod
     def from_function(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> ControlLaw:
-        """The function, once it takes three arguments."""
+        """Law from a function, if it takes three arguments."""
         require_three(function, what)
         return cls(function, what, shape, meaning)
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
-        """Return the checked value of the function."""
+        """Validated value of the function."""
         return self.checked(t, self._evaluated(t, q, dq))
 
     def number(self, t: float, q: Array, dq: Array) -> float:
-        """Return the value of a function of one number."""
+        """Value of a function that returns one number."""
         found = self._evaluated(t, q, dq)
         return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
 
     def _evaluated(self, t: float, q: Array, dq: Array) -> Any:
         try:
-            return self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
+            return self.function(t, q.copy(), dq.copy())  # copies: the function may store or change them
         except Exception as problem:
             raise self.failure(t, problem) from problem
 
     def failure(self, t: float, problem: Exception) -> SimulationError:
-        """Return the error for an exception of the function."""
+        """Error for an exception raised in the function."""
         return SimulationError(f"{self.what} failed at t = {printed(t, 9)} s with {type(problem).__name__}: {problem}")
 
     def checked(self, t: float, given: Any) -> Array:
-        """Return the value as a new array of floats; SimulationError if it is not valid."""
+        """Value as a new array of floats; raises SimulationError if it is invalid."""
         try:
             found = arguments.plain(given, self.what)  # a table would be read by position
         except Exception as problem:
@@ -157,11 +157,11 @@ class ControlLaw:
         raise SimulationError(f"{self.what} gave {given} {at}{fault}")
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
-        """Values of the function at times (m,) and states (m, nq), (m, nv), with their shape checked together."""
+        """Values of the function at times (m,) and states (m, nq), (m, nv), validated together."""
         rows = list(zip(t.tolist(), q, dq, strict=True))
         try:
             found = np.array([self.function(*row) for row in rows], float)
-        except Exception:  # said with its time below
+        except Exception:  # raised with its time below
             found = np.zeros(0)
         if found.shape == (len(rows), *self.shape) and np.isfinite(found).all():
             return found
@@ -169,20 +169,20 @@ class ControlLaw:
 
 
 def require_three(function: Any, what: str) -> None:
-    """Require a function of (t, q, dq)."""
+    """Raise an error unless the argument is a function of (t, q, dq)."""
     require_arguments(function, what, ("the time [s]", "q (nq)", "dq (nv)"), "t, q, dq")
 
 
 def require_arguments(function: Any, what: str, taken: Sequence[str], names: str = "share") -> None:
-    """Require a function of that many arguments, named by ``taken``. Raises ValueRangeError."""
+    """Raise ValueRangeError unless the argument is a function with these parameters, named by ``taken``."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
     code = function.__code__ if isinstance(function, FunctionType) else None
     if code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount:
-        return  # a signature takes longer than many steps
+        return  # checking a signature takes longer than many steps
     try:
         signed = signature(function)
-    except (TypeError, ValueError):  # some of C say nothing
+    except (TypeError, ValueError):  # some C functions have no signature
         return
     try:
         signed.bind(*[None] * len(taken))
@@ -196,23 +196,23 @@ def require_arguments(function: Any, what: str, taken: Sequence[str], names: str
 # ── Regularised dry friction for smooth methods, and its error
 
 CREEP = 1e-3
-"""rad/s or m/s, the least speed below which dry friction is eased off."""
+"""rad/s or m/s, smallest speed below which dry friction is smoothed."""
 
 
 def creep_speeds(M: Array, dry: Array, h: float) -> Array:
-    """Speeds below which dry friction is eased off, (..., nv): no less than what its most takes off a joint in a step h."""
+    """Speeds (..., nv) below which dry friction is smoothed: at least its largest change of velocity in a step h."""
     light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
     return np.asarray(np.maximum(CREEP, h * dry * light))
 
 
 def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
-    """The speeds below which dry friction is eased off, (..., nv), of samples with parameters of their own."""
+    """Speeds (..., nv) below which dry friction is smoothed, for samples with their own parameters."""
     inertia, inputs = robot.mass_matrix, [q0]
     if parameters:
         inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
         inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
     try:
-        with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
+        with np.errstate(all="ignore"):  # non-finite states end as unstable motions
             M = inertia(*(np.asarray(x, float) for x in inputs))
             for _ in range(2):  # A⁻ᵀ M A⁻¹, of the drives
                 M = np.swapaxes(motor_torques(robot.model, M), -1, -2) if robot.model.couplings else M
@@ -223,7 +223,7 @@ def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str,
 
 
 def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
-    """The most that dry friction takes from each joint before its load counts, (..., nv)."""
+    """Largest dry friction of each joint without load, (..., nv)."""
     friction = robot.model.friction
     most = np.maximum(friction.static, friction.coulomb)
     most = np.broadcast_to(most, (*np.broadcast_shapes(*(x.shape for x in parameters.values())), robot.nv)).copy()
@@ -237,10 +237,10 @@ def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
 
 
 class EasedFriction:
-    """The laws of friction of a robot's joints, made continuous at rest.
+    """Friction laws of a robot's joints, continuous at rest.
 
-    The dry part is multiplied by tanh(|dq| / creep): a joint that would stick creeps, at up to a few times that speed, and
-    steps need not be as short as the time in which friction stops a joint.
+    Dry friction is multiplied by tanh(|dq| / creep). A joint that should stick creeps at up to a few times that speed.
+    Steps can then be longer than the time in which friction stops a joint.
     """
 
     def __init__(self, robot: Robot, creep: Array) -> None:
@@ -262,12 +262,12 @@ class EasedFriction:
         return robot.engine.cached("eased friction", build)
 
     def left(self, dq: Array, tau: Array) -> Array:
-        """Torques tau after friction, (nv)."""
+        """Torques tau minus friction, (nv)."""
         return np.asarray(self._kernel(dq, tau, eased(motor_velocities(self.robot.model, dq), self.creep)))
 
 
 def rubs_dry(model: Model) -> Array:
-    """True for joints with dry friction, (nv,)."""
+    """Mask of joints with dry friction, (nv,)."""
     return np.asarray((model.friction.static > 0) | (model.friction.coulomb > 0) | (model.friction.load > 0))
 
 
@@ -301,7 +301,7 @@ class DryFrictionStep:
 
     @cached_property
     def kernel(self) -> Any:
-        """(q, dq, h, tau, push, gains) to velocities, torques applied and those of friction; made where it is needed."""
+        """Kernel from (q, dq, h, tau, push, gains) to velocities, applied and friction torques; compiled at first use."""
         robot, friction, gained = self._robot, self.friction, self.gained
         model = regrouped(robot.model)
 
@@ -318,7 +318,7 @@ class DryFrictionStep:
         return robot.engine.cached(("braked step", friction, gained), build)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
-        """Coordinates at which velocities change, (nq,): halfway with friction, at the beginning without."""
+        """Coordinates at which velocities change, (nq,): at the midpoint with friction, at the start without."""
         return manifold.move(q, 0.5 * h * dq) if self.friction else q
 
     def end(self, manifold: Manifold, middle: Array, v: Array, h: float) -> Array:
@@ -328,19 +328,19 @@ class DryFrictionStep:
 
 # ── Forces on the robot and rates of its state
 
-# The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by the torques of the joints, by
-# friction, by wrenches and by contacts. Works are integrated by the method that moves the robot, so that
+# The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by joint torques, friction,
+# wrenches and contacts. Works are integrated by the same method as the motion, so that
 #
 #     drift = E(t) - E(0) - W(t)
 #
-# is the method's own error and nothing else.
+# is only the error of the method.
 
 WORKS = ("torques", "friction", "wrenches", "contacts")
 """Sources of work, in the order of the last entries of a state."""
 
 
 class System:
-    """A robot and what acts on it: y' = f(t, y)."""
+    """Robot and the forces on it: y' = f(t, y)."""
 
     takes_many = True
     """True if :meth:`of_many` is available."""
@@ -360,9 +360,9 @@ class System:
         self.size = robot.nq + robot.nv + len(WORKS)
         self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
         self.functions = self._functions()
-        """Functions: name, and generalised forces (m, nv) at times (m,) and states (m, size)."""
+        """Callbacks: name, and generalised forces (m, nv) at times (m,) and states (m, size)."""
         self.dry_friction: DryFrictionStep | None = None
-        """Steps that take friction and gains of the rates at their end; rates are then those of such a step."""
+        """Steps with implicit friction and velocity gains; accelerations are then those of such a step."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
         self.held = np.zeros(robot.nv)
         """Last output of the controller, (nv)."""
@@ -380,11 +380,11 @@ class System:
         return y[: self.nq], y[self.moving]
 
     def allowed_velocities(self, y: Array) -> Array:
-        """The velocities (..., nv) of states (..., size), what violates constraints taken away; an open robot has none."""
+        """Velocities (..., nv) of states (..., size) that satisfy the constraints; an open robot has none."""
         return y[..., self.moving]
 
     def forces(self, t: float, q: Array, dq: Array, powers: Array) -> Array:
-        """The generalised force of everything but gravity and springs, (nv); its powers are written to ``powers`` (4,) [W]."""
+        """Generalised force (nv) of everything but gravity and springs; writes the powers to ``powers`` (4,) [W]."""
         tau = self._torques(t, q, dq)
         self.applied, total = tau, tau
         powers[0] = tau @ dq
@@ -397,7 +397,7 @@ class System:
         return total
 
     def braked_step(self, t: float, y: Array, h: float, powers: Array) -> Array:
-        """The velocities after a step of length ``h`` from a state; powers as by :meth:`forces`, their means over the step."""
+        """Velocities after a step of length ``h`` from a state; powers as by :meth:`forces`, averaged over the step."""
         assert self.dry_friction is not None
         last = self._last
         if last is not None and last[:2] == (t, h) and last[2] is self.held and np.array_equal(last[3], y):
@@ -434,7 +434,7 @@ class System:
         return self.held if self.tau is None else self.held + self.tau(t, q, dq)
 
     def _pushes(self, t: float, q: Array, dq: Array, at: Array) -> Iterator[tuple[int, Array]]:
-        """Joint torques (nv,) of each wrench, at the configuration ``at`` (nq,), and contact; index of its work."""
+        """For each wrench and contact: joint torques (nv,) at the configuration ``at`` (nq,), and index of its work."""
         for frame, law in self.wrenches.items():
             yield 2, self.robot.wrench_torques(at, law(t, q, dq), frame)
         for contact in self.contacts:
@@ -456,7 +456,7 @@ class System:
         out[self.moving] = self.robot.forward_dynamics(q, dq, force)
 
     def of_many(self, times: Array, states: Array) -> tuple[Array, Array]:
-        """Accelerations and torques at the joints, (m, nv), at times (m,) and states (m, size); an open robot's."""
+        """Accelerations and joint torques, (m, nv), at times (m,) and states (m, size); open robots only."""
         self.evaluations += len(states)
         q, dq = states[:, : self.nq], states[:, self.moving]
         tau = np.broadcast_to(self.held, dq.shape)
@@ -465,7 +465,7 @@ class System:
         return np.asarray(self.robot.forward_dynamics(q, dq, self.total(times, q, dq, tau))), tau
 
     def total(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
-        """Torques tau (m, nv) after friction, with those of wrenches and contacts."""
+        """Torques tau (m, nv) minus friction, plus those of wrenches and contacts."""
         found = tau if self.friction is None else self.friction.left(dq, tau)
         for frame, law in self.wrenches.items():
             F = law.values(times, q, dq) if law.varies else law(0.0, q, dq)
@@ -484,7 +484,7 @@ class System:
 
 
 def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
-    """Constant torques (nv), and torques as a function; one of them is nothing."""
+    """Constant torques (nv) and torque function; one of them is zero or None."""
     if tau is None:
         return np.zeros(nv), None
     if callable(tau):
@@ -493,7 +493,7 @@ def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
 
 
 def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
-    """A law for each frame of ``{frame: (m, f) or a function}``, what the world applies to the robot there."""
+    """Law for each frame of ``{frame: (m, f) or a function}``, wrenches by the world on the robot."""
     if wrenches is None:
         return {}
     if not isinstance(wrenches, Mapping):
@@ -505,7 +505,7 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
         if callable(given) and not isinstance(given, Wrench):
             found[frame] = ControlLaw.from_function(given, what, (6,), ", (m, f), moment first")
         else:
-            labelled = wrench_at(robot.model, frame, given)  # checks a label
+            labelled = wrench_at(robot.model, frame, given)  # validates a label
             F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)
             found[frame] = ControlLaw(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
     return found

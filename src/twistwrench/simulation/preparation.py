@@ -1,4 +1,4 @@
-"""Validation and start of simulations, of one state or of many."""
+"""Argument validation and start of simulations, of one state or of many."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def build_run(
     progress: Callable[[float], None] | None,
     loops: Loops | None,
 ) -> Run:
-    """A run that is ready to go, by the arguments of :meth:`twistwrench.Robot.simulate`."""
+    """Prepared run, from the arguments of :meth:`twistwrench.Robot.simulate`."""
     method = ADAPTIVE if method is None else method
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
@@ -120,7 +120,7 @@ def build_run(
 
 
 def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops | None) -> None:
-    """Take all steps of a run, compiled as far as that can be."""
+    """Take all steps of a run, compiled as far as possible."""
     system, options = run.system, (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
     if run.method == ADAPTIVE and loops is not None:
         run_adaptive(run, ClosedStepper(loops, *options))
@@ -137,7 +137,7 @@ def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops 
 def _friction(
     system: System, scheme: Scheme, method: str, y0: Array, h: float, tau: Any, *, friction: bool, creep: float | None
 ) -> list[str]:
-    """Give the system the robot's friction in the form that the method takes; remarks on it."""
+    """Set the system's friction in the form that the method requires; returns remarks on it."""
     robot = system.robot
     rubs, remarks = friction and robot.model.friction.any, []
     gains = getattr(tau, "rate_gains", None) if callable(tau) else None
@@ -164,7 +164,7 @@ def _friction(
             speeds = creep_of_samples(robot, y0[: robot.nq], 0.0 if method == ADAPTIVE else h, {})
         system.friction = EasedFriction(robot, speeds)
         if eased := easing_remark(robot.model, speeds):
-            # Semi-implicit steps of closed robots ease, too.
+            # Semi-implicit steps of closed robots are smoothed too.
             remarks.append(eased.rpartition("; ")[0] if isinstance(scheme, ClosedScheme) else eased)
     return remarks
 
@@ -189,7 +189,7 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
             continue
         try:
             shape = np.shape(given) if isinstance(given, np.ndarray | list | tuple) else ()
-        except ValueError:  # ragged, refused below
+        except ValueError:  # ragged; reported below
             shape = ()
         if len(shape) > 1:
             raise ShapeError(
@@ -203,7 +203,7 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
             raise ValueRangeError(
                 "q0 has a quaternion of zeros, which is not a rotation; the identity is (1, 0, 0, 0)."
             )
-        y[mine] /= largest  # before it is squared: its square may be more or less than floats hold
+        y[mine] /= largest  # scaled first: the square may overflow or underflow
     system.manifold.normalise(y[: robot.nq])
     return y
 
@@ -242,11 +242,11 @@ def _limits(robot: Robot, given: str | None, y0: Array) -> PositionLimits | None
     return found
 
 
-# ── One simulation: preparation, run, and the result whatever ends it
+# ── One simulation: preparation, run, and the result for any kind of end
 
 
 def simulated(robot: Robot, *start: Any, loops: Loops | None = None, **given: Any) -> SimulationResult:
-    """The result of :meth:`twistwrench.Robot.simulate`; ``loops`` are constraints to keep to."""
+    """Result of :meth:`twistwrench.Robot.simulate`; ``loops``: constraints to satisfy."""
     return run_to_end(build_run(robot, *start, **given, loops=loops))
 
 
@@ -268,9 +268,9 @@ def simulate_closed(closed: ClosedRobot, q0: Any, *start: Any, method: str | Non
 
 
 def run_to_end(run: Run) -> SimulationResult:
-    """The result of a run that is prepared. What ends it early has all up to there in its ``.result``."""
+    """Result of a prepared run; an exception that ends it early holds the motion so far in ``.result``."""
     try:
-        with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+        with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
             run.go()
             run.judge()
     except SimulationError as problem:
@@ -292,7 +292,7 @@ class SimulationBatch:
     """Simulations from a batch of states, each of its own length. Printing it shows how many reached the end."""
 
     results: tuple[SimulationResult, ...]
-    """One for each state, in the order of the flattened batch."""
+    """One result for each state, in the order of the flattened batch."""
     shape: tuple[int, ...]
     """Shape of the batch."""
 
@@ -315,7 +315,7 @@ class SimulationBatch:
 
     @property
     def ends(self) -> Array:
-        """The time of the last state of each, (...) s."""
+        """Time of the last state of each simulation, (...) s."""
         return np.array([found.times[-1] for found in self.results]).reshape(self.shape)
 
     def __repr__(self) -> str:
@@ -350,13 +350,13 @@ def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch
             if place == (0,) * len(shape) or "q0" not in str(problem):
                 raise
             raise type(problem)(f"simulation {list(place)} of the batch: {problem}") from None
-    with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+    with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
         _advance(runs)
     results: list[SimulationResult] = []
     for run in runs:
         try:
             results.append(run_to_end(run))
-        except SimulationError as problem:  # its result says so, and the others go on
+        except SimulationError as problem:  # recorded in its result; the others continue
             results.append(cast("SimulationResult", problem.result))
         if progress is not None:
             progress(len(results) / len(runs))
@@ -364,7 +364,7 @@ def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch
 
 
 def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[Array, Array, tuple[int, ...]]:
-    """Configurations (n, nq) and velocities (n, nv) of all, and the shape of the batch."""
+    """Configurations (n, nq) and velocities (n, nv) of all simulations, and the shape of the batch."""
     q = robot.neutral if q0 is None else arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
     dq = np.zeros(robot.nv) if dq0 is None else arguments.finite(dq0, "dq0", robot.nv, names=robot.model.velocity_names)
     try:
@@ -376,7 +376,7 @@ def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[
 
 
 def _advance(runs: list[Run]) -> None:
-    """Take the steps of all runs side by side as far as they are compiled, stable and not ended; each goes on by itself."""
+    """Take the steps of all runs side by side while they are compiled, stable and not ended; then each continues alone."""
     if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].without_callbacks:
         return
     first = runs[0]

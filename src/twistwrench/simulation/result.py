@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _ROUNDING = 1e-9
-"""Share of the energy below which drift counts as rounding."""
+"""Fraction of the energy below which drift counts as rounding error."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationResult:
-    """Simulated motion of n states, the first at time 0. Printing it shows its end and the drift.
+    """Simulated motion of n states, the first at time 0. Printing it shows the reason of its end and the drift.
 
     Examples
     --------
@@ -42,64 +42,64 @@ class SimulationResult:
     """
 
     robot: str
-    """The robot's name."""
+    """Name of the robot."""
     coordinate_names: tuple[str, ...]
     """Names of the entries of q."""
     velocity_names: tuple[str, ...]
     """Names of the entries of dq, ddq and tau."""
     times: Array
-    """(n,) s."""
+    """Times (n,) [s]."""
     q: Array
-    """(n, nq)."""
+    """Configurations (n, nq)."""
     dq: Array
-    """(n, nv)."""
+    """Velocities (n, nv)."""
     ddq: Array
-    """(n, nv)."""
+    """Accelerations (n, nv)."""
     tau: Array
-    """(n, nv), of ``tau`` and the controller together; what friction and contacts do is not in it."""
+    """(n, nv), sum of ``tau`` and the controller's torques, without friction and contacts."""
     kinetic_energy: Array
-    """(n,) J."""
+    """Kinetic energy (n,) [J]."""
     potential_energy: Array
-    """(n,) J, of gravity and springs."""
+    """Potential energy of gravity and springs (n,) [J]."""
     work: Mapping[str, Array]
-    """(n,) J each, done so far on the robot by its ``torques``, by ``friction``, by ``wrenches`` and by ``contacts``."""
+    """Work done so far on the robot by its ``torques``, by ``friction``, ``wrenches`` and ``contacts``, (n,) [J] each."""
     momentum: Array
-    """(n, 6), spatial, of the moving bodies at the base origin [N m s, N s]."""
+    """Spatial momentum (n, 6) of the moving bodies at the base origin [N m s, N s]."""
     stopped: str
-    """Why the simulation ended there, in words."""
+    """Reason of the end of the simulation, as text."""
     completed: bool = True
     """True if the run reached the end of its duration."""
     events: tuple[Happening, ...] = ()
-    """Events in order."""
+    """Events in order of time."""
     method: str = ""
     """The integrator."""
     dt: float = np.nan
-    """s, between the states of a record of which every one is kept; the step, unless the method adapts it."""
+    """Interval [s] between recorded states if every one is kept; equal to the step unless the method is adaptive."""
     steps: int = 0
     """Number of steps."""
     rejected: int = 0
-    """Steps that an adaptive method took again, shorter."""
+    """Number of rejected steps of an adaptive method."""
     evaluations: int = 0
     """Number of evaluations of forward dynamics."""
     error_estimate: Array = field(default_factory=lambda: np.zeros(0))
-    """(nv,) rad or m, about how far off each coordinate may be: the errors of all steps added up, which would be the error of
-    the motion if they neither grew nor faded nor cancelled. Some fixed steps are repeated in two halves, forces and
-    contacts included; ``dopri5`` judges each of its steps. NaN where nothing is known."""
+    """(nv,) rad or m, estimated error of each coordinate: the sum of the errors of all steps. It is the error of the motion if
+    step errors neither grow nor decay nor cancel. With fixed steps, some are repeated as two half steps, forces and
+    contacts included; ``dopri5`` estimates every step. NaN if unknown."""
     relative_error: float = np.nan
-    """The largest of them, over the largest travel of the joints that turn, or of those that slide."""
+    """Largest estimated error divided by the largest travel of the revolute or of the prismatic joints."""
     remarks: tuple[str, ...] = ()
     """Remarks to read before use; empty if there are none."""
     coordinate_units: tuple[str, ...] = ()
-    """Units of the entries of q: ``"rad"``, ``"m"``, and ``""`` for those of a quaternion."""
+    """Units of the entries of q: ``"rad"``, ``"m"``, or ``""`` for entries of a quaternion."""
     simulated: Robot | None = None
-    """The robot; None where the result was read from a file."""
+    """Robot; None if the result was read from a file."""
     energy: Array = field(init=False)
-    """(n,) J, kinetic and potential."""
+    """Sum of kinetic and potential energy (n,) [J]."""
     drift: Array = field(init=False)
-    """(n,) J, gain of energy that work does not explain: the error of the method."""
+    """Change of energy that the works do not explain (n,) [J]: the error of the method."""
 
     def __post_init__(self) -> None:
-        with np.errstate(all="ignore"):  # the last states before a failure may be enormous
+        with np.errstate(all="ignore"):  # the last states before a failure may overflow
             energy = self.kinetic_energy + self.potential_energy
             drift = energy - energy[0] - sum(self.work.values())
         object.__setattr__(self, "energy", energy)
@@ -107,7 +107,7 @@ class SimulationResult:
 
     @property
     def relative_drift(self) -> float:
-        """The largest drift, over the energy that moved: the largest kinetic energy, work, or change of potential energy."""
+        """Largest drift divided by the largest kinetic energy, work, or change of potential energy."""
         if not np.isfinite(self.energy).all():
             return np.nan
         moved = float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))
@@ -134,7 +134,7 @@ class SimulationResult:
 
     @property
     def motion(self) -> Motion:
-        """States as a :class:`twistwrench.Motion`, whose ``tau`` are the applied torques; of a file :meth:`with_robot`."""
+        """States as a :class:`twistwrench.Motion` with the applied torques ``tau``; after loading, see :meth:`with_robot`."""
         if self.simulated is None:
             raise ValueRangeError(
                 "this result was read from a file, which has no robot in it: result.with_robot(robot).motion."
@@ -144,7 +144,7 @@ class SimulationResult:
         return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated, in_seconds=True)
 
     def with_robot(self, robot: Robot) -> SimulationResult:
-        """Return the result with the robot that was simulated, for a result from a file.
+        """Result with the simulated robot, for a result read from a file.
 
         Returns
         -------
@@ -157,11 +157,11 @@ class SimulationResult:
         return replace(self, simulated=robot)
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
-        """Write a CSV file that ``twistwrench torques`` reads as a motion, and :meth:`load` gives back to the last bit.
+        """Write a CSV file that ``twistwrench torques`` accepts as a motion, and :meth:`load` restores bit by bit.
 
         Parameters
         ----------
-        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
+        degrees : bool, write angles in degrees, marked in the header: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------
@@ -170,14 +170,14 @@ class SimulationResult:
         Notes
         -----
         Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and
-        momentum; text in comments before the header. Degrees come back with the rounding of the conversion.
+        momentum; comments before the header hold the text fields. Degrees are restored with rounding errors.
         """
         from .result_files import write_csv
 
         return write_csv(self, path, degrees=degrees)
 
     def to_npz(self, path: str | Path) -> Path:
-        """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
+        """Write an npz archive of arrays, which :meth:`load` restores bit by bit.
 
         Returns
         -------
@@ -189,7 +189,7 @@ class SimulationResult:
 
     @staticmethod
     def load(path: str | Path) -> SimulationResult:
-        """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called, without its robot.
+        """Read a file of :meth:`to_csv` or :meth:`to_npz`, with any file name, without its robot.
 
         Returns
         -------
@@ -218,11 +218,11 @@ def _largest(x: Array) -> float:
 # ── Preallocated record of a run
 
 _AT_FIRST = 1_000_000
-"""States that room is made for at the beginning, at most."""
+"""Largest number of states for which memory is allocated at the start."""
 
 
 class Record:
-    """Times, states, accelerations and torques of each state kept, added all at once or not at all; and what happened."""
+    """Record of times, states, accelerations and torques, each added atomically, and of events."""
 
     def __init__(self, rows: int, size: int, nv: int) -> None:
         self.count = 0
@@ -233,12 +233,12 @@ class Record:
 
     @property
     def last(self) -> float:
-        """The time of the last state [s]; -inf where none is kept."""
+        """Time of the last state [s]; -inf if there is none."""
         return float(self._parts[0][self.count - 1]) if self.count else -np.inf
 
     @property
     def states(self) -> Array:
-        """(count, size)."""
+        """States (count, size)."""
         return self._parts[1][: self.count]
 
     def keep(self, t: float, y: Array, ddq: Array, tau: Array) -> None:
@@ -261,12 +261,12 @@ class Record:
         self.count = end
 
     def result(self, robot: Robot, works: tuple[str, ...], **more: Any) -> SimulationResult:
-        """Return the stored states, with energies and momentum."""
+        """Result with the stored states, energies and momentum."""
         times, Y, accelerations, torques = (x[: self.count] for x in self._parts)
-        if self.count < len(self._parts[0]) - 2:  # room that an early end left unused is given back
+        if self.count < len(self._parts[0]) - 2:  # releases memory after an early end
             times, accelerations, torques = times.copy(), accelerations.copy(), torques.copy()
         q, dq, W = (np.ascontiguousarray(x) for x in np.split(Y, [robot.nq, robot.nq + robot.nv], axis=1))
-        with np.errstate(all="ignore"):  # the last states before a failure may be enormous
+        with np.errstate(all="ignore"):  # the last states before a failure may overflow
             kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
             momentum = robot.momentum(q, dq)
         more["coordinate_units"] = tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units)

@@ -41,9 +41,9 @@ _SAID = {
     "relative_error": float,
     "coordinate_units": list,
 }
-"""Text fields and their types; lists are of text. Events are stored separately."""
+"""Text fields and their types; lists hold text. Events are stored separately."""
 _ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
-"""Fields that older files lack: unknown."""
+"""Fields missing in older files, with the value for unknown."""
 
 
 def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = False) -> Path:
@@ -79,7 +79,7 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
 
 
 def _to_radians(header: list[str], expected: list[str]) -> Array | None:
-    """Factors of each column to SI units, (n,); None if the columns are not the expected ones."""
+    """Conversion factor of each column to SI units, (n,); None if the columns are not the expected ones."""
     degree, units = np.radians(1.0), tuple(f" [{unit}]" for unit in DEGREES.values())
     if len(header) != len(expected):
         return None
@@ -96,7 +96,7 @@ def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
 
 
 def write_npz(result: SimulationResult, path: str | Path) -> Path:
-    """One array each, and the words as JSON in a further one."""
+    """Write one array for each numeric field, and the text fields as JSON in another."""
     arrays = {name: getattr(result, name) for name in _ARRAYS} | {f"work_{w}": result.work[w] for w in WORKS}
     path = as_path(path)
     with replacing(path) as scratch, scratch.open("wb") as file:
@@ -105,7 +105,7 @@ def write_npz(result: SimulationResult, path: str | Path) -> Path:
 
 
 def read(path: str | Path) -> SimulationResult:
-    """Read a file that one of the writers wrote; NotFoundError and TrajectoryError for anything else."""
+    """Read a file of :func:`write_csv` or :func:`write_npz`; raises NotFoundError, or TrajectoryError for other content."""
     path = as_path(path)
     advice = "Give a .npz or .csv that SimulationResult wrote, whole."
     try:

@@ -1,4 +1,4 @@
-"""Rollouts: many motions at once, all steps in one kernel, a sample a vector lane."""
+"""Rollouts: many motions at once, all steps in one kernel, one sample per vector lane."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Rollout:
     """Rollout: motions of any batch shape, n states each, the first at time 0.
 
-    Printing it says whether all are stable.
+    Printing it reports unstable motions.
 
     Examples
     --------
@@ -47,21 +47,21 @@ class Rollout:
     """
 
     robot: str
-    """The robot's name."""
+    """Name of the robot."""
     coordinate_names: tuple[str, ...]
     """Names of the entries of q."""
     velocity_names: tuple[str, ...]
     """Names of the entries of dq and tau."""
     times: Array
-    """(n,) s."""
+    """Times (n,) [s]."""
     q: Array
-    """(..., n, nq)."""
+    """Configurations (..., n, nq)."""
     dq: Array
-    """(..., n, nv)."""
+    """Velocities (..., n, nv)."""
     tau: Array | None
-    """Torques (..., n - 1, nv) of the step that begins at each time but the last; None unless requested."""
+    """Torques (..., n - 1, nv) in the step from each time but the last; None unless requested."""
     dt: float
-    """s, of one step."""
+    """Length of a step [s]."""
     steps: int
     """Number of steps."""
     method: str
@@ -78,7 +78,7 @@ class Rollout:
 
         Parameters
         ----------
-        *index : int, of the motion in the batch
+        *index : int, index of the motion in the batch
 
         Returns
         -------
@@ -86,8 +86,8 @@ class Rollout:
 
         Notes
         -----
-        Its robot is the one that was rolled out, whatever ``parameters=`` said for the sample: for torques with a
-        sample's payload, ``motion.with_robot(robot.with_payload(…))``.
+        The motion refers to the original robot, even if the sample had other ``parameters=``. For torques with a
+        sample's payload, use ``motion.with_robot(robot.with_payload(…))``.
         """
         if (
             not all(isinstance(k, int | np.integer) for k in index)
@@ -107,7 +107,7 @@ class Rollout:
 
         Returns
         -------
-        dataset : xarray.Dataset, torques of the step that begins at each time, NaN at the last one
+        dataset : xarray.Dataset; torques belong to the step from each time and are NaN at the last one
         """
         from ..motion.motion_io import labelled_dataset
 
@@ -115,13 +115,13 @@ class Rollout:
         return labelled_dataset(self._robot().model, self.times, arrays)
 
     def gradient(self, q: ArrayLike = 0.0, dq: ArrayLike = 0.0, tau: ArrayLike = 0.0) -> RolloutGradient:
-        """Gradient of a cost of these motions by all that went in, from the cost's slopes by what came out: discrete adjoint.
+        """Gradient of a cost of these motions with respect to all inputs, by the discrete adjoint method.
 
         Parameters
         ----------
-        q : (..., n, nv) array_like, slopes of the cost by each configuration, along robot.add
-        dq : (..., n, nv) array_like, slopes by each velocity
-        tau : (..., n - 1, nv) array_like, slopes by the torques, where ``torques=True`` says them
+        q : (..., n, nv) array_like, derivatives of the cost by each configuration, along robot.add
+        dq : (..., n, nv) array_like, derivatives by each velocity
+        tau : (..., n - 1, nv) array_like, derivatives by the torques; requires ``torques=True``
 
         Returns
         -------
@@ -143,7 +143,7 @@ class Rollout:
 
         Notes
         -----
-        δ are deviations along robot.add, as in :meth:`twistwrench.Robot.linearize`, of which this is the step.
+        δ are deviations along robot.add, as in :meth:`twistwrench.Robot.linearize`, its continuous-time counterpart.
         """
         given = self._given()
         if given.kept != given.steps:
@@ -167,17 +167,17 @@ class Rollout:
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The shape of the batch."""
+        """Shape of the batch."""
         return self.q.shape[:-2]
 
     @cached_property
     def unstable(self) -> Array:
-        """True for motions that end not finite or faster than 1e6 rad/s or m/s, (...) bool."""
+        """Mask (...) of motions whose end is not finite or faster than 1e6 rad/s or m/s."""
         return _meaningless(self.q[..., -1, :], self.dq[..., -1, :])
 
     @cached_property
     def unstable_from(self) -> Array:
-        """When each of them is first seen to be unstable, (...) s; inf for those that are not."""
+        """First stored time at which each motion is unstable, (...) s; inf for stable motions."""
         found = np.full(self.batch, np.inf)
         for sample in map(tuple, np.argwhere(self.unstable)):
             found[sample] = self.times[np.argmax(_meaningless(self.q[sample], self.dq[sample]))]
@@ -204,7 +204,7 @@ Result = TypeVar("Result", bound=Rollout)
 
 
 def rolled_out(robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any) -> Rollout:
-    """The result of :meth:`twistwrench.Robot.rollout`."""
+    """Result of :meth:`twistwrench.Robot.rollout`."""
     given = cleaned(robot, *start, **options)
     for_gradients = kept_for_gradients(given, out) if arguments.flag(gradients, "gradients") else None
     q, dq, *tau = computed(robot, given, room_for(given, out))
@@ -216,7 +216,7 @@ def rolled_out(robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...
 def build_rollout(
     kind: type[Result], robot: Robot, inputs: Inputs, q: Array, dq: Array, tau: list[Array], **more: Any
 ) -> Result:
-    """The result of inputs, with what its kind has beside."""
+    """Rollout from validated inputs, with the additional fields of its type."""
     return kind(
         robot=robot.name,
         simulated=robot,

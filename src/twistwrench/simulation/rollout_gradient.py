@@ -33,19 +33,19 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 IN_ONE_CALL = 5e9
-"""Operations between two looks at whether the user wants to stop: some 0.3 s."""
+"""Operations between two checks for a keyboard interrupt: about 0.3 s."""
 ALONE = 3
-"""Slowdown of the operations of a few samples, which leave most vector lanes idle."""
+"""Slowdown for batches that leave most vector lanes unused."""
 LANES = 16
-"""Samples are shared out in multiples of this: whole blocks on every processor."""
+"""Samples are distributed in multiples of this: whole blocks for every processor."""
 
 
 def computed(robot: Robot, given: Inputs, results: list[Array]) -> list[Array]:
-    """Take all steps; the results, with the states written into them."""
+    """Take all steps; returns the results, with the states written into them."""
     samples = math.prod(given.batch)
     arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
     states = len(given.plan.state)
-    flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
+    flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results are contiguous
     for x, start in zip(flat[:states], arrays, strict=False):
         x[:, 0] = start
     outputs = (*(x[:, 1:] for x in flat[:states]), *flat[states:])
@@ -56,8 +56,8 @@ def computed(robot: Robot, given: Inputs, results: list[Array]) -> list[Array]:
 def run_steps(
     kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
 ) -> None:
-    """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs counts the samples."""
-    with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+    """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs is that of the samples."""
+    with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
         for some, places, count in _slices(kernel, arrays, ranks, outputs, steps):
             batch_threads.share(kernel, _parts(kernel, some, ranks, places, count))
 
@@ -65,7 +65,7 @@ def run_steps(
 def _slices(
     kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
 ) -> Iterator[tuple[Sequence[Array], tuple[Array, ...], int]]:
-    """Slices of the steps, between which Ctrl-C is handled; each begins where the one before it ended."""
+    """Slices of the steps, between which Ctrl-C is handled; each begins where the previous one ended."""
     owner = owner_of(kernel)
     scan = owner.given if owner is not None else None
     samples, kept = outputs[0].shape[:2]
@@ -76,7 +76,7 @@ def _slices(
         return
     most = max(1, int(IN_ONE_CALL / (owner.cost * len(scan.table) * LANES * ALONE)))
     every, states, rest = steps // kept, list(arrays[: scan.visible]), arrays[scan.visible :]
-    rows = max(1, most // every)  # kept ones in a slice; a long way from one to the next is cut itself
+    rows = max(1, most // every)  # stored states in a slice; long intervals between two are divided too
     for row in range(0, kept, rows):
         begin, end = row * every, min(kept, row + rows) * every
         places = tuple(x[:, row : row + rows] for x in outputs)
@@ -95,12 +95,12 @@ def _slices(
 def _parts(
     kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
 ) -> Iterator[Part]:
-    """Parts of the batch, one for each thread, short enough for Ctrl-C to be handled between two."""
+    """Parts of the batch, one for each thread, short enough to handle Ctrl-C between two."""
     samples, owner = len(outputs[0]), owner_of(kernel)
     rows = max(samples, 1)
     if owner is not None:
         if outputs[0].dtype == np.float32:
-            owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+            owner.address(SINGLE)  # compiled before the threads start, where exceptions propagate
         stages = len(owner.given.table) if isinstance(owner.given, Scan) else 1
         rows = min(int(IN_ONE_CALL / (owner.cost * stages * steps)), -(-samples // batch_threads.get_threads()))
         rows = max(LANES, rows // LANES * LANES)
@@ -111,7 +111,7 @@ def _parts(
 
 
 def kernel_of(robot: Robot, plan: StepPlan) -> Any:
-    """The compiled steps of a plan, made once for a robot."""
+    """Compiled steps of a plan, cached with the robot."""
 
     def build() -> Any:
         robot.engine.require_invertible()
@@ -121,7 +121,7 @@ def kernel_of(robot: Robot, plan: StepPlan) -> Any:
 
 
 def room_for(given: Inputs, out: Any) -> list[Array]:
-    """Arrays for the results: fresh ones, or the caller's. Raises ShapeError where they do not fit."""
+    """Arrays for the results: new ones or the caller's; raises ShapeError if these do not fit."""
     shapes, dtype = given.shapes, np.dtype(given.dtype)
     if out is not None:
         return _lent(out, shapes, dtype)
@@ -136,7 +136,7 @@ def room_for(given: Inputs, out: Any) -> list[Array]:
 
 
 def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
-    """The caller's arrays, if the results fit in."""
+    """The caller's arrays, if the results fit."""
 
     def fits(x: Any, shape: tuple[int, ...]) -> bool:
         flags = type(x) is np.ndarray and x.flags.writeable and x.flags.c_contiguous
@@ -158,28 +158,27 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
 
 # ── Adjoint program of a step
 
-# With x1 = f(x0, u) a step, τ the torques applied in it, and λ the slopes of a cost by a state, through all later ones,
-#
+# With x1 = f(x0, u) a step, τ the torques applied in it, and λ the derivatives of a cost by a state through all later
+# ones,
 #     (1)  λ0 = l + A' λ1 + C' m,       A = ∂x1/∂x0,  C = ∂τ/∂x0
 #     (2)  ∂cost/∂u = B' λ1 + D' m,     B = ∂x1/∂u,   D = ∂τ/∂u
 #
-# with l and m the cost's own slopes by x0 and by τ. All this is one sweep of reverse mode through the program of the step,
-# so no
-# matrix is scan. Slopes by configurations are along robot.add: entries nv, not nq.
+# with l and m the cost's own derivatives by x0 and by τ. One reverse-mode sweep through the program of the step
+# evaluates both, without forming a matrix. Derivatives by configurations are along robot.add: nv entries, not nq.
 #
-# Sources: Bryson and Ho, Applied Optimal Control (1975), section 2.2, and Griewank and Walther, Evaluating Derivatives (2008),
-# chapter 3.
+# Sources: Bryson and Ho, Applied Optimal Control (1975), section 2.2, and Griewank and Walther, Evaluating Derivatives
+# (2008), chapter 3.
 
 
 @dataclass(frozen=True)
 class StepAdjoint:
-    """The adjoint of the steps of one plan."""
+    """Adjoint of the steps of one plan."""
 
     plan: StepPlan
 
     @property
     def by(self) -> Ports:
-        """Differentiable inputs of each step and the shapes of their slopes: all but dt and limits."""
+        """Differentiable inputs of each step and the shapes of their derivatives: all except dt and limits."""
         known = {"dt", "torque limits"}
         return [
             (name, (self.plan.model.nv,) if name == "q_des" else shape)
@@ -191,8 +190,8 @@ class StepAdjoint:
     def recurrence(self) -> Scan:
         """Adjoint loop of (1) and (2), from the last step to the first.
 
-        Given for each step: q twice (as angles and as coordinates), dq, all that the step was given, l by q and by dq, and
-        m where torques are said.
+        Inputs of each step: q twice (as angles and as coordinates), dq, the inputs of the forward step, l by q and by
+        dq, and m if torques are returned.
         """
         nq, nv = self.plan.model.nq, self.plan.model.nv
         states: Ports = [("slope by q", (nv,)), ("slope by dq", (nv,))]
@@ -223,9 +222,8 @@ class StepAdjoint:
 
 # ── Gradients through rollouts, by one kernel for all samples
 
-# Where every state is kept, one sweep takes all steps. Where one in some is, the states between two are computed once
-# more, with
-# the bits they had, from the last such piece to the first: memory for one piece, and time for the steps once more.
+# If every state is stored, one sweep takes all steps. Otherwise the states between two stored ones are recomputed bit
+# by bit, from the last interval to the first. This needs memory for one interval, and the time of the steps once more.
 
 DRY = (
     "dry friction has corners: slopes are those of each joint as it was in each step, sliding its way or held, and do not "
@@ -236,27 +234,27 @@ LIMITED = "a torque at its limit answers to nothing: its slope is 0 there, also 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RolloutGradient:
-    """Gradient of a cost of the motions of a rollout by all that went in.
+    """Gradient of a cost of the motions of a rollout with respect to all inputs.
 
-    Each part has the shape of what was given. By configurations it is along robot.add, with entries nv in place of nq. What
-    several samples or steps share, as a payload or a gain, has the sum of their slopes. There is no slope by
-    ``torque_limits``, and a torque at its limit passes none on: its slope by what would change it is 0.
+    Each part has the shape of its input; derivatives by configurations are along robot.add, with nv entries instead of
+    nq. For inputs shared by several samples or steps, such as a payload or a gain, derivatives are summed.
+    ``torque_limits`` have no derivative, and derivatives through a torque at its limit are 0.
     """
 
     q0: Array
-    """(..., nv) by the configurations at the start."""
+    """Derivatives by the initial configurations (..., nv)."""
     dq0: Array
-    """(..., nv) by the velocities at the start."""
+    """Derivatives by the initial velocities (..., nv)."""
     tau: Array | None
-    """By the torques, (..., steps, nv) if none were given; None where a law gives them."""
+    """Derivatives by the torques, (..., steps, nv) if none were given; None for torques from a law."""
     law: Mapping[str, Array] = field(default_factory=dict)
-    """By the references and gains of a law, by their names."""
+    """Derivatives by the references and gains of a law, by name."""
     wrench_on_robot: Mapping[str, Array] = field(default_factory=dict)
-    """By the wrenches, (m, f) in their frame, by its name."""
+    """Derivatives by the wrenches, (m, f) in their frame, by frame name."""
     parameters: Mapping[str, Array] = field(default_factory=dict)
-    """By the parameters, by their names."""
+    """Derivatives by the parameters, by name."""
     remarks: tuple[str, ...] = ()
-    """Remarks to read before the slopes are used; empty if there are none."""
+    """Remarks to read before the derivatives are used; empty if there are none."""
 
     def __repr__(self) -> str:
         tau = {} if self.tau is None else {"tau": self.tau}
@@ -266,7 +264,7 @@ class RolloutGradient:
 
 
 def kept_for_gradients(given: Inputs, out: Any) -> Inputs:
-    """The inputs with arrays of their own, whatever becomes of the caller's; refuses what has no exact gradient."""
+    """Inputs with copies of the caller's arrays; raises an error for inputs without an exact gradient."""
     if out is not None:
         raise ShapeError(
             "gradients=True wants the states as they were, and out= lends arrays that will be written again."
@@ -280,13 +278,13 @@ def kept_for_gradients(given: Inputs, out: Any) -> Inputs:
 
 
 def _copied(x: Array) -> Array:
-    """A copy, of one entry where there is one for a whole axis."""
+    """Copy in which a broadcast axis is reduced to one entry."""
     once = x[tuple(slice(1) if step == 0 else slice(None) for step in x.strides)]
     return np.broadcast_to(once.copy(), x.shape)
 
 
 def gradient(robot: Robot, given: Inputs, q: Array, dq: Array, slopes: Mapping[str, ArrayLike]) -> RolloutGradient:
-    """The gradient of a cost whose ``slopes`` by q, dq and tau of each row are given."""
+    """Gradient of a cost with derivatives ``slopes`` by q, dq and tau of each row."""
     plan, own, batch = given.plan, given.own, given.batch
     cost = {name: _slopes_of(robot, given, name, x) for name, x in slopes.items()}
     (by_q0, by_dq0), said = _swept(robot, given, _rows(q), _rows(dq), cost)
@@ -303,7 +301,7 @@ def gradient(robot: Robot, given: Inputs, q: Array, dq: Array, slopes: Mapping[s
 
 
 def linearized(robot: Robot, given: Inputs, q: Array, dq: Array) -> tuple[Array, Array]:
-    """A (..., steps, 2 nv, 2 nv) and B (..., steps, 2 nv, nv): rows by the adjoint of each step for unit slopes."""
+    """A (..., steps, 2 nv, 2 nv) and B (..., steps, 2 nv, nv): rows by the adjoint of each step for unit vectors."""
     n, steps, batch = robot.nv, given.steps, given.batch
     A, B = np.empty((*batch, steps, 2 * n, 2 * n), given.dtype), np.empty((*batch, steps, 2 * n, n), given.dtype)
     unit, none = np.eye(2 * n, dtype=given.dtype), np.zeros((1, n), given.dtype)
@@ -323,7 +321,7 @@ def linearized(robot: Robot, given: Inputs, q: Array, dq: Array) -> tuple[Array,
 
 
 def remarks_of(robot: Robot, plan: StepPlan) -> tuple[str, ...]:
-    """Remarks on slopes at corners of the motions."""
+    """Remarks on derivatives at kinks of the motions."""
     laws = (".coulomb", ".static", ".load")
     dry = rubbing(robot.model) or any(name.endswith(laws) for name in plan.parameters)
     return (*[DRY] * bool(plan.friction and dry), *[LIMITED] * plan.limited)
@@ -335,14 +333,14 @@ def remarks_of(robot: Robot, plan: StepPlan) -> tuple[str, ...]:
 def _swept(
     robot: Robot, given: Inputs, q: Array, dq: Array, cost: Mapping[str, Array]
 ) -> tuple[tuple[Array, Array], list[Array]]:
-    """λ by q and by dq at the start, (samples, nv) each, and the slopes by all that was given, (samples, steps, …) each."""
+    """λ by q and by dq at the start, (samples, nv) each, and derivatives by all inputs, (samples, steps, …) each."""
     samples, every, steps = len(q), given.steps // given.kept, given.steps
     kernel, by = _kernel(robot, given.plan), StepAdjoint(given.plan).by
     said = list(result_arrays([(samples, steps, *shape) for _, shape in by], np.dtype(given.dtype)))
     now = cost["q"][:, -1], cost["dq"][:, -1]
     pieces = [(0, steps)] if every == 1 else [(k, k + every) for k in range(steps - every, -1, -every)]
     for first, last in pieces:
-        inputs = zip(given.arrays[2:], given.ranks[2:], strict=True)  # dt and all that is given for each step
+        inputs = zip(given.arrays[2:], given.ranks[2:], strict=True)  # dt and all inputs of each step
         step = [x[first:last] if rank == 1 else x[..., first:last, :] for x, rank in inputs]
         if every == 1:
             states, costs = (q[:, :-1], dq[:, :-1]), [x[:, :steps] for x in cost.values()]
@@ -361,7 +359,7 @@ def _swept(
 
 
 def _between(robot: Robot, given: Inputs, q: Array, dq: Array, step: list[Array]) -> tuple[Array, Array]:
-    """States of a piece, computed once more; all but the last."""
+    """Recomputed states of an interval, without the last."""
     samples, n = len(q), step[0].shape[0]
     sizes = [robot.nq, robot.nv, *[robot.nv] * given.plan.says_torques]
     found = result_arrays([(samples, n, size) for size in sizes], np.dtype(given.dtype))
@@ -383,7 +381,7 @@ def _kernel(robot: Robot, plan: StepPlan) -> Any:
 
 
 def _slopes_of(robot: Robot, given: Inputs, name: str, x: ArrayLike) -> Array:
-    """Slopes of a cost by ``name`` of each row, (samples, rows, nv)."""
+    """Derivatives of a cost by ``name`` of each row, (samples, rows, nv)."""
     rows, what = given.kept + (name != "tau"), f"gradient: the slope by {name}"
     found = arguments.real(x, what, names=robot.model.velocity_names)
     wanted = (*given.batch, rows, robot.nv)
@@ -398,7 +396,7 @@ def _slopes_of(robot: Robot, given: Inputs, name: str, x: ArrayLike) -> Array:
 
 
 def _shared(x: Array, shape: tuple[int, ...] | None) -> Array:
-    """Slopes summed over what those of this shape share; its last axis stays as x has it."""
+    """Derivatives summed over the broadcast axes of an input of this shape; the last axis stays as in x."""
     if shape is None:
         return x
     if not shape:

@@ -1,4 +1,4 @@
-"""Inputs of a rollout: states, torques or a law, limits, wrenches and parameters, checked and shaped."""
+"""Inputs of a rollout: states, torques or a law, limits, wrenches and parameters, validated and shaped."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
-    """Torque limits as an input of the step, (label, array, length of the last axis); nothing where there are none."""
+    """Torque limits as an input of the step, (label, array, length of the last axis); empty without limits."""
     if given is None or given is False:
         return []
     refuse_couplings(robot.model, "torque_limits")
@@ -45,7 +45,7 @@ def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
 
 
 def law_of(tau: Any) -> TorqueLaw:
-    """Return the law of the torques, or a law of given torques."""
+    """Law of the torques; given torques become a law."""
     if isinstance(tau, type):
         raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, with a reference and gains.")
     if hasattr(tau, "torques") and hasattr(tau, "names"):
@@ -59,7 +59,7 @@ def law_of(tau: Any) -> TorqueLaw:
 
 
 def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
-    """Real numbers, float32 or float64, of any shape; a table by the names of its columns."""
+    """Real numbers, float32 or float64, of any shape; table columns by name."""
     array = arguments.array(x, what, names=names)
     if array.dtype == object:
         raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
@@ -67,7 +67,7 @@ def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
 
 
 def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
-    """A state's part of the right length, q0 or dq0; quaternions are some rotation."""
+    """Part of a state, q0 or dq0, with the right length; quaternions must not be zero."""
     x = _real(given, what, robot.coordinate_names if what == "q0" else robot.model.velocity_names)
     if x.shape[-1:] != (size,):
         raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
@@ -99,7 +99,7 @@ def given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
 
 
 def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
-    """Names and numbers of the parameters that samples have of their own."""
+    """Names and numbers of the parameters that vary by sample."""
     if given is None:
         return (), []
     if not isinstance(given, Mapping):
@@ -107,7 +107,7 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
     known = nominal(robot.model)
     for name in given:
         if name not in known:
-            matching(robot.model, (str(name),))  # says which there are
+            matching(robot.model, (str(name),))  # its error lists the valid names
             raise ValueRangeError(
                 f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}."
             )
@@ -119,7 +119,7 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
 # ── Inputs in the shapes of the kernel
 
 ROLLOUT_METHODS = ("semi_implicit", "rk4")
-"""The methods of rollouts, by the names they have in simulations."""
+"""Methods of rollouts, by their names in simulations."""
 MOST_STEPS = 10**9
 LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
 
@@ -130,7 +130,7 @@ class Inputs:
 
     plan: StepPlan
     arrays: list[Array]
-    """States, dt, and all else that is given for each step, with an axis of steps; the batch is one axis, or none."""
+    """States, dt, and the other inputs of each step, with an axis of steps; the batch has one axis or none."""
     ranks: list[int]
     """Number of axes of each array that do not belong to the batch."""
     batch: tuple[int, ...]
@@ -138,11 +138,11 @@ class Inputs:
     steps: int
     dt: float
     kept: int
-    """States that are kept after the first."""
+    """Number of states stored after the first."""
     remarks: tuple[str, ...] = ()
     """Remarks on the motions before any is computed."""
     own: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
-    """Shapes of what the caller gave, by name; None of torques that are not given."""
+    """Shapes of the caller's arguments, by name; None for torques that are not given."""
 
     @property
     def times(self) -> Array:
@@ -151,7 +151,7 @@ class Inputs:
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
-        """Shapes of the results: q, dq, the rest passed from step to step, and the torques if requested."""
+        """Shapes of the results: q, dq, the other parts of the state, and the torques if requested."""
         rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
         states = [(*rows, *shape) for _, shape in self.plan.state]
         return [*states, *[(*begun, self.plan.model.nv)] * self.plan.says_torques]
@@ -162,7 +162,7 @@ def cleaned(
     wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
     step_of: Callable[[StepPlan], StepPlan] = lambda plan: plan,
 ) -> Inputs:  # fmt: skip
-    """The inputs of a rollout, whose step is ``step_of`` the plan; raises ShapeError, ValueRangeError and UnknownNameError."""
+    """Inputs of a rollout, whose step is ``step_of`` the plan; raises ShapeError, ValueRangeError and UnknownNameError."""
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
@@ -221,7 +221,7 @@ def cleaned(
 
 
 def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
-    """With one axis for the whole batch, or with none for what is the same in all of it."""
+    """Array with one axis for the whole batch, or none if it is constant over the batch."""
     own, core = x.shape[: x.ndim - rank], x.shape[x.ndim - rank :]
     if math.prod(own) == 1:
         return x.reshape(core)
@@ -265,7 +265,7 @@ def _counted_steps(
 
 
 def _stepped(label: str, x: Array, size: int, n: int) -> Array:
-    """With an axis of steps before the last, of length n or 1."""
+    """Array with an axis of steps before the last, of length n or 1."""
     if x.ndim < 2:
         return x[None] if x.ndim else np.full((1, size), x)
     if x.shape[-2] not in (1, n):

@@ -34,7 +34,7 @@ def instability(run: Run, t0: float, t1: float, y: Array) -> str:
     advice = f"Take a smaller dt than {printed(run.h)} s, or method={ADAPTIVE!r}."
     if run.method == ADAPTIVE:
         advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
-        if run.controller is not None:  # held for h, a damping kd turns dq into (1 - kd h / M) dq
+        if run.controller is not None:  # with the torque held for h, damping kd turns dq into (1 - kd h / M) dq
             advice += (
                 f" The controller's torques are held for {printed(run.h)} s each, too long for a damping above twice the "
                 "inertia over that time: take a smaller dt, less damping, or tau= in place of controller=."
@@ -49,7 +49,7 @@ def instability(run: Run, t0: float, t1: float, y: Array) -> str:
 
 
 class Run:
-    """One simulation under way."""
+    """One simulation in progress."""
 
     def __init__(
         self,
@@ -73,9 +73,9 @@ class Run:
         self.constant = system.held
         self.tick: Callable[[float], None] | None = None
         self.compiled: CompiledSteps | None = None
-        """Compiled steps, if no Python function gives a force or observes a step."""
+        """Compiled steps, if no Python function returns a force or observes a step."""
         self.go: Callable[[], None] = self.fixed
-        """Takes all of its steps."""
+        """Function that takes all steps."""
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
@@ -85,10 +85,10 @@ class Run:
         self.stepper: Stepper | None = None
         self.accuracy = Accuracy(np.full(robot.nv, np.nan), np.nan)
         self.last: tuple[float, Array] = (0.0, start.copy())
-        """The last state that is good, kept or not; at first the one that the run begins in."""
+        """Last stable state, stored or not; initially the first state."""
 
     def fixed(self) -> None:
-        """Steps of one length."""
+        """Take fixed steps."""
         y = self.begin()
         if self.stopped:
             return
@@ -119,11 +119,11 @@ class Run:
         self.keep(self.end, y)
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
-        """Return all up to here, the last good state included."""
+        """Result up to now, including the last stable state."""
         if self.last[0] > self.record.last:
             try:
                 self.keep_at(*self.last)
-            except (SimulationError, KeyboardInterrupt):  # what failed fails again; an interrupt is under way already
+            except (SimulationError, KeyboardInterrupt):  # errors recur; an interrupt is already in progress
                 unknown = np.full(self.robot.nv, np.nan)
                 self.record.keep(*self.last, unknown, unknown)
         end = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
@@ -137,7 +137,7 @@ class Run:
         return replace(found, remarks=(*remarks, *more)) if more else found
 
     def judge(self) -> None:
-        """Find what the steps so far are off by."""
+        """Estimate the error of the steps so far."""
         if not self.record.count:
             return
         extent = Extent.from_states(self.robot, self.record.states)
@@ -157,23 +157,23 @@ class Run:
 
     @property
     def without_callbacks(self) -> bool:
-        """True if no Python function gives torques or observes steps; contacts and limits of position may be watched."""
+        """True if no Python function returns torques or observes steps; contacts and position limits are allowed."""
         looks = self.detector is not None and not self.detector.without_callbacks
         return not looks and self.controller is None and not self.system.functions
 
     def time(self, k: int) -> float:
-        """When step k begins, of steps of one length."""
+        """Start time of fixed step k."""
         return k * self.h if k < self.n else self.end
 
     def begin(self) -> Array:
-        """The first state, seen by what looks for events."""
+        """First state, passed to the event detector."""
         y = self.last[1].copy()
         if self.detector is not None:
             self.detector.begin(0.0, y)
         return y
 
     def leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
-        """True if a joint begins at a limit and moves beyond it; the stored first state is then the last."""
+        """True if a joint starts at a limit and moves beyond it; the stored first state is then the last."""
         happened = None if self.detector is None else self.detector.leaves_at_once(y, y1, h)
         if happened is None:
             return False
@@ -182,12 +182,12 @@ class Run:
         return True
 
     def sample(self, t: float, y: Array) -> None:
-        """Ask the controller."""
+        """Call the controller."""
         if self.controller is not None:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
 
     def _changes(self, t: float, y: Array, y1: Array) -> bool:
-        """True if a contact begins or ends in the step to y1 at t, or dry friction stops, frees or turns a joint."""
+        """True if a contact begins or ends in the step to y1 at t, or dry friction stops, releases or reverses a joint."""
         braked, moving, changes = self.system.dry_friction, self.system.moving, False
         if self.detector is not None and self.contact_durations.names:
             changes = self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
@@ -196,24 +196,24 @@ class Run:
         return bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
 
     def advance(self, t: float, y: Array) -> None:
-        """Take note of a step that is good, to y at t."""
+        """Record a stable step to y at t."""
         self.steps += 1
         self.last = (t, y)
         if self.tick is not None:
             self.tick(t)
 
     def keep(self, t: float, y: Array) -> None:
-        """Keep a state whose rates were computed last."""
+        """Store a state whose rates were computed last."""
         self.record.keep(t, y, self.rate[self.system.moving], self.system.applied)
 
     def keep_at(self, t: float, y: Array) -> None:
-        """Keep a state."""
+        """Store a state after evaluating its rates."""
         rate = np.zeros(self.system.size)
         self.system.rates(t, y, rate)
         self.record.keep(t, y, rate[self.system.moving], self.system.applied)
 
     def keep_all(self, times: Array, states: Array) -> None:
-        """Keep states (m, size)."""
+        """Store states (m, size)."""
         if len(times) and self.system.takes_many:
             self.record.keep_block(times, states, *self.system.of_many(times, states))
             return
@@ -221,13 +221,13 @@ class Run:
             self.keep_at(t, y)
 
     def checked(self, t0: float, t1: float, y: Array) -> Array:
-        """The state with its quaternions of unit length; SimulationError where a step was unstable."""
+        """State with unit quaternions; raises SimulationError after an unstable step."""
         self.system.manifold.normalise(y[: self.system.nq])
         self.require_stable(t0, t1, y)
         return y
 
     def require_stable(self, t0: float, t1: float, y: Array) -> None:
-        """Raise SimulationError where a step was unstable, by the state after it."""
+        """Raise SimulationError after an unstable step, by the state after it."""
         speed = np.abs(y[self.system.moving])
         if not (speed.max() < FASTEST and np.isfinite(y).all()):
             raise SimulationError(instability(self, t0, t1, y))
@@ -235,7 +235,7 @@ class Run:
     def ended(
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
-        """Look for events in a step from t; one that ends all has its state kept, and those before it."""
+        """Locate events in a step from t; stores the state of a terminal event, and those before it."""
         at = self.along(t, y)
         end = self.locate_event(t, points, at)
         if end is None:
@@ -248,7 +248,7 @@ class Run:
         return True
 
     def along(self, t: float, y: Array) -> Callable[[float], Array]:
-        """A step from y at t, whose rates were computed last: from a time after t to the state then."""
+        """Function from the time after t to the state, for a step from y at t whose rates were computed last."""
         rate = self.rate.copy()
 
         def state(s: float) -> Array:
@@ -261,7 +261,7 @@ class Run:
     def locate_event(
         self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]
     ) -> float | None:
-        """Look for events in a step from t; how long after t one ends all, if one does. ``at``: the state a time after t."""
+        """Locate events in a step from t; returns the time after t of a terminal one. ``at``: state at a time after t."""
         if self.detector is None:
             return None
         happened, end = self.detector.look(t, points, at)
@@ -269,7 +269,7 @@ class Run:
         return end
 
     def finish(self, t: float, end: float, at: Callable[[float], Array]) -> None:
-        """End the run in a step from t with the event that happened last."""
+        """End the run in a step from t with the last event."""
         self.keep_at(t + end, at(end))
         self.stopped = str(self.record.events[-1])
         self.steps += 1

@@ -1,9 +1,9 @@
-"""Integration methods: Runge–Kutta tables that prove their order by rooted trees, and variational integrators.
+"""Integration methods: Runge–Kutta tableaus with orders verified by rooted trees, and variational integrators.
 
-Conditions of order: the expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has
-that of a step; they agree to order p when they agree on all trees of at most p nodes. Source: Butcher, Numerical
-Methods for Ordinary Differential Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary
-Differential Equations I, section II.2.
+Order conditions: the expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has that of
+a step. They agree to order p if they agree on all trees with at most p nodes. Source: Butcher, Numerical Methods for
+Ordinary Differential Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary Differential
+Equations I, section II.2.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ..typing import Array
 from .forces import WORKS, System
 
 Tree = tuple["Tree", ...]
-"""The subtrees of a root, sorted."""
+"""Subtrees of a root, sorted."""
 Row = tuple[Fraction, ...]
 
 
 @cache
 def trees(nodes: int) -> tuple[Tree, ...]:
-    """Rooted trees with that many nodes: 1, 1, 2, 4, 9, 20, 48 and so on.
+    """Rooted trees with a given number of nodes: 1, 1, 2, 4, 9, 20, 48 and so on.
 
     >>> [len(trees(n)) for n in range(1, 7)]
     [1, 1, 2, 4, 9, 20]
@@ -39,7 +39,7 @@ def trees(nodes: int) -> tuple[Tree, ...]:
 
 
 def _forests(nodes: int, largest: int) -> set[Tree]:
-    """Collections of trees with that many nodes in all, none with more than ``largest``."""
+    """Collections of trees with a given total number of nodes, none with more than ``largest``."""
     if nodes == 0:
         return {()}
     return {
@@ -51,17 +51,17 @@ def _forests(nodes: int, largest: int) -> set[Tree]:
 
 
 def order(tree: Tree) -> int:
-    """The number of nodes."""
+    """Number of nodes."""
     return 1 + sum(map(order, tree))
 
 
 def density(tree: Tree) -> int:
-    """γ: the product, over all nodes, of the size of what hangs on each; the exact solution has 1/γ where a step has Σ bφ."""
+    """Density γ: product over all nodes of the sizes of their subtrees; 1/γ is the exact value of Σ bφ."""
     return order(tree) * prod(map(density, tree))
 
 
 def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
-    """φ of every stage: the product over the subtrees of Σ_j a_ij φ_j; (stages,)."""
+    """Elementary weight φ of every stage: product over the subtrees of Σ_j a_ij φ_j; (stages,)."""
     found = [Fraction(1)] * len(matrix)
     for branch in tree:
         below = elementary_weights(branch, matrix)
@@ -70,17 +70,17 @@ def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
     return tuple(found)
 
 
-# ── Runge–Kutta tables of fractions, with their order proved on construction
+# ── Runge–Kutta tableaus of fractions, with orders verified on construction
 
 # k_i = f(t + c_i h, y + h Σ a_ij k_j),        y(t + h) = y + h Σ b_i k_i
 #
-# A table is refused unless it meets the condition of every rooted tree up to its order, exactly, and misses one of the next
-# order: it can claim neither too much nor too little.
+# A tableau must satisfy the conditions of all rooted trees up to its order, exactly, and violate one of the next order:
+# the stated order is neither too high nor too low.
 
 
 @dataclass(frozen=True)
 class Tableau:
-    """Butcher tableau of a Runge-Kutta method, checked to have the order claimed.
+    """Butcher tableau of a Runge–Kutta method, checked to have the stated order.
 
     Examples
     --------
@@ -96,17 +96,17 @@ class Tableau:
     order: int
     """Order of consistency."""
     a: tuple[Row, ...]
-    """(stages, stages)."""
+    """Coefficients of the stages (stages, stages)."""
     b: Row
-    """(stages,), the weights of the step."""
+    """Weights of the step (stages,)."""
     embedded: Row = ()
-    """(stages,), weights of a second step whose distance from the first is the estimate of its error."""
+    """Weights (stages,) of an embedded step; its difference from the step estimates the error."""
     embedded_order: int = 0
-    """Order of the second step."""
+    """Order of the embedded step."""
     dense: tuple[Row, ...] = ()
-    """(stages, degree): the weights within the step, b_i(θ) = Σ_j dense[i][j] θ^(j+1) for 0 ≤ θ ≤ 1."""
+    """Weights of dense output (stages, degree): b_i(θ) = Σ_j dense[i][j] θ^(j+1) for 0 ≤ θ ≤ 1."""
     dense_order: int = 0
-    """Order within the step."""
+    """Order of dense output."""
 
     def __post_init__(self) -> None:
         for part in ("a", "dense"):
@@ -120,7 +120,7 @@ class Tableau:
             self._require(self.embedded, self.embedded_order, "has no embedded step")
         if not self.dense:
             return
-        # Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; and at θ = 1 the step itself.
+        # Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; for θ = 1 this is the step itself.
         if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
             raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
         for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
@@ -133,12 +133,12 @@ class Tableau:
 
     @cached_property
     def c(self) -> Row:
-        """(stages,), the times of the stages: the sums of the rows of a."""
+        """Times of the stages (stages,): row sums of a."""
         return tuple(sum(row, Fraction(0)) for row in self.a)
 
     @property
     def explicit(self) -> bool:
-        """True if each stage needs only earlier ones."""
+        """True if each stage depends only on earlier ones."""
         return not any(x for i, row in enumerate(self.a) for x in row[i:])
 
     @property
@@ -153,7 +153,7 @@ class Tableau:
 
     @cached_property
     def numbers(self) -> tuple[tuple[Array, ...], Array, Array, Array, Array]:
-        """The rows of a up to the diagonal, b, c, b - embedded, dense, as float64."""
+        """Rows of a up to the diagonal, b, c, b - embedded, dense, as float64."""
         rows = tuple(np.array(row[:i], float) for i, row in enumerate(self.a))
         b, c = np.array(self.b, float), np.array(self.c, float)
         error = b - np.array(self.embedded, float) if self.embedded else np.zeros(0)
@@ -169,7 +169,7 @@ class Tableau:
             raise ValueRangeError(f"tableau {self.name!r} claims order {order} and has order {order + 1}.")
 
     def _conditions(self, weights: Row, last: int, first: int = 1) -> Iterator[tuple[Tree, Fraction, Fraction]]:
-        """Tree, Σ b_i φ_i and 1/γ, for the trees of ``first`` to ``last`` nodes."""
+        """Tree, Σ b_i φ_i and 1/γ, for the trees with ``first`` to ``last`` nodes."""
         for nodes in range(first, last + 1):
             for tree in trees(nodes):
                 yield tree, _dot(weights, elementary_weights(tree, self.a)), Fraction(1, density(tree))
@@ -177,9 +177,9 @@ class Tableau:
 
 @dataclass(frozen=True)
 class Partitioned:
-    """Partitioned Runge-Kutta method: two tables for two halves of a state, such as velocities and positions.
+    """Partitioned Runge–Kutta method: separate tableaus for two parts of a state, such as velocities and positions."""
 
-    Each half steps by its own.
+    """
     """
 
     name: str
@@ -187,14 +187,14 @@ class Partitioned:
     order: int
     """Order of consistency."""
     velocities: Tableau
-    """Table of the velocities."""
+    """Tableau of the velocities."""
     positions: Tableau
-    """Table of the positions."""
+    """Tableau of the positions."""
 
     def __post_init__(self) -> None:
         v, p = self.velocities, self.positions
         ends = all(sum(t.b) == 1 for t in (v, p))
-        # Trees of two nodes, by the colours of root and leaf: Σ b_i a_ij = ½ with b and a of either half.
+        # Trees with two nodes, by the colours of root and leaf: Σ b_i a_ij = ½ with b and a of either part.
         pairs = [_dot(s.b, t.c) == Fraction(1, 2) for s in (v, p) for t in (v, p)]
         found = 0 if not ends else 2 if all(pairs) else 1
         if min(found, 2) != self.order:
@@ -255,40 +255,40 @@ DORMAND_PRINCE = Tableau(
     ),
     dense_order=4,
 )
-"""Dormand and Prince, "A family of embedded Runge–Kutta formulae", J. Comp. Appl. Math. 6(1), 1980; the dense output is that
-of Shampine, "Some practical Runge–Kutta formulas", Math. Comp. 46, 1986."""
+"""Dormand and Prince, "A family of embedded Runge–Kutta formulae", J. Comp. Appl. Math. 6(1), 1980; dense output by
+Shampine, "Some practical Runge–Kutta formulas", Math. Comp. 46, 1986."""
 
 
-# ── Variational integrators, discrete forms of Hamilton's principle
+# ── Variational integrators: discrete forms of Hamilton's principle
 
-# The action of one step of length h from q to q exp(η), with ξ = η/h, is taken at its middle,
+# The action of one step of length h from q to q exp(η), with ξ = η/h, is evaluated at the midpoint,
 #
 #     L_d = h L(q exp(η/2), ξ),        L = ½ ξᵀ M ξ - U
 #
-# and made stationary. With the momenta p = M dq, a = ad(η) and E = exp(a/2) = Ad(exp(η/2)), joint by joint, this is
+# and made stationary. With the momenta p = M dq, a = ad(η) and E = exp(a/2) = Ad(exp(η/2)), joint by joint, this gives
 #
 #     (a / (e^a - 1))ᵀ M ξ = p0 + h (1 + E)⁻ᵀ G        to be solved for ξ,
 #     p1 = Eᵀ (Eᵀ p0 + h G),        q1 = q0 exp(h ξ),
 #
-# where G = ∂L/∂q + f, at the middle; for joints of one degree of freedom E = 1 and a = 0, and it is the midpoint rule of
-# Hamilton's equations. The map is symplectic and symmetric, and what no force changes, such as the spatial momentum of a robot
-# that floats freely, stays to rounding. Symmetric compositions raise its order and keep all that. Forces act as d'Alembert's
-# principle has it, at the middle.
+# where G = ∂L/∂q + f at the midpoint. For joints with one degree of freedom E = 1 and a = 0, and the method is the
+# midpoint rule of Hamilton's equations. The map is symplectic and symmetric. Momenta that no force changes, such as the
+# spatial momentum of a free-floating robot, are preserved to rounding errors. Symmetric compositions raise the order
+# and preserve these properties. Forces act at the midpoint, by d'Alembert's principle.
 #
-# Sources: Marsden and West, "Discrete mechanics and variational integrators", Acta Numerica 10, 2001; Bou-Rabee and Marsden,
-# "Hamilton–Pontryagin integrators on Lie groups", Found. Comput. Math. 9, 2009; the compositions are those of
+# Sources: Marsden and West, "Discrete mechanics and variational integrators", Acta Numerica 10, 2001; Bou-Rabee and
+# Marsden, "Hamilton–Pontryagin integrators on Lie groups", Found. Comput. Math. 9, 2009; the compositions are those of
 # :mod:`twistwrench.bodies.inertia`.
 
 _MOST = 100
-"""Iterations. Each gains as many digits as a step is short against the motion: three or four are usual."""
+"""Largest number of iterations. Convergence is linear and faster for shorter steps; three or four are usual."""
 _SLOW = 0.3
-"""Part of a change that the next one may be: more is rounding if it is tiny, and else is sought by secants."""
+"""Largest ratio of consecutive changes; above it a tiny change is rounding error, otherwise secant updates are used."""
 
-# Series of ad(η), whose eigenvalues are 0 and ±i times the rotation angle. The first two converge for less than a full turn: at
-# 1 rad the first omitted term is below 1e-19.
+# Series of ad(η), whose eigenvalues are 0 and ±i times the rotation angle. The first two converge for less than a full
+# turn; at 1 rad the first omitted term is below 1e-19.
 
 LARGEST_TURN = 2.0
-"""rad a step; the first term left out is then below 1e-12."""
+"""Largest rotation per step [rad]; the first omitted term is then below 1e-12."""
 _TERMS = 13
 _POWERS = 20
 
@@ -297,7 +297,7 @@ _BERNOULLI = [Fraction(1)]
 for _m in range(1, 2 * _TERMS + 1):
     _BERNOULLI.append(-sum((comb(_m + 1, j) * _BERNOULLI[j] for j in range(_m)), Fraction(0)) / (_m + 1))
 _RATIOS = [float(_BERNOULLI[2 * n] / factorial(2 * n)) for n in range(1, _TERMS + 1)]
-"""B_2n / (2n)! for n = 1, 2, …, of Bernoulli's numbers."""
+"""B_2n / (2n)! for n = 1, 2, …, with the Bernoulli numbers B."""
 _TANH = [0.5 * 4.0**n * (4.0**n - 1.0) * r * 0.25 ** (2 * n - 1) for n, r in enumerate(_RATIOS, start=1)]
 """½ tanh(a/4) = Σ _TANH a^(2n-1)."""
 
@@ -324,7 +324,7 @@ def _even(a: Array, x: Array, coefficients: list[float]) -> Array:
 
 
 class _Secant:
-    """Broyden's method: changes learn from how the last ones turned out. For what a plain iteration does not settle.
+    """Broyden's method: secant updates for iterations that do not converge by themselves.
 
     Source: Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19, 1965.
     """
@@ -333,8 +333,8 @@ class _Secant:
         self.inverse, self.plain, self.last = np.eye(len(change)), change, change
 
     def changed(self, plain: Array) -> Array:
-        """Return Broyden's change for the change of the plain iteration."""
-        less = self.inverse @ (self.plain - plain)  # the change by the inverse so far
+        """Broyden's change for the change of the plain iteration."""
+        less = self.inverse @ (self.plain - plain)  # change by the current inverse
         along = float(self.last @ less)
         if along:
             self.inverse = self.inverse + np.outer(self.last - less, self.last @ self.inverse) / along
@@ -343,7 +343,7 @@ class _Secant:
 
 
 class Variational:
-    """The midpoint rule from Hamilton's principle, composed to an order of :data:`COMPOSITIONS`."""
+    """Midpoint rule from Hamilton's principle, composed to an order of :data:`COMPOSITIONS`."""
 
     lagging = False
 
@@ -356,34 +356,35 @@ class Variational:
         self.groups = system.manifold.groups
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """The state a time ``h`` later, where ``rate`` is f(t, y)."""
+        """State a time ``h`` later; ``rate`` is f(t, y)."""
         system = self.system
         q, dq = system.split(y)
         p = system.robot.mass_matrix(q) @ dq
         works, ddq, xi, gone = y[-len(WORKS) :].copy(), rate[system.moving], dq, 0.0
         for c in self.fractions:
-            xi = xi + (0.5 * c * h - gone) * ddq  # a guess: the velocity in the middle
+            xi = xi + (0.5 * c * h - gone) * ddq  # initial guess: velocity at the midpoint
             q, p, xi, powers = self._step(t, q, p, xi, c * h)
             t, gone = t + c * h, -0.5 * c * h
             works += c * h * powers
         return np.concatenate([q, np.linalg.solve(system.robot.mass_matrix(q), p), works])
 
     def _step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
-        """One midpoint step; the state after it, ξ, and the powers of the forces in the middle (4,)."""
+        """One midpoint step; returns the state after it, ξ, and the powers of the forces at the midpoint (4,)."""
         system, before, powers = self.system, np.inf, np.zeros(len(WORKS))
         secant: _Secant | None = None
-        usual = float(np.abs(xi).max()) or 1e-300  # a step may come to rest
+        usual = float(np.abs(xi).max()) or 1e-300  # the robot may come to rest in a step
         for _ in range(_MOST):
             middle = system.manifold.move(q0, 0.5 * h * xi)
             M, C, bias = self.terms(middle, xi)
             powers[:] = 0.0
-            # ∂L/∂q = Cᵀ ξ - g, for dM/dt = C + Cᵀ and p' = M ddq + (dM/dt) ξ; less ad(ξ)ᵀ p where joints are groups.
+            # ∂L/∂q = Cᵀ ξ - g, since dM/dt = C + Cᵀ and p' = M ddq + (dM/dt) ξ; minus ad(ξ)ᵀ p for joints that are
+            # groups.
             G = (C + C.T) @ xi - bias + system.forces(t + 0.5 * h, middle, xi, powers)
             system.evaluations += 1
             p = M @ xi
             left, half = self._brought(xi, h, p, G) if self.groups else (p, 0.5 * G)
             missing = p0 + h * half - left
-            change = system.robot.forward_dynamics(middle, xi, missing + bias)  # M⁻¹ of it
+            change = system.robot.forward_dynamics(middle, xi, missing + bias)  # M⁻¹ times the residual
             if secant is not None:
                 change = secant.changed(change)
             xi = xi + change
@@ -392,18 +393,18 @@ class Variational:
                 raise self._lost(t, "the step is unstable", change)
             if any(np.linalg.norm(h * xi[k][turning]) > LARGEST_TURN for k, turning, _ in self.groups):
                 raise self._lost(t, f"the step turns a body by more than {printed(LARGEST_TURN)} rad", change)
-            # The next change would be as much smaller again, this one may be rounding already.
+            # The next change would be smaller by the same ratio; this one may already be rounding error.
             settled = size * min(size / before, 1.0) if before < np.inf else size
             if settled <= 1e-16 * scale or _SLOW * before < size <= 1e-11 * scale:
                 p1 = self._carried(h * xi, p0, h * G)
                 return system.manifold.move(q0, h * xi), p1, xi, powers
-            if secant is None and size > _SLOW * before:  # a force that is stiff against the step, as in a contact
+            if secant is None and size > _SLOW * before:  # force too stiff for the step, as in a contact
                 secant = _Secant(change)
             before = size
         raise self._lost(t, f"{_MOST} iterations found no balance", change)
 
     def _brought(self, xi: Array, h: float, p: Array, G: Array) -> tuple[Array, Array]:
-        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G; G loses ad(ξ)ᵀ p first."""
+        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G, after ad(ξ)ᵀ p is subtracted from G."""
         brackets = [(k, _adjoint(xi[k], c).T) for k, _, c in self.groups]
         for k, ad in brackets:
             G[k] -= ad @ p[k]
@@ -433,22 +434,22 @@ class Variational:
 
 
 class Scheme(Protocol):
-    """A one-step method."""
+    """One-step method."""
 
     order: int
     quadrature: tuple[Array, Array]
-    """Times of a step at which forces are evaluated, as shares of it, and their weights in the impulse: c and b."""
+    """Times at which forces are evaluated, as fractions of a step, and their weights in the impulse: c and b."""
 
     @property
     def lagging(self) -> bool:
         """True if the velocities of a state lag half a step behind its coordinates."""
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
-        """The state a time ``h`` later, where ``rate`` is f(t, y)."""
+        """State a time ``h`` later; ``rate`` is f(t, y)."""
 
 
 class RungeKutta:
-    """An explicit method from its table. Quaternions are brought to unit length by the caller."""
+    """Explicit method from its tableau. The caller normalises quaternions."""
 
     lagging = False
 
@@ -457,10 +458,10 @@ class RungeKutta:
         self.a, self.b, self.c, self.error, self.dense = tableau.numbers
         self.quadrature = self.c, self.b
         self.K = np.zeros((len(self.b), system.size))
-        """The rates of the stages of the last step."""
+        """Rates of the stages of the last step."""
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """y + h Σ b_i k_i."""
+        """Step y + h Σ b_i k_i."""
         K, rates = self.K, self.system.rates
         K[0] = rate
         for i in range(1, len(self.b)):
@@ -471,8 +472,8 @@ class RungeKutta:
 class SemiImplicit:
     """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold.
 
-    Friction and the gains of the rates of a law that tells them are taken at the end of the step. With friction, velocities
-    change halfway along the step.
+    Friction and velocity gains of laws that return them are treated implicitly. With friction, velocities change at the
+    midpoint of the step.
     """
 
     order = SEMI_IMPLICIT_EULER.order
@@ -483,11 +484,11 @@ class SemiImplicit:
 
     @property
     def lagging(self) -> bool:
-        """They do unless friction makes them change halfway along the step."""
+        """True unless friction makes the velocities change at the midpoint of the step."""
         return self.system.dry_friction is None or not self.system.dry_friction.friction
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """dq1 = dq + h ddq, or what brakes at the end of the step leaves of it; then q1 = q ⊕ h dq1, or halves of both."""
+        """dq1 = dq + h ddq, with implicit friction and gains if any; then q1 = q ⊕ h dq1, or half steps by dq and dq1."""
         s = self.system
         if s.dry_friction is None:
             y1 = y + h * rate
@@ -502,7 +503,7 @@ class SemiImplicit:
 
 
 class OneByOne:
-    """Steps of a method from any state: the rates there first, quaternions brought to unit length last."""
+    """Steps of a method from any state: first the rates there, last the normalisation of quaternions."""
 
     takes_many = False
 
@@ -511,11 +512,11 @@ class OneByOne:
         self.accelerations = system.accelerations
 
     def after(self, t: float, y: Array, h: float) -> Array:
-        """The state a time ``h`` later."""
+        """State a time ``h`` later."""
         return self.begun(t, y, h)[0]
 
     def begun(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
-        """Return the state a time h later and the accelerations (nv,) at the given state."""
+        """State a time h later, and accelerations (nv,) at the given state."""
         rate = np.zeros(self.system.size)
         self.system.rates(t, y, rate)
         y = self.scheme.step(t, y, h, rate)
@@ -532,14 +533,14 @@ METHODS: dict[str, Callable[[System], Scheme]] = {
     "variational": lambda system: Variational(system, 4),
     "variational6": lambda system: Variational(system, 6),
 }
-"""The methods by name; ``dopri5`` adapts its steps, all others take steps of one length."""
+"""Methods by name; ``dopri5`` adapts its steps, the others take fixed steps."""
 
 
 ADAPTIVE = "dopri5"
 
 
 def scheme_of(name: str, system: System) -> Scheme:
-    """The method of that name; UnknownNameError lists them."""
+    """Method by name; raises UnknownNameError with the list of methods."""
     if not isinstance(name, str) or name not in METHODS:
         raise UnknownNameError.from_choices("method", name, METHODS)
     return METHODS[name](system)

@@ -22,14 +22,14 @@ class TorqueLaw(Protocol):
     """Control law of a rollout."""
 
     names: ClassVar[tuple[str, ...]]
-    """Names of the inputs of every step; each is an attribute, (nv,) or a number for all, but ``q_des`` is (nq,)."""
+    """Names of the inputs of every step; each is an attribute, (nv,) or a number for all, except ``q_des`` (nq,)."""
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Laws of one key are one program."""
+        """Cache key: laws with equal keys share a program."""
 
     def check(self, model: Model) -> None:
-        """Refuse a robot that the law does not serve."""
+        """Raise an error for a robot that the law does not support."""
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, /, *given: Array) -> Array:
         """Torques of the law, on symbols; angles are q again, for sines and cosines.
@@ -43,19 +43,19 @@ class TorqueLaw(Protocol):
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, h: Any, /, *given: Array
     ) -> tuple[Array, Array | None]:
-        """Torques of the law at dq, and its damping, for steps of length h that take the rates at their end.
+        """Torques of the law at dq, and its damping, for semi-implicit steps of length h.
 
         Returns
         -------
         tau : (nv,) array of symbols
-        damping : (nv,) array of symbols or None, -∂τ/∂dq joint by joint, where it is to be counted
+        damping : (nv,) array of symbols or None, -∂τ/∂dq joint by joint, to be treated implicitly
         """
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class GivenTorque(TorqueLaw):
-    """Torques that are given; nothing for none at all."""
+    """Given torques, possibly none."""
 
     tau: ArrayLike | None = None
     names: ClassVar[tuple[str, ...]] = ("tau",)
@@ -66,16 +66,16 @@ class GivenTorque(TorqueLaw):
         return ("given",)
 
     def check(self, model: Model) -> None:
-        """Any robot will do."""
+        """Accept any robot."""
 
     def torques(self, _model: Model, _angles: Array, _q: Array, _dq: Array, /, *given: Array) -> Array:
-        """τ as it is given."""
+        """Given torques τ."""
         return given[0]
 
     def torques_of_step(
         self, _model: Model, _angles: Array, _q: Array, _dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, None]:
-        """τ as it is given."""
+        """Given torques τ."""
         return given[0], None
 
 
@@ -83,31 +83,31 @@ class GivenTorque(TorqueLaw):
 class BatchPD(TorqueLaw):
     """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q). MR section 11.4.
 
-    Gains and references may differ from motion to motion, which those of :class:`twistwrench.control.PD` do not. At
-    every joint of one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored.
-    Values hold for all steps and samples; with axes (..., steps, n) they are said step by step, with (..., 1, n) sample
-    by sample. g, with what springs of the robot add to it, is that of the robot without ``parameters``.
+    Unlike in :class:`twistwrench.control.PD`, gains and references may differ between motions. The law acts on joints
+    with one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored. Values
+    apply to all steps and samples, or step by step with axes (..., steps, n), or sample by sample with (..., 1, n). g,
+    including springs, is that of the robot without ``parameters``.
     """
 
     q_des: ArrayLike
-    """Wanted configuration (nq,)."""
+    """Desired configuration (nq,)."""
     kp: ArrayLike
     """Stiffness (nv,) or one number for all, N m/rad or N/m."""
     kd: ArrayLike
     """Damping (nv,) or one number for all, N m s/rad or N s/m."""
     dq_des: ArrayLike = 0.0
-    """Wanted velocities (nv,) or one number for all, rad/s or m/s."""
+    """Desired velocities (nv,) or one number for all, rad/s or m/s."""
     gravity: bool = True
     """True if g(q) is added."""
     names: ClassVar[tuple[str, ...]] = ("q_des", "dq_des", "kp", "kd")
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """One program with gravity, one without."""
+        """Key: one program with gravity, one without."""
         return ("pd", arguments.flag(self.gravity, "PD: gravity"))
 
     def check(self, model: Model) -> None:
-        """Check that the robot will do; any does.
+        """Accept any robot.
 
         Examples
         --------
@@ -116,7 +116,7 @@ class BatchPD(TorqueLaw):
         """
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
-        """The law, on symbols."""
+        """Torques of the law, on symbols."""
         tau = proportional_derivative(model, q, dq, *given)
         if self.gravity:
             held = holding_torques(model, angles)
@@ -128,7 +128,7 @@ class BatchPD(TorqueLaw):
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, Array]:
-        """The law at dq, and kd, for semi-implicit steps."""
+        """Torques of the law at dq, and kd, for semi-implicit steps."""
         gains, kd = zeros(model.nv), given[3]
         for body in model.leaders:
             if body.joint.nv == 1:
@@ -140,30 +140,30 @@ class BatchPD(TorqueLaw):
 class BatchComputedTorque(TorqueLaw):
     """Computed-torque law of the motions of a rollout: τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h.
 
-    The error obeys ë + kd ė + kp e = 0 (MR eq. 11.35). Shapes are those of :class:`BatchPD`, M and h of the robot without
-    ``parameters``, gravity and springs included, friction not. Robots with ball, planar or floating joints are refused:
-    q_des - q is not an error of such a joint.
+    The error obeys ë + kd ė + kp e = 0 (MR eq. 11.35). Shapes are those of :class:`BatchPD`. M and h are those of the
+    robot without ``parameters``, including gravity and springs, without friction. Ball, planar and floating joints
+    raise an error, because q_des - q is not an error of such a joint.
     """
 
     q_des: ArrayLike
-    """Wanted configuration (nq,)."""
+    """Desired configuration (nq,)."""
     kp: ArrayLike
     """Proportional gain (nv,) or one number for all, 1/s²."""
     kd: ArrayLike
     """Derivative gain (nv,) or one number for all, 1/s."""
     dq_des: ArrayLike = 0.0
-    """Wanted velocities (nv,) or one number for all, rad/s or m/s."""
+    """Desired velocities (nv,) or one number for all, rad/s or m/s."""
     ddq_des: ArrayLike = 0.0
-    """Wanted accelerations (nv,) or one number for all, rad/s² or m/s²."""
+    """Desired accelerations (nv,) or one number for all, rad/s² or m/s²."""
     names: ClassVar[tuple[str, ...]] = ("q_des", "dq_des", "kp", "kd", "ddq_des")
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Key of the sum."""
+        """Key: one program for all."""
         return ("computed torque",)
 
     def check(self, model: Model) -> None:
-        """Refuse joints of several degrees of freedom: ball, planar and floating ones.
+        """Raise an error for joints with several degrees of freedom: ball, planar and floating ones.
 
         Examples
         --------
@@ -177,14 +177,14 @@ class BatchComputedTorque(TorqueLaw):
             )
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
-        """The law, on symbols."""
+        """Torques of the law, on symbols."""
         *pd, ddq_des = given
         return np.asarray(computed_torque(model, angles, dq, ddq_des + proportional_derivative(model, q, dq, *pd)))
 
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, None]:
-        """The law at dq, no damping: at rates that the law's own model predicts, kd would change where it rests."""
+        """Torques of the law at dq, without damping: implicit kd with the law's predicted rates would shift its equilibrium."""
         return self.torques(model, angles, q, dq, *given), None
 
 
