@@ -136,8 +136,7 @@ class PD(JointLaw):
 class ComputedTorque(JointLaw):
     """Computed-torque control: τ = M (ddq_d + Kp e + Kd ė) + h; with an exact model, ë + Kd ė + Kp e = 0.
 
-    Kp [1/s²] and Kd [1/s] are not stiffness and damping but rates: Kd = 2 ω, Kp = ω² is critically damped. MR eq.
-    11.35.
+    Kp [1/s²] and Kd [1/s] are rates, not stiffnesses: Kd = 2 ω, Kp = ω² is critically damped. MR eq. 11.35.
 
     Examples
     --------

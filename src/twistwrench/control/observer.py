@@ -214,8 +214,8 @@ class MomentumObserver:
 
         Parameters
         ----------
-        rows : str or iterable, optional, nonzero rows of the wrench; ``"vx vy vz"`` is a pure force at the frame's
-            origin With fewer than six unknowns, fewer joints suffice.
+        rows : str or iterable, optional, nonzero rows of the wrench; ``"vx vy vz"`` is a pure force at the origin;
+            fewer rows need fewer joints
         residual : (nv,) array_like, optional, in place of :attr:`residual` [N m, sliding joints: N]
 
         Returns

@@ -229,8 +229,8 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
 def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
     """Model with one more coordinate at the end, the motor's angle referred to the joint, and the spring between the two.
 
-    The motor takes over the limits of speed and effort, and the friction of motor and gear. Only the spring acts on the
-    joint itself.
+    The motor takes over the limits of speed and effort, and the friction of motor and gear. Only the spring drives the
+    joint.
     """
     k, old = driven.v_index, model.limits
     spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)

@@ -131,8 +131,7 @@ def massless_links(model: Model) -> tuple[str, ...]:
 
     * if nothing that it carries has a mass either: its joint then moves no inertia;
     * if it has a shape in the file (``model.shaped``): a visible body has a mass;
-    * if no link of the file has a shape, and the next joint is at a distance from its own: a physical link is between
-    them.
+    * if no link of the file has a shape, and the next joint is at a distance: a physical link is between them.
 
     Other massless bodies combine several joints to one, such as the three of a ball joint or of a planar base; they are
     accepted. So are bodies with moments but no mass, such as rotors whose mass is counted with their housing. A

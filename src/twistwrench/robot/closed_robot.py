@@ -55,8 +55,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
     Created by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7. Methods raise
-    ConstraintError if a state violates the constraints, and SingularMassMatrixError if they need M⁻¹ and a joint moves
-    no inertia.
+    ConstraintError if a state violates the constraints, and SingularMassMatrixError if M⁻¹ is needed but M is singular.
 
     Examples
     --------
@@ -281,8 +280,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     ) -> ConstrainedMotion:
         """Constrained forward dynamics: q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0.
 
-        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if rows are redundant or the configuration is
-        singular.
+        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if A loses rank.
 
         Returns
         -------
@@ -292,8 +290,8 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Raises
         ------
         ConstraintError
-            A gap of the loops at q exceeds 0.01 (rad, or times the joints' lever), or more than a tenth of dq violates
-            the constraints.
+            A gap of the loops at q exceeds 0.01 (rad, or times the joints' lever), or over a tenth of dq violates the
+            constraints.
 
         Warns
         -----
@@ -344,8 +342,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Parameters
         ----------
         friction : bool, add the torques that overcome the friction of all joints, driven or not
-            As in :meth:`forward_dynamics`. Load-dependent friction is evaluated at the torques that the open robot
-            would need.
+            As in :meth:`forward_dynamics`. Load-dependent friction is evaluated at the open robot's torques.
 
         Returns
         -------
@@ -355,8 +352,8 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         Raises
         ------
         ConstraintError
-            q, dq or ddq violates the constraints, as in :meth:`forward_dynamics`, or the named motors cannot produce
-            the motion.
+            q, dq or ddq violates the constraints, see :meth:`forward_dynamics`, or the motors cannot produce the
+            motion.
         """
         q, dq, ddq = finite_states(self.robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
         checks.require_met(self, q, dq, ddq)
@@ -368,9 +365,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
             f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
         )
         A, projector = self._projector(q)
-        lam, left = balance(
-            f, projector.range @ A, self.sizes, driven
-        )  # projected: λ of rows without motion is arbitrary
+        lam, left = balance(f, projector.range @ A, self.sizes, driven)  # projection: λ of immovable rows is arbitrary
         checks.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
         lam = (projector.range @ lam[..., None])[..., 0]
@@ -433,8 +428,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     ) -> Explanation:
         """Torques of :meth:`inverse_dynamics` split by term and by the link or payload that causes them.
 
-        The constraints transmit each part's torques at the open robot's joints to the motors: τ = f + A'λ is linear in
-        f.
+        The constraints transmit the open robot's joint torques f to the motors: τ = f + A'λ is linear in f.
 
         Parameters
         ----------

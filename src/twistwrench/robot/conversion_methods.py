@@ -85,8 +85,7 @@ class EditMethods(RobotBase):
         """Robot with other armature (reflected inertia of the drives) at the named joints.
 
         A rotor of inertia J behind a gear of ratio G has the armature G² J. Armature affects torques, energy and
-        accelerations. It has no weight and no gyroscopic effect; to include both, describe the rotor in
-        :meth:`with_actuators`.
+        accelerations. Weight and gyroscopic effects require a rotor in :meth:`with_actuators`.
 
         Parameters
         ----------
@@ -137,8 +136,7 @@ class EditMethods(RobotBase):
         Returns
         -------
         robot : Robot
-            Coordinates are in depth-first order, as in a file: the other robot's follow those already on the frame's
-            body.
+            Coordinates are in depth-first order: the other robot's follow those of the frame's existing subtree.
 
         Raises
         ------
@@ -160,8 +158,8 @@ class EditMethods(RobotBase):
     def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
         """Part of the robot: the subtree of a link, or the chain of joints from a link to a tip.
 
-        Gravity is that in the base link's frame with all joints neutral. To keep side branches, lock their joints first
-        with :meth:`lock`.
+        Gravity is that in the base link's frame with all joints neutral. To keep side branches, :meth:`lock` their
+        joints first.
 
         Parameters
         ----------
@@ -349,8 +347,7 @@ class BridgeMethods(RobotBase):
         Returns
         -------
         function : callable, takes the quantity's inputs with any leading batch shape
-            CPU tensors share memory with the kernel; GPU tensors stay on the GPU. Results are float32 if all inputs
-            are.
+            CPU tensors share memory with the kernel; GPU tensors stay on the GPU; float32 if all inputs are.
 
         Examples
         --------

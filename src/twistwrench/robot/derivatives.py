@@ -133,8 +133,7 @@ class DerivativeMethods(RobotBase):
     ) -> tuple[Array, Array, Array]:
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
 
-        The Hessian is that of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b) at 0, with ⊕ for :meth:`add`; it is always
-        symmetric.
+        The Hessian of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b) at 0, with ⊕ for :meth:`add`, is always symmetric.
 
         Parameters
         ----------
@@ -195,8 +194,7 @@ class DerivativeMethods(RobotBase):
             dδ/dt   = δdq - ad(dq) δ        (ad(dq) δ ≠ 0 only for joints that turn and slide together, or turn in
             space) dδdq/dt = ∂ddq/∂q δ + ∂ddq/∂dq δdq + ∂ddq/∂τ δτ.
 
-        Deviations are relative to the motion through the state. The state is an equilibrium if dq = 0 and τ holds it.
-        Friction is excluded.
+        Deviations are from the motion through the state, an equilibrium if dq = 0 and τ holds it. Friction is excluded.
 
         Examples
         --------

@@ -259,8 +259,7 @@ class Engine:
         if key not in self._kernels:
             from ..runtime.gufunc import load_ufunc, store_ufunc
 
-            # The kernel holds the function that makes the program, which must not hold the kernel's owner: no reference
-            # cycle.
+            # No reference cycle: the kernel holds the function that makes the program, which must not hold its owner.
             found = load_ufunc(key, lambda: execution_form(_model_of(kept), names, options))
             if found is None:
                 found = self._build(names, options)

@@ -57,8 +57,7 @@ class PoseSearch:
     ) -> None:
         """``farthest``: displacement of a frame per radian of the farthest joint [m]; ``poses`` and ``apart`` are kernels.
 
-        ``poses`` return those of q; ``apart`` returns the joint twists from one q to another. ``loops`` are closed as
-        well.
+        ``poses`` return those of q; ``apart`` returns the joint twists from one q to another. ``loops`` are closed.
         """
         self.model, self.poses, self.apart, self.loops = model, poses, apart, loops
         self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)

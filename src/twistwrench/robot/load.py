@@ -236,8 +236,8 @@ def from_dh(
 
     The joint coordinate q_i is added to theta_i (``"revolute"``) or d_i (``"prismatic"``); the table's entry is the
     offset. Omitted masses, centres of mass and moments are zero. In the standard convention the moving bodies are
-    ``axis1`` … ``axisn``, with frames on the joint axes and z along them; links are fixed to them, and joint wrenches
-    are expressed in them.
+    ``axis1`` … ``axisn``, with frames on the joint axes and z along them; links are fixed to them. Joint wrenches are
+    in these frames.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Elementwise comparisons in traced functions, in place of NumPy's ``maximum`` and ``where``, which symbols do not support.
 
-They take any mixture of numbers, arrays and symbols, so that a function given to :func:`twistwrench.differentiate` also
-runs on numbers.
+They take any mixture of numbers, arrays and symbols. A function for :func:`twistwrench.differentiate` thus also runs on
+numbers.
 """
 
 from __future__ import annotations

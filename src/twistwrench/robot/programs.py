@@ -270,8 +270,7 @@ def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: boo
 
 # ── Kernels of large robots: forward-dynamics derivatives by column loops or LAPACK, and matrices by loops over joints
 
-# Unrolled, the solutions are half of all instructions; a humanoid's 60,000 instructions do not fit into processor
-# caches.
+# Unrolled, the solutions are half of all instructions; a humanoid's 60,000 instructions exceed processor caches.
 
 COLUMN_LOOP_FROM = 20
 """Number of pairs of a velocity and one of a joint it carries, from which a loop is faster (bench/NOTES.md)."""

@@ -162,8 +162,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         Returns
         -------
         found : Clearance
-            ``distance`` (...) [m], negative in contact, ``pair`` (..., 2), ``exact``, and ``unknown``: links without a
-            shape.
+            ``distance`` (...) [m], negative in contact, ``pair`` (..., 2), ``exact``; ``unknown``: links without shape.
 
         Raises
         ------
@@ -234,8 +233,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     ) -> ClosedRobot:
         """Velocity constraint: the robot with selected rows of a frame's twist zero, as for a wheel or a blade.
 
-        The position is not constrained. To constrain it too, as for a hand on a plane, use :meth:`close` with
-        ``"ground"``.
+        The position stays free. To constrain it, as for a hand on a plane, use :meth:`close` with ``"ground"``.
 
         Parameters
         ----------
@@ -273,8 +271,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     ) -> tuple[Path, ...]:
         """C code export: quantities as C99 functions that need only ``math.h`` and no heap memory.
 
-        docs/export.md shows the files. A closed robot exports quantities with its constraints and those of the open
-        robot.
+        docs/export.md shows the files. A closed robot also exports quantities with its constraints.
 
         Parameters
         ----------
@@ -467,8 +464,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         dt : float, interval between returned states [s]
         method : str, optional, the integrator; None: ``"dopri5"``, for a closed robot ``"rk4"``
             ``"dopri5"``, which adapts its steps to ``rtol`` and ``atol``; ``"rk4"``, ``"semi_implicit"``, ``"euler"``,
-            and, for open robots, the variational ``"midpoint"``, ``"variational"``, ``"variational6"``, with steps of
-            ``dt``.
+            and for open robots the variational ``"midpoint"``, ``"variational"``, ``"variational6"``: steps of ``dt``.
         tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
         controller : function of (t, q, dq), optional, evaluated once per ``dt``, with torques held in between
             (zero-order hold)
@@ -490,8 +486,8 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         Raises
         ------
         SimulationError
-            A step is unstable, a controller fails, or constraints lose rank or cannot be satisfied; ``.result`` holds
-            the motion so far.
+            A step is unstable, a controller fails, or constraints lose rank or are violated. The motion so far is in
+            ``.result``.
         ConstraintError
             The initial state is far from the constraints.
 
@@ -545,7 +541,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         method : "semi_implicit" or "rk4", the integrator
         wrench_on_robot : {frame: (6,) or (..., steps, 6)}, optional, (m, f) in that frame [N m, N]
         parameters : {name: (...)}, optional, names of :meth:`twistwrench.Robot.varying`, such as a payload's mass per
-            sample For a closed robot only inertias and friction.
+            sample; for a closed robot only inertias and friction
         friction : bool, include joint friction, as in :meth:`simulate`
         torque_limits : bool or (nv,) array_like, True clips to ``limits.effort``, numbers to these
         torques : bool, also return the applied torques

@@ -45,8 +45,7 @@ class TaskSpaceMethods(RobotBase):
         Warns
         -----
         ModelWarning
-            Rows are lost at every configuration, as for a planar arm without ``rows``; issued once for a robot and its
-            rows.
+            Rows are lost at every configuration, as for a planar arm without ``rows``; once per robot and rows.
 
         Examples
         --------
@@ -234,8 +233,7 @@ class ActuationMethods:
 
         Parameters
         ----------
-        friction : bool, include the friction of all joints, driven or not; it acts behind the gear, at the gear's
-            efficiency
+        friction : bool, include the friction of all joints, driven or not, transmitted at the gear's efficiency
 
         Returns
         -------

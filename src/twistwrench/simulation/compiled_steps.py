@@ -164,8 +164,7 @@ class StepPlan:
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, *rest: Any) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
 
-        With friction, dq1 is evaluated at the midpoint qm = q ⊕ ½ h dq, then q1 = qm ⊕ ½ h dq1; works use mean
-        velocities.
+        With friction, dq1 is that at the midpoint qm = q ⊕ ½ h dq, and q1 = qm ⊕ ½ h dq1; works use mean velocities.
         """
         work, (h, *given) = rest[: self.works], rest[self.works :]
         known, plant, inputs = self._models(given)
@@ -373,8 +372,7 @@ class CompiledSteps:
     def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
         """States before and after each step, (..., steps + 1, size), from y (..., size).
 
-        Also returns accelerations (..., steps, nv) and gaps of the contacts (..., steps, contacts) at the start of each
-        step.
+        Also returns accelerations (..., steps, nv) and contact gaps (..., steps, contacts) at the start of each step.
         """
         return self.advance_with(y, steps, self.h if h is None else h, self.inputs())
 

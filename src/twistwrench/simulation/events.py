@@ -28,7 +28,7 @@ class PositionLimits:
 
     A joint within the tolerance of :class:`twistwrench.model.limits.Limits` is at its limit. A joint inside its limits
     reaches one where the margin is zero. A joint at a limit leaves through it where the margin falls below minus the
-    tolerance. A joint at rest at a limit therefore ends nothing.
+    tolerance. A joint at rest at a limit does not end the simulation.
     """
 
     names: tuple[str, ...]

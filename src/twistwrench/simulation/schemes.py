@@ -377,8 +377,7 @@ class Variational:
             middle = system.manifold.move(q0, 0.5 * h * xi)
             M, C, bias = self.terms(middle, xi)
             powers[:] = 0.0
-            # ∂L/∂q = Cᵀ ξ - g, since dM/dt = C + Cᵀ and p' = M ddq + (dM/dt) ξ; minus ad(ξ)ᵀ p for joints that are
-            # groups.
+            # ∂L/∂q = Cᵀ ξ - g, since dM/dt = C + Cᵀ and p' = M ddq + (dM/dt) ξ; minus ad(ξ)ᵀ p for group joints.
             G = (C + C.T) @ xi - bias + system.forces(t + 0.5 * h, middle, xi, powers)
             system.evaluations += 1
             p = M @ xi
@@ -472,8 +471,8 @@ class RungeKutta:
 class SemiImplicit:
     """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold.
 
-    Friction and velocity gains of laws that return them are treated implicitly. With friction, velocities change at the
-    midpoint of the step.
+    Friction, and velocity gains of laws that return them, are implicit. With friction, velocities change at the
+    midpoint.
     """
 
     order = SEMI_IMPLICIT_EULER.order
