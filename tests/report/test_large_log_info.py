@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
+from twistwrench import TrajectoryError
 from twistwrench.cli.main import main
 from twistwrench.reports import log_quality
 from twistwrench.reports.log_quality import LogQuality, MeasuredTally
@@ -69,3 +71,22 @@ def test_a_measured_torque_is_cut_off_at_the_end_where_it_is():
     assert upper.cut > 0.2 and upper.cut_at == 5.0
     assert lower.cut > 0.2 and lower.cut_at == -5.0
     assert "upper is exactly 5 N m" in upper.cut_words
+
+
+def test_columns_of_words_are_ignored_and_named(tmp_path):
+    """A controller's state, an empty last column, and a second file joined; a word among numbers is an error as before."""
+    rows = [f"{k / 100:.2f};{np.sin(k):.4f};{'RUN' if k > 3 else 'idle'};".replace(".", ",") for k in range(40)]
+    (tmp_path / "log.csv").write_text("\n".join(["time;x;state;", *rows]) + "\n")
+    found = LogQuality.from_file(tmp_path / "log.csv")
+    assert [column.name for column in found.columns] == ["x"] and found.rows == 40 and found.time == "time"
+    assert found.notes == ("Ignored, as they hold words: 'state', ''.",)
+    joined = LogQuality.from_file(f"{tmp_path / 'log.csv'}+{tmp_path / 'log.csv'}")
+    assert [column.name for column in joined.columns] == ["log:x", "log:x"]
+
+    rows[20] = rows[20].replace(rows[20].split(";")[1], "lost")
+    (tmp_path / "broken.csv").write_text("\n".join(["time;x;state;", *rows]) + "\n")
+    with pytest.raises(TrajectoryError, match="line 22, column 'x' is 'lost', which is not a number"):
+        LogQuality.from_file(tmp_path / "broken.csv")
+    (tmp_path / "words.csv").write_text("name,state\nelbow,RUN\n")
+    with pytest.raises(TrajectoryError, match="column 'name' is 'elbow', which is not a number"):
+        LogQuality.from_file(tmp_path / "words.csv")

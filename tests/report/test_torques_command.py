@@ -96,6 +96,29 @@ def test_errors_speak_of_the_options_of_the_command(command, text, said):
     assert said in with_option_names(text, main.get_command(None, command))
 
 
+def test_the_verdict_and_the_limits_of_the_page_are_in_degrees_if_asked(run, tmp_path):
+    """180 °/s allowed, 250 °/s reached: no figure of the headline or of the page's limits is in radians."""
+    t = np.linspace(0.0, 4.0, 401)
+    q = np.degrees(0.5) * (1 - np.cos(2.0 * t))
+    q *= 250.0 / np.gradient(q, t).max()
+    table = np.column_stack([t, q, 0 * q])
+    np.savetxt(tmp_path / "m.csv", table, delimiter=",", header="time,joint1 [deg],joint2 [deg]", comments="")
+    (tmp_path / "limits.csv").write_text("joint,effort,velocity\njoint1,1e4,180\njoint2,1e4,180\n")
+    code, output = run(
+        "torques", "planar_2r", "--trajectory", tmp_path / "m.csv", "--limits", tmp_path / "limits.csv", "--degrees",
+        "--report", tmp_path / "page.html",
+    )  # fmt: skip
+    assert code == 1
+    headline = " ".join(output.partition("\n\n")[0].split())
+    assert re.search(
+        r"joint1 exceeds its velocity limit at t = \S+ s by (69\.\d|70(\.\d)?) °/s: -?2(49|50)[.\d]*, limit 180\.",
+        headline,
+    ), headline
+    assert "rad" not in headline
+    limits = re.search(r"Limits used.*?</table>", (tmp_path / "page.html").read_text(), re.DOTALL)[0]
+    assert "velocity [°/s]" in limits and "180" in limits and "rad" not in limits
+
+
 def test_degrees_and_radians_give_the_same_torques(run, ur5, motion, tmp_path, motion_file):
     t, *columns = motion
     turned = write_motion(tmp_path / "degrees.csv", ur5, t, [np.degrees(c) for c in columns])

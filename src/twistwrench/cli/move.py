@@ -117,7 +117,10 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
             show(*remarks([f"{what}: {hint}"]))
 
     def report(subject: str, blocks: list[Block], **shown: Any) -> None:
-        write_report(given, "move", subject, blocks, files=files, robot=robot, limits=bounds, **shown)
+        write_report(
+            given, "move", subject, blocks, files=files, robot=robot, limits=bounds,
+            degrees=options.degrees, **shown,
+        )  # fmt: skip
 
     path, trouble = _path_and_trouble(robot, begin, end, degrees=options.degrees, given=given)
     if path is None:

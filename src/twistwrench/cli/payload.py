@@ -124,8 +124,9 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
         subject, most = f"{robot.name} · payload at {where}", rounded_down(found.mass)
         facts = [("largest payload", f"{most} kg"), ("limited by", worst)] if worst and found.holds else []
         write_report(
-            given, "payload", subject, blocks, files=files, facts=facts, pictures=pictures, robot=robot, limits=allowed
-        )
+            given, "payload", subject, blocks, files=files, facts=facts, pictures=pictures, robot=robot, limits=allowed,
+            degrees=options.degrees,
+        )  # fmt: skip
     return ExitCode.FINE if found.holds and not beyond and not doubts else ExitCode.NO
 
 

@@ -50,12 +50,13 @@ def write_report(
     pictures: Iterable[Picture] = (),
     robot: Robot | None = None,
     limits: Limits | None = None,
+    degrees: bool = False,
     used: Iterable[tuple[str, str]] = (),
 ) -> None:
     """Write the page of --report if there is one.
 
     ``files`` are the inputs by argument, ``details`` blocks that are not printed, ``used`` further sentences
-    of the provenance.
+    of the provenance. The angles of ``limits`` are shown in degrees if ``degrees``.
     """
     if given.report is None:
         return
@@ -70,7 +71,7 @@ def write_report(
         pictures=list(pictures),
         notes=notes,
         provenance=[("command", shlex.join(["twistwrench", *typed])), *_provenance(files, robot), *used, *_versions()],
-        tables=[] if robot is None or limits is None else [limits_table(robot.model, limits)],
+        tables=[] if robot is None or limits is None else [limits_table(robot.model, limits, degrees=degrees)],
         shorten=shorten,
     )
     with replacing(given.report) as scratch:

@@ -127,7 +127,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         subject, shown = f"{loaded.name} · {end}", [*blocks, *(remarks([hint]) if hint else [])]
         write_report(
             given, "simulate", subject, shown, files=options.files, facts=facts, pictures=pictures, robot=loaded,
-            limits=loaded.limits, used=used,
+            limits=loaded.limits, degrees=options.degrees, used=used,
         )  # fmt: skip
     if isinstance(failure, KeyboardInterrupt):
         raise failure

@@ -31,7 +31,7 @@ from ..reports.recording import require_mcap, require_rerun
 from ..reports.robot_summary import read_limits
 from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
-from ..reports.torque_verdict import friction_words, notes_of
+from ..reports.torque_verdict import friction_words, notes_of, verdict_of
 from . import shared
 from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
@@ -128,7 +128,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         time = f"#t={number(report.joints[report.worst].time, 6)}" if report.worst is not None else ""
         link = write_viewer(given, report.load.robot, time, motion=motion)
     if given.report is not None:
-        write_torque_report(report, blocks, given, files, link)
+        write_torque_report(report, blocks, given, files, link, degrees=options.degrees)
     return report.verdict.exit_code
 
 
@@ -164,7 +164,13 @@ def _plot(report: TorqueReport, motion: DrawnMotion | None, kind: str, path: str
 
 
 def write_torque_report(
-    report: TorqueReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None], link: str
+    report: TorqueReport,
+    blocks: Sequence[Block],
+    given: Given,
+    files: Mapping[str, str | Path | None],
+    link: str,
+    *,
+    degrees: bool,
 ) -> None:
     """Write the page of one motion: the worst moment, the plots, and what the torques count in."""
     from ..plotting.torques import plot_motors, plot_report
@@ -188,7 +194,7 @@ def write_torque_report(
     subject = f"{report.robot} · {Path(report.trajectory).name}"
     write_report(
         given, "torques", subject, blocks, files=files, facts=facts, pictures=pictures, robot=load.robot,
-        limits=report.limits, used=[("torques", friction)],
+        limits=report.limits, degrees=degrees, used=[("torques", friction)],
     )  # fmt: skip
 
 
@@ -222,7 +228,8 @@ class BatchTorques:
     def evaluate(self, path: str) -> FileTorques:
         """Torques of the motion in that file."""
         report = analysis(self.options, self.given, Path(path), Steps(None, (1.0, 1.0)))
-        found = FileTorques(path, str(report.verdict.word), rows=report.rows, reason="; ".join(report.verdict.reasons))
+        judged = verdict_of(report, degrees=self.options.degrees)
+        found = FileTorques(path, str(judged.word), rows=report.rows, reason="; ".join(judged.reasons))
         if report.worst is None:
             return found
         worst = report.joints[report.worst]
@@ -337,7 +344,7 @@ def report_view(report: TorqueReport, *, degrees: bool = False, why: bool = Fals
 
     Angles in degrees if ``degrees``, and what each link does to the worst joint if ``why``.
     """
-    yield verdict_view(report)
+    yield verdict_view(report, degrees=degrees)
     yield ""
     yield _heading(report)
     yield _peaks(report)

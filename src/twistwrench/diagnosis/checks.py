@@ -27,6 +27,8 @@ _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0
 """rad or m: a larger limit stands for none."""
 _STROKE = 5.0
+_CRUSHED = 10.0
+"""Times the effort that the robot's own weight may take at some pose before it is a mistake; at most 5.7 in real files."""
 _NAMED = 6
 
 
@@ -88,8 +90,16 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
     efforts, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
-    weak = [names[k] for k in range(robot.model.nv) if torques[k] > efforts[k] + margin(efforts[k])]
-    yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
+    weak = {names[k]: k for k in range(robot.model.nv) if torques[k] > efforts[k] + margin(efforts[k])}
+    crushed = [name for name, k in weak.items() if torques[k] > _CRUSHED * efforts[k] > 0]
+    said = "the robot's own weight takes more than the effort at some pose"
+    yield from _of_several(robot, "effort", [name for name in weak if name not in crushed], said)
+    most = max((torques[weak[name]] / efforts[weak[name]] for name in crushed), default=0.0)
+    said = (
+        f"the robot's own weight takes up to {number(most, 3)} times the effort: is a mass in grams, a centre of mass in "
+        "millimetres, or an effort that of the motor before the gear?"
+    )
+    yield from _of_several(robot, "effort", crushed, said, Severity.WARNING)
 
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:

@@ -257,6 +257,12 @@ _SMALLEST = 0.005
 """m, the gyration radius of a part that is worth a mass."""
 _LARGEST, _LEAST = 20.0, 1e-3
 """m, the diagonal of the shapes of one link."""
+_BEYOND = 3.0
+"""Times the robot's span, and metres, from which a centre of mass is too far from its frame; 1.5 and 2 in real files."""
+_GRAMS = 150.0
+"""Times the next heaviest link, and the median, from which a mass is too large; 100 in real files."""
+_COMPACT = 0.008
+"""Share of the robot's span below which a gyration radius is too small; 0.0116 in real files."""
 
 
 def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -304,7 +310,7 @@ def _fitting(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, high: 
 
 
 def check_units(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Shapes of tens of metres or below a millimetre, and tensors of bodies larger than the whole robot."""
+    """Shapes, centres of mass, masses and gyration radii out of all proportion to the robot."""
     span = robot.span
     for link in robot.links.values():
         written = link.written
@@ -319,6 +325,57 @@ def check_units(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
                 repair=FileRepair("advice", "scale its shapes to metres"), file=link.file,
             )  # fmt: skip
         yield from _giant(robot, link, written, span)
+        yield from _far_com(robot, link, written, span)
+        yield from _grams(robot, link, written, span)
+
+
+def _far_com(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
+    """A centre of mass farther from the frame of its link than the robot is large: millimetres."""
+    away = float(np.linalg.norm(written.com))
+    if away <= (max(_BEYOND * span, _BEYOND) if span > 0 else _LARGEST) or link.shapes.complete:
+        return
+    wanted = about_com(written.mass, 1e-3 * written.com, written.inertia.moment_about_com)
+    if span > 0 and 1e-3 * away <= span:
+        repair = FileRepair(
+            "slip", "in millimetres, for metres: divide it by 1000", {link.name: wanted}, written.edits(wanted)
+        )
+    else:
+        repair = FileRepair("advice", "give the centre of mass in metres, in the frame of the link")
+    effect = robot.effects.evaluate({link.name: wanted})
+    said = (
+        f"its centre of mass is {number(away, 3)} m from the frame of the link, and the robot spans {number(span, 3)} m"
+    )
+    matters = robot.heavy(link) and effect.reaches(MATTERS)
+    yield link.finding("units", matters, said, {"distance": away, "span": span}, effect, repair)
+
+
+def _grams(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
+    """A mass far above all others, or too large for its tensor: grams."""
+    others = [other.written.mass for other in robot.links.values() if other.written is not None and other is not link]
+    others = [mass for mass in others if mass > 0]
+    times = written.mass / max(others) if len(others) > 1 else 0.0
+    radius = float(np.sqrt(max(np.linalg.eigvalsh(written.tensor)[-1], 0.0) / written.mass))
+    compact = robot.moves(link.name) and robot.heavy(link) and radius < _COMPACT * span
+    compact = compact and not (no_tensor(written) or placeholder(written) or link.shapes.complete)
+    if times < _GRAMS and not compact:
+        return
+    wanted = about_com(1e-3 * written.mass, written.com, written.inertia.moment_about_com)
+    alike = len(others) > 1 and 1e-3 * written.mass <= max(others) and written.mass >= _GRAMS * np.median(others)
+    if alike:
+        repair = FileRepair(
+            "slip", "in grams, for kilograms: divide it by 1000", {link.name: wanted}, written.edits(wanted)
+        )
+    else:
+        repair = FileRepair("advice", "give the mass in kilograms, or the tensor in kg m²: 1000 g are 1 kg")
+    said = f"its mass is {number(written.mass)} kg"
+    said += f", {number(times, 3)} times that of the next heaviest link" if times >= _GRAMS else ""
+    small = (
+        f"at its tensor, a gyration radius of {number(1e3 * radius, 2)} mm in a robot that spans {number(span, 3)} m"
+    )
+    said += f"; {small}" if compact else ""
+    effect = robot.effects.evaluate({link.name: wanted})
+    numbers = {"mass": written.mass, "times": times, "gyration_radius": radius, "span": span}
+    yield link.finding("units", effect.reaches(MATTERS), said, numbers, effect, repair)
 
 
 def _giant(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:

@@ -388,6 +388,14 @@ class CsvFile:
                 yield table
                 line += lines.count(b"\n")
 
+    def text_columns(self) -> tuple[int, ...]:
+        """Columns that hold words or nothing in the first rows: states such as RUN."""
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            rows = [self.dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)]
+        whole = [row for row in rows if len(row) == len(self.header)]
+        return tuple(k for k in range(len(self.header)) if whole and all(_is_word(row[k]) for row in whole))
+
     def place(self, row: int) -> str:
         """Place of a row, ``line 12``."""
         line = self.header_line
@@ -416,6 +424,11 @@ class CsvFile:
                 if len(cells) != len(self.header):
                     raise blame(raw, self.path, line, self.header, (), self.dialect)
                 yield line, cells
+
+
+def _is_word(cell: str) -> bool:
+    """True if a cell is blank or a word, and not a number that is missing or written otherwise."""
+    return not cell or (cell[0].isalpha() and cell.lower() not in _GAPS)
 
 
 def _numeric(cell: str) -> bool:
@@ -451,7 +464,7 @@ def _rows(file: BinaryIO) -> Iterator[str]:
 
 _ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
 _LOOKED_AT = 1000
-"""Rows in which the joints' names must be those of the first."""
+"""Rows in which the joints' names must be those of the first, and columns of text have only words."""
 
 
 def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:

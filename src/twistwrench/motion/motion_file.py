@@ -204,6 +204,16 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     return simulation_file(place) if is_archive(place) else CsvFile.open(place)
 
 
+def text_columns(file: MotionFile) -> tuple[int, ...]:
+    """Columns of a file that hold words in place of numbers; arrays and recordings leave these out of their header."""
+    if isinstance(file, CsvFile):
+        return file.text_columns()
+    if isinstance(file, JoinedFile):
+        found = [text_columns(part) for part in file.parts]
+        return tuple(k for k, (part, column) in enumerate(file.places) if column in found[part])
+    return ()
+
+
 def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     """The file with the sums that ``columns`` name, such as ``J3+J2`` or ``J3-J2``, as columns behind its own."""
     plain = {split_unit(cell)[0]: k for k, cell in reversed([*enumerate(file.header)])}

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..core.numbers import number, percent
+from ..core.text import listed
 from ..errors import TrajectoryError
 from ..estimation.noise import noise, quantum
 from ..motion.bounds import RunningExtrema
 from ..motion.column_names import split_unit, time_factor, time_meaning
 from ..motion.log_table import LARGE, excerpts
-from ..motion.motion_file import MotionFile, open_motion_file
+from ..motion.motion_file import open_motion_file, text_columns
 from ..typing import Array
 
 GAP = 3.0
@@ -81,10 +83,18 @@ class LogQuality:
         ``topic`` chooses one of a ROS recording, ``episode`` one of a LeRobot dataset.
         """
         file = open_motion_file(path, topic, episode)
-        table = file.table(range(len(file.header)))
+        every, text = range(len(file.header)), text_columns(file)
+        used = [k for k in every if k not in text] or every  # a file of words alone: its first row is the error
+        header = [file.header[k] for k in used]
+        ignored = (
+            [f"Ignored, as they hold words: {listed([repr(file.header[k]) for k in text])}."]
+            if len(used) < len(every)
+            else []
+        )
+        table = file.table(used)
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
-        place = _time_of(file)
+        place = _time_of(header)
         clock = (np.nan, np.nan, 0, np.nan, 0, 0, np.nan)
         if place is not None:
             clock = _clock(table[:, place[0]] * place[1])
@@ -92,14 +102,14 @@ class LogQuality:
         return cls(
             file.path,
             len(table),
-            "" if place is None else file.header[place[0]],
+            "" if place is None else header[place[0]],
             *clock,
             tuple(
-                _column(file.header[k], table[:, k], [run[:, k] for run in runs])
+                _column(header[k], table[:, k], [run[:, k] for run in runs])
                 for k in range(table.shape[1])
                 if place is None or k != place[0]
             ),
-            file.notes,
+            (*file.notes, *ignored),
         )
 
 
@@ -114,10 +124,10 @@ def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
     return grid, float(noise(rows, [x[:, None] for x in runs], grid)[0])
 
 
-def _time_of(file: MotionFile) -> tuple[int, float] | None:
+def _time_of(header: Sequence[str]) -> tuple[int, float] | None:
     """The column of time and what takes it to seconds."""
     ranked = []
-    for k, cell in enumerate(file.header):
+    for k, cell in enumerate(header):
         name, unit = split_unit(cell)
         meant = time_meaning(name)
         if meant is not None:

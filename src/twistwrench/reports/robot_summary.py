@@ -370,9 +370,10 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
     return value
 
 
-def limits_table(model: Model, limits: Limits) -> blocks.Table:
-    """Limits that a report compares with, and their source."""
+def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> blocks.Table:
+    """Limits that a report compares with, and their source; angles in degrees if ``degrees``."""
     turning = Coordinates.from_model(model).angular_velocity
+    unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     known = np.isfinite(limits.effort)
     sources = [
@@ -385,8 +386,8 @@ def limits_table(model: Model, limits: Limits) -> blocks.Table:
         "Limits used",
         blocks.words("joint", model.velocity_names),
         blocks.numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", turning)),
-        blocks.numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
-        blocks.numbers("lower", limits.lower, unit=heading_unit("q", turning)),
-        blocks.numbers("upper", limits.upper, unit=heading_unit("q", turning), headed=False),
+        blocks.numbers("velocity", unit * limits.velocity, unit=heading_unit("dq", turning, degrees=degrees)),
+        blocks.numbers("lower", unit * limits.lower, unit=heading_unit("q", turning, degrees=degrees)),
+        blocks.numbers("upper", unit * limits.upper, unit=heading_unit("q", turning, degrees=degrees), headed=False),
         blocks.words("source of the torque limit", sources),
     )

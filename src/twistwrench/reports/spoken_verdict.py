@@ -38,6 +38,7 @@ from .torque_verdict import (
     force_remark,
     is_noise,
     model_warnings,
+    verdict_of,
 )
 
 if TYPE_CHECKING:
@@ -52,18 +53,18 @@ if TYPE_CHECKING:
 MISSING_CONTACT = "IS A CONTACT MISSING?"
 
 
-def verdict_view(report: TorqueReport) -> Line:
-    """The verdict with its reasons, the first beside it and each other on a line of its own."""
-    word, load = report.verdict.word, report.load
-    first, *others = report.verdict.reasons or (_nearest(report),)
+def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Line:
+    """The verdict with its reasons, the first beside it and each other on a line of its own; angles in degrees if so."""
+    judged, load = verdict_of(report, degrees=True) if degrees else report.verdict, report.load
+    first, *others = judged.reasons or (_nearest(report),)
     assumed = ""
-    if report.verdict.ok:
+    if judged.ok:
         still = report.differentiation.trajectory.held
         clauses = assumptions(
             load.robot.model, load.payloads, held=still, friction=load.friction, unjudged=report.limits
         )
         assumed = assumed_words(clauses)
-    line = verdict(word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
+    line = verdict(judged.word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
     if (margin := _payload_margin(report)) is not None:
         line.pieces.append(f"\n{margin.words}")
     if report.clearance is not None:

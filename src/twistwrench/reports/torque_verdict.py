@@ -170,14 +170,14 @@ beside which any such pause does."""
 _MOST_LISTED = 4
 
 
-def verdict_of(report: TorqueReport) -> Verdict:
-    """The verdict of a report.
+def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
+    """The verdict of a report; its angles are in degrees if ``degrees``.
 
     A limit is passed for certain where the excess is more than noise explains, the choice of the largest value, and of the
     worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
     """
     over, unsure = _judge_torques(report)
-    passed, _ = _judge_motion(report)
+    passed, _ = _judge_motion(report, degrees=degrees)
     stated = _grouped([*over, *passed])
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
@@ -364,7 +364,7 @@ def because(joint: JointTorque) -> str:
     return sentence("because", cause=cause_label(cause), share=percent(share))
 
 
-def _judge_motion(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[str]]:
+def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[tuple[Excess, str]], list[str]]:
     """Limits of position and velocity that are passed, and sentences on those that noise explains."""
     over: list[tuple[Excess, str]] = []
     doubtful: dict[str, list[str]] = {}
@@ -375,26 +375,26 @@ def _judge_motion(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[
         if e in near or is_noise(report, e):
             doubtful.setdefault(KINDS[e.kind], []).append(e.joint)
         else:
-            over.append((e, _excess_in_words(e)))
+            over.append((e, _excess_in_words(e, degrees=degrees)))
     return over, [
         f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed"
         for kind, joints in doubtful.items()
     ]
 
 
-def _excess_in_words(e: Excess) -> str:
+def _excess_in_words(e: Excess, *, degrees: bool) -> str:
     """A position or a velocity beyond its limit, and by how much."""
-    speed = e.kind == "velocity"
+    speed, scale = e.kind == "velocity", math.degrees(1.0) if degrees and e.angular else 1.0
     by = abs(e.value) - e.limit if speed else abs(e.value - e.limit)
     return sentence(
         "motion",
         joint=e.joint,
         time=seconds(e.time),
         kind=KINDS[e.kind],
-        by=number(by, 3),
-        unit=unit_of("dq" if speed else "q", e.angular),
-        value=number(e.value, 5),
-        limit=number(e.limit, 5),
+        by=number(scale * by, 3),
+        unit=unit_of("dq" if speed else "q", e.angular, degrees=degrees),
+        value=number(scale * e.value, 5),
+        limit=number(scale * e.limit, 5),
     )
 
 
