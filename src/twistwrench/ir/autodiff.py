@@ -1,9 +1,9 @@
 """Derivatives of traced expressions by forward and reverse mode, as expressions of the same trace.
 
-A sweep applies the chain rule to everything that the results depend on, once for each direction (forward) or for each result
-(reverse). It begins, or ends, at *known* expressions, whose derivatives along the directions are given: usually inputs, or
-expressions with a shorter formula than the chain rule gives. Expressions behind a known one are not visited, so any mixture of
-inputs and expressions made of them is right.
+A sweep applies the chain rule to all expressions that the results depend on, once per direction (forward) or per result
+(reverse). It starts (forward) or ends (reverse) at *known* expressions, whose derivatives along the directions are given:
+usually inputs, or expressions with a shorter formula than the chain rule gives. Operands of known expressions are not visited,
+so known expressions may be any mixture of inputs and expressions of inputs.
 
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapters 3 (both modes) and 5 (reverse before forward).
 """
@@ -20,11 +20,11 @@ from .expr import Expr
 from .tracer import operands_of, reached
 
 Known = Mapping[Expr, Mapping[int, Expr]]
-"""Derivatives of an expression by the number of the direction; missing ones are zero."""
+"""Derivatives of an expression by number of the direction; missing ones are zero."""
 
 
 class Work(NamedTuple):
-    """Additions and multiplications that a Jacobian takes in either mode, before folding."""
+    """Number of additions and multiplications of a Jacobian in each mode, before constant folding."""
 
     forward: int
     reverse: int
@@ -33,7 +33,7 @@ class Work(NamedTuple):
 def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str = "auto") -> Array:
     """Derivatives of the results along the directions; (len(results), directions).
 
-    ``mode``: ``"forward"``, ``"reverse"``, or ``"auto"``, the one with fewer operations by :func:`work`.
+    ``mode``: ``"forward"``, ``"reverse"``, or ``"auto"`` for the mode with fewer operations by :func:`work`.
     """
     if mode == "auto":
         counted = work(results, known)
@@ -43,7 +43,7 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
         for direction, column in enumerate(_forward(results, known, directions)):
             J[:, direction] = column
         return J
-    rows: dict[Expr, Array] = {}  # a symmetric matrix has many an entry twice
+    rows: dict[Expr, Array] = {}  # a symmetric matrix has most entries twice
     for r, result in enumerate(results):
         if result not in rows:
             rows[result] = gradient([result], [result.trace.one], known, directions)
@@ -52,7 +52,7 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
 
 
 def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> list[Any]:
-    """The derivative of each result along one combination of the directions, by forward mode."""
+    """Derivative of each result along one combination of the directions, by forward mode."""
     mixed: dict[Expr, dict[int, Expr]] = {}
     for e, row in known.items():
         rate = e.trace.zero
@@ -63,7 +63,7 @@ def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> li
 
 
 def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
-    """The derivative of Σ weights · results along every direction at constant weights, by reverse mode; (directions,)."""
+    """Derivative of Σ weights · results along every direction for constant weights, by reverse mode; (directions,)."""
     nodes = _active(results, known)
     adjoint: dict[Expr, Any] = {}
     for result, weight in zip(results, weights, strict=True):
@@ -84,12 +84,12 @@ def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, dire
 
 
 def work(results: Sequence[Expr], known: Known) -> Work:
-    """Operations of both modes, from the directions that each expression depends on and the results that depend on it.
+    """Operations of both modes, from the directions that reach each expression and the results that depend on it.
 
-    A product costs a multiplication for each factor that varies and an addition if both do; sums cost their additions.
+    A product counts one multiplication for each varying factor, and one addition if both vary; sums count their additions.
     """
     reach = _active(results, known)
-    used = dict.fromkeys(reach, 0)  # results that depend on it, a bit each
+    used = dict.fromkeys(reach, 0)  # results that depend on each expression, as bits
     for k, result in enumerate(dict.fromkeys(r for r in results if r in reach)):
         used[result] |= 1 << k
     forward = reverse = 0
@@ -113,7 +113,7 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 
 
 def _taken(node: Expr, a: Any, b: Any) -> Any:
-    """1 if a minimum or maximum is its first operand, 0 if it is the second, and ½ if they are equal."""
+    """1 if a minimum or maximum is its first operand, 0 if it is the second, ½ if they are equal."""
     apart = b - a if node.op == "min" else a - b
     return 0.5 + 0.5 * apart.sign()
 
@@ -128,18 +128,18 @@ _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
     "sin": (lambda f, a, b: a.cos(),),
     "cos": (lambda f, a, b: -a.sin(),),
     "exp": (lambda f, a, b: f,),
-    "sign": (lambda f, a, b: 0.0,),  # it jumps, and stays
+    "sign": (lambda f, a, b: 0.0,),  # piecewise constant
     "min": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
     "max": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
     "tanh": (lambda f, a, b: 1.0 - f * f,),
     "log": (lambda f, a, b: 1.0 / a,),
     "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
 }
-"""The derivative of f(a, b) by each operand."""
+"""Derivative of f(a, b) with respect to each operand."""
 
 
 def _made_of(node: Expr) -> tuple[Expr, ...]:
-    """The operands of an operation, or of the function that it computes."""
+    """Operands of an operation, or of the function that it computes."""
     composed = node.trace.composed
     if composed and node.index in composed:
         return composed[node.index].operands
@@ -147,7 +147,7 @@ def _made_of(node: Expr) -> tuple[Expr, ...]:
 
 
 def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
-    """The operands of an operation that vary, each with the derivative by it."""
+    """Varying operands of an operation, each with the derivative by it."""
     composed, operands = node.trace.composed.get(node.index), _made_of(node)
     if not operands:
         return []
@@ -179,7 +179,7 @@ def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[lis
 
 
 def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
-    """Varying expressions between the results and the known, operands first, with their directions as bits."""
+    """Varying expressions between known ones and the results, operands first, with their directions as bits."""
     masks: dict[Expr, int] = {}
     for node in sorted(reached(results, lambda x: () if x in known else _made_of(x)), key=lambda x: x.index):
         mask = sum(1 << d for d in known.get(node, ()))

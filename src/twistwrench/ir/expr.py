@@ -1,8 +1,8 @@
 """Symbols that record the arithmetic applied to them.
 
-An :class:`Expr` belongs to one :class:`~twistwrench.ir.tracer.Trace`, which keeps every distinct expression once and
-folds constants as they appear. Expressions live in NumPy object arrays, so algorithms written with NumPy operators run
-on them unchanged: ``np.sin`` of an object array calls each element's ``.sin()``.
+An :class:`Expr` belongs to one :class:`~twistwrench.ir.tracer.Trace`, which stores each distinct expression once and folds
+constants immediately. Expressions are elements of NumPy object arrays, so algorithms written with NumPy operators run on
+them unchanged: ``np.sin`` of an object array calls each element's ``.sin()``.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 class Expr:
-    """One value of a traced program. Equal expressions of one trace are the same object."""
+    """Value of a traced program. Equal expressions of one trace are the same object."""
 
     __slots__ = ("a", "b", "index", "op", "trace", "value")
-    __array_priority__ = 1000.0  # NumPy scalars and arrays hand their operators over to the ones below
+    __array_priority__ = 1000.0  # NumPy scalars and arrays defer to the operators below
 
     def __init__(self, trace: Trace, op: str, a: Expr | None, b: Expr | None, value: float, index: int) -> None:
         self.trace, self.op, self.a, self.b, self.value, self.index = trace, op, a, b, value, index
@@ -29,7 +29,7 @@ class Expr:
     def __repr__(self) -> str:
         return f"Expr(%{self.index} = {self.op})"
 
-    # Tracing a humanoid makes a hundred thousand of these calls, so each operator goes its shortest way.
+    # Tracing a humanoid makes a hundred thousand of these calls, so each operator takes the shortest path.
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -77,7 +77,7 @@ class Expr:
         return self * self.sign()
 
     def __pow__(self, power: Any) -> Any:
-        """Integer and half-integer powers by products and a square root; others, of positive numbers, by exp and log."""
+        """Power. Integer and half-integer exponents use products and a square root; others exp and log, for positive bases."""
         if isinstance(power, np.ndarray):
             return _elementwise(np.power, self, power)
         if isinstance(power, Expr):
@@ -153,16 +153,16 @@ class Expr:
         return arctan2(self, self.trace.lift(x))
 
     def hypot(self, other: Any) -> Any:
-        """Root of the sum of two squares; called by ``np.hypot``. It is not differentiable at 0: NaN."""
+        """Root of the sum of two squares; called by ``np.hypot``. Its derivative at 0 is NaN."""
         return (self * self + other * other).sqrt()
 
     def clip(self, lower: Any, upper: Any) -> Expr:
-        """The value, or the limit that it exceeds; NaN stays NaN."""
+        """Value clipped to the limits; NaN stays NaN."""
         trace = self.trace
         return trace.max(trace.lift(lower), trace.min(trace.lift(upper), self))
 
     def sign(self) -> Expr:
-        """-1, 0 or 1."""
+        """Sign: -1, 0 or 1."""
         return self.trace.sign(self)
 
 
@@ -170,7 +170,7 @@ _LARGEST_POWER = 128
 
 
 def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:
-    """A symbol combined with every element of an array; wrapped, since NumPy would return a bare symbol to its operators."""
+    """Combination of a symbol with every array element; wrapped, since NumPy would pass a bare symbol back to its operators."""
     wrapped = np.empty((), object)
     if isinstance(a, Expr):
         wrapped[()] = a

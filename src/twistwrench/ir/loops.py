@@ -1,8 +1,8 @@
 """Loops around programs: scans over steps, searches, column solves and products of factors.
 
-A scan evaluates a program for a number of steps; its results are its inputs in the next. The loop is part of the kernel. Its
-signature has two sizes of its own: ``(k)`` steps are evaluated, and every k/m-th state is stored, in ``(m)`` rows. The initial
-states are given once; all other inputs may differ from step to step.
+A scan evaluates a program for a number of steps; its results are the inputs of the next step. The loop is part of the kernel.
+Its signature has two additional sizes: ``(k)`` steps are evaluated, and every k/m-th state is stored, in ``(m)`` rows. The
+initial states are given once; all other inputs may differ from step to step.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ STEPS, KEPT = "k", "m"
 class Source:
     """Source of an input of the program.
 
-    ``"state"``: the last value of result number ``state``. ``"start"``: its value at the beginning of the step, for programs
-    that are evaluated several times a step. ``"stage"``: the row of the table for this stage. ``"given"``: the caller's array.
+    ``"state"``: last value of result number ``state``. ``"start"``: its value at the beginning of the step, for programs with
+    several evaluations per step. ``"stage"``: row of the table for this stage. ``"given"``: the caller's array.
     """
 
     kind: str
@@ -31,9 +31,9 @@ class Source:
 
 @dataclass(frozen=True)
 class Scan:
-    """A program that is evaluated once for each stage of each step, with the sources of its inputs.
+    """Program that is evaluated once for each stage of each step, with the sources of its inputs.
 
-    The first ``visible`` results are the state; ``hidden`` ones follow, which begin with zero and are not returned. The other
+    The first ``visible`` results are the state. ``hidden`` results follow; they start at zero and are not returned. The other
     results are reported for each step at its beginning, such as the torques applied.
     """
 
@@ -42,7 +42,7 @@ class Scan:
     visible: int
     hidden: int = 0
     table: tuple[tuple[float, ...], ...] = ((),)
-    """Rows by stage: the program is evaluated once for each."""
+    """Rows by stage; the program is evaluated once per row."""
 
     @property
     def states(self) -> tuple[TensorSpec, ...]:
@@ -56,7 +56,7 @@ class Scan:
 
     @property
     def reported(self) -> tuple[int, ...]:
-        """Numbers of the results that are reported for each step at its beginning."""
+        """Numbers of the results that are reported at the beginning of each step."""
         return tuple(range(self.visible + self.hidden, len(self.program.outputs)))
 
     @property
@@ -71,44 +71,44 @@ class Scan:
 
     @cached_property
     def signature(self) -> str:
-        """The gufunc signature, as in ``(7),(7),(k,7)->(m,7),(m,7)``."""
+        """Gufunc signature, as in ``(7),(7),(k,7)->(m,7),(m,7)``."""
         ins: list[Sequence[int | str]] = [port.shape for port in self.inputs[: self.visible]]
         ins += [(STEPS, *port.shape) for port in self.inputs[self.visible :]]
         return signature_of(ins, [(KEPT, *port.shape) for port in self.outputs])
 
 
-# ── Search: a program evaluated until it reports success, from one start configuration after the other
+# ── Search: a program evaluated until it reports success, for one start configuration after another
 
-# The loop is part of the kernel. An attempt begins at a start configuration and ends when the program reports it, or after the
-# number of steps in the settings; the next begins at the nearest unused start. The result is that of the first successful
-# attempt, else the nearest. It depends neither on other samples nor on the number of attempts side by side.
+# The loop is part of the kernel. An attempt begins at a start configuration. It ends when the program stops it, or after the
+# number of steps in the settings; the next one begins at the nearest unused start. The result is that of the first successful
+# attempt, else the nearest. It depends neither on other samples nor on the number of parallel attempts.
 
 PLACES = 64
-"""Start configurations of a table, beside the first."""
+"""Number of start configurations in a table, besides the first."""
 
 TIMES, ATTEMPTS, ALLOWED = 0, 1, 2
-"""Positions in the settings: most steps of an attempt, further attempts, and the first number passed to the program."""
+"""Positions in the settings: maximum steps per attempt, further attempts, and the first number passed to the program."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """A program with inputs x, the initial x of the step, its memory, and the target with tolerances.
+    """Program with the inputs x, x of the step's beginning, memory, and the target with tolerances.
 
     Its results are the next x and the memory: the best x so far; its report, which begins with a status (1: found, -1: invalid
-    target) and the error; the number of steps without progress; and last a flag to continue.
+    target) and the error; the number of steps without progress; and a flag to continue.
     """
 
     program: Program
     target: TensorSpec
     """Target of the search."""
     near: tuple[int, ...]
-    """Entries of the target that measure how near a start configuration is: weighted sums of squares."""
+    """Entries of the target for the distance of a start configuration, a weighted sum of squares."""
     begins: tuple[float, ...]
-    """Initial memory, after x."""
+    """Initial memory after x."""
     least: tuple[float, ...]
-    """Lower limits of x at the beginning of an attempt."""
+    """Lower limits of x at the start of an attempt."""
     most: tuple[float, ...]
-    """Upper limits of x at the beginning of an attempt."""
+    """Upper limits of x at the start of an attempt."""
 
     @property
     def x(self) -> TensorSpec:
@@ -122,7 +122,7 @@ class Search:
 
     @property
     def settings(self) -> TensorSpec:
-        """Most steps, attempts, tolerances and weights."""
+        """Maximum steps, attempts, tolerances and weights."""
         given = self.program.inputs[-1].size - self.target.size
         return TensorSpec("settings", (ALLOWED + given + len(self.near),))
 
@@ -140,32 +140,32 @@ class Search:
 
     @cached_property
     def signature(self) -> str:
-        """The gufunc signature."""
+        """Gufunc signature."""
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-# ── Column solve: a program with matrices among its results whose columns are solved in a loop, shorter than unrolled code
+# ── Column solve: a program with result matrices whose columns are solved in a loop, which is shorter than unrolled code
 
-# The program computes values common to all columns once, such as the factors of the solve. Columns whose entries are zero in
-# the same rows form a group, and a group has one program that maps a column to its solution.
+# The program computes values common to all columns once, such as the factors of the solve. Columns with zeros in the same rows
+# form a group, and each group has one program that maps a column to its solution.
 
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns solved by one program: its inputs are the shared results and a column, its result is the new column."""
+    """Columns solved by one program: its inputs are the shared results and a column, its result is the solution."""
 
     program: Program
     places: tuple[tuple[int, int], ...]
-    """Matrix, as the number of a result, and column."""
+    """Number of the result that is the matrix, and column."""
 
 
 @dataclass(frozen=True)
 class ColumnSolve:
-    """A program, and the solves of columns of its results."""
+    """Program with solves of columns of its results."""
 
     program: Program
     shared: int
-    """Number of last results that only the groups use."""
+    """Number of results at the end that only the groups use."""
     groups: tuple[ColumnGroup, ...]
 
     @property
@@ -180,24 +180,24 @@ class ColumnSolve:
 
     @cached_property
     def signature(self) -> str:
-        """The gufunc signature."""
+        """Gufunc signature."""
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
     @cached_property
     def first_entries(self) -> tuple[int, ...]:
-        """Number of each result's first entry among the entries of all."""
+        """Position of each result's first entry among the entries of all results."""
         found = [0]
         for port in self.program.outputs:
             found.append(found[-1] + port.size)
         return tuple(found[:-1])
 
     def entry(self, matrix: int, row: int, column: int) -> int:
-        """Number of an entry of a matrix among the entries of all results."""
+        """Position of a matrix entry among the entries of all results."""
         port = self.program.outputs[matrix]
         return self.first_entries[matrix] + row * port.shape[1] + column
 
     def stored_rows(self, group: ColumnGroup) -> list[int]:
-        """Rows that are not zero before and after the solve."""
+        """Rows that are nonzero before or after the solve."""
         return [
             row
             for row, nothing in enumerate(group.program.zeros)
@@ -205,7 +205,7 @@ class ColumnSolve:
         ]
 
     def stored_entries(self, group: ColumnGroup) -> dict[int, list[int]]:
-        """Stored rows by the instruction of the group's program that makes them."""
+        """Stored rows by the instruction of the group's program that computes them."""
         entries: dict[int, list[int]] = {}
         for row in self.stored_rows(group):
             entries.setdefault(group.program.results[row], []).append(row)
@@ -213,7 +213,7 @@ class ColumnSolve:
 
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
-        """For each entry of the program's results, True if it is zero in the end for all inputs."""
+        """For each entry of the program's results, True if it is zero after the solves for all inputs."""
         zeros = list(self.program.zeros)
         for group in self.groups:
             rows = self.stored_rows(group)
@@ -223,18 +223,18 @@ class ColumnSolve:
         return tuple(zeros)
 
 
-# ── Products: a program whose results are factors of matrices, which loops compute from them
+# ── Products: a program whose results are factors of matrices; loops multiply the factors
 
-# Entry (r, c) of such a matrix is a dot product of a row of r and a column of c; which pair of factors, depends on which of the
-# two joints carries the other. Unrolled, a chain of n joints has n² of them; as loops they are a few lines.
+# Entry (r, c) of such a matrix is a dot product of row r of one factor and column c of the other. Which pair of factors applies
+# depends on which of the two joints carries the other. A chain of n joints has n² dot products; loops need only a few lines.
 
 NEITHER, BEFORE, AFTER = 0, 1, 2
-"""Kinds of an entry: zero; its row's joint carries its column's; the reverse, or both are the same."""
+"""Kinds of an entry: zero; its row's joint carries its column's; or the reverse, including equal joints."""
 
 
 @dataclass(frozen=True)
 class Product:
-    """One matrix (n, n): by number the results that are its factors, a row (n, k) and a column (k, n) of each pair."""
+    """Matrix (n, n) with two pairs of factors, as numbers of results: rows (n, k) and columns (k, n)."""
 
     name: str
     before: tuple[int, int]
@@ -245,7 +245,7 @@ class Product:
 
 @dataclass(frozen=True)
 class Products:
-    """A program of factors, and the matrices made of them."""
+    """Program of factors, and the matrices computed from them."""
 
     program: Program
     matrices: tuple[Product, ...]
@@ -265,15 +265,15 @@ class Products:
 
     @cached_property
     def signature(self) -> str:
-        """The gufunc signature."""
+        """Gufunc signature."""
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-# ── Forms of compiled code: a program, or one with a loop around it or behind it
+# ── Forms of compiled code: a program, or a program with a loop around or after it
 
 Form = Program | Products | ColumnSolve | Scan | Search
 
 
 def program_of(form: Form) -> Program:
-    """The program without its loop."""
+    """Program without its loop."""
     return form if isinstance(form, Program) else form.program

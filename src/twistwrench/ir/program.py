@@ -1,4 +1,4 @@
-"""Straight-line programs: named arrays, gufunc signatures, instructions, and functions composed of them."""
+"""Straight-line programs: named arrays, gufunc signatures, instructions, and functions composed of instructions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class TensorSpec(NamedTuple):
-    """Name and shape of an array that is an input or an output."""
+    """Name and shape of an input or output array."""
 
     name: str
     shape: tuple[int, ...]
@@ -29,7 +29,7 @@ class TensorSpec(NamedTuple):
 
 
 def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
-    """The gufunc signature of operands with those sizes."""
+    """Gufunc signature of operands with those sizes."""
     ins, outs = (
         ",".join("(" + ",".join(map(str, sizes)) + ")" for sizes in operands) for operands in (inputs, outputs)
     )
@@ -38,7 +38,7 @@ def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequen
 
 @cache
 def axes_of(signature: str) -> list[list[int]]:
-    """Position of each axis' size in a loop's ``dims``, by operand: names and numbers in the order of their first appearance.
+    """Position of each axis' size in a loop's ``dims``, by operand; sizes are numbered in the order of first appearance.
 
     >>> axes_of("(7),(k,7)->(m,7)")
     [[1], [2, 1], [3, 1]]
@@ -52,10 +52,10 @@ def axes_of(signature: str) -> list[list[int]]:
     return operands
 
 
-# ── A program: straight-line instructions in order, no loops, no branches, every rounding explicit
+# ── A program: straight-line instructions without loops and branches, with explicit rounding
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
-"""Fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
+"""Fused products with one rounding: ``fma`` is a b + c; the two signs are those of the product and of c."""
 
 ARITY = {
     "const": 0, "input": 0, "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1,
@@ -63,12 +63,12 @@ ARITY = {
 }  # fmt: skip
 """Number of operands of every operation.
 
-``min`` is a if a < b, else b, and ``max`` a if a > b, else b, as in processors: the second of two that do not compare.
+``min`` is a if a < b, else b; ``max`` is a if a > b, else b. As in processors, unordered operands give the second one.
 """
 
 
 class Instruction(NamedTuple):
-    """One operation on earlier results. ``value`` is a constant's value or an input's number."""
+    """Operation on earlier results. ``value`` is the value of a constant or the number of an input."""
 
     op: str
     args: tuple[int, ...]
@@ -79,14 +79,14 @@ class Instruction(NamedTuple):
 class Program:
     """Computation of a kernel for one sample.
 
-    Input elements are numbered through all inputs in C order; ``results`` gives, for every output element in the same
-    order, the number of the instruction that makes it.
+    Input elements are numbered through all inputs in C order. ``results`` has the number of the instruction that computes each
+    output element, in the same order.
     """
 
     instructions: tuple[Instruction, ...]
-    """Operations, each on earlier results."""
+    """Instructions, each on earlier results."""
     results: tuple[int, ...]
-    """Number of the instruction that makes each output element, in C order."""
+    """Number of the instruction that computes each output element, in C order."""
     inputs: tuple[TensorSpec, ...]
     """Names and shapes of the inputs."""
     outputs: tuple[TensorSpec, ...]
@@ -97,7 +97,7 @@ class Program:
         return f"<Program {' → '.join(ends)}, {self.signature}: {len(self.instructions)} instructions>"
 
     def counts(self) -> dict[str, int]:
-        """Operation counts: how often each operation occurs; constants and inputs left out.
+        """Number of occurrences of each operation, without constants and inputs.
 
         Returns
         -------
@@ -113,25 +113,25 @@ class Program:
 
     @property
     def flops(self) -> int:
-        """Additions, multiplications and divisions; a fused product counts two, sines and cosines are not counted."""
+        """Number of additions, multiplications and divisions; a fused product counts two, sines and cosines are not counted."""
         c = self.counts()
         return sum(c.get(op, 0) for op in ("add", "sub", "mul", "div")) + 2 * sum(c.get(op, 0) for op in FUSED)
 
     @property
     def multiplications(self) -> int:
-        """Operations of the multiplier: products, fused ones included."""
+        """Number of products, including fused ones."""
         c = self.counts()
         return c.get("mul", 0) + sum(c.get(op, 0) for op in FUSED)
 
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
-        """For each element of the outputs, True if it is zero for all inputs."""
+        """For each output element, True if it is zero for all inputs."""
         made = (self.instructions[result] for result in self.results)
         return tuple(x.op == "const" and x.value == 0.0 for x in made)
 
     @cached_property
     def digest(self) -> str:
-        """A hash of everything the program computes; equal programs have equal digests, in every process."""
+        """Hash of the whole computation; equal programs have equal digests in every process."""
         import hashlib
 
         state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
@@ -141,15 +141,15 @@ class Program:
 
     @property
     def signature(self) -> str:
-        """The gufunc signature with the program's own sizes, as in ``(7),(7)->(7,7)``."""
+        """Gufunc signature with the program's sizes, as in ``(7),(7)->(7,7)``."""
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-# ── Functions that targets do not have, made of those they have: tanh, log and arctan2
+# ── Functions that targets lack, composed of available ones: tanh, log and arctan2
 
-# Each result is an ordinary expression, so every target computes it, and a :class:`Composed` names it for the chain rule:
-# its derivative is the function's own, not that of the formula that computes it. Errors are below 1e-15, of 1 where the
-# function is smaller, in double precision.
+# Each result is an ordinary expression, which every target can compute. A :class:`Composed` names it for the chain rule, which
+# uses the function's own derivative, not that of its formula. Errors are below 1e-15 in double precision, absolute for
+# results below 1.
 
 _LARGEST = float(np.finfo(float).max)
 _SMALLEST = float(np.finfo(float).tiny)
@@ -158,24 +158,24 @@ _ROOTS = 10
 
 
 class Composed(NamedTuple):
-    """Function and operands of an expression."""
+    """Function and operands that an expression represents."""
 
     name: str
     """Name of the function."""
     operands: tuple[Expr, ...]
-    """Its operands."""
+    """Operands of the function."""
 
 
 def tanh(x: Expr) -> Expr:
-    """(1 - e) / (1 + e) with e = exp(-2 |x|), and the sign of x."""
+    """Hyperbolic tangent: (1 - e) / (1 + e) with e = exp(-2 |x|), and the sign of x."""
     e = (-2.0 * abs(x)).exp()
     return _noted("tanh", x.sign() * ((1.0 - e) / (1.0 + e)), 1.0, x)
 
 
 def log(x: Expr) -> Expr:
-    """Natural logarithm: roots bring x near 1, where 2 artanh((r - 1) / (r + 1)) is about ln r; Halley's step does the rest.
+    """Natural logarithm. Roots r of x near 1 give ln r from 2 artanh((r - 1) / (r + 1)); Halley's steps refine it.
 
-    Of 0 it is -inf, of negative numbers NaN.
+    -inf at 0, NaN for negative numbers.
     """
     trace, r = x.trace, x
     for _ in range(_ROOTS):  # then sqrt(1/2) < r < 2
@@ -185,12 +185,12 @@ def log(x: Expr) -> Expr:
     for _ in range(2):
         e = y.exp()
         y = y + (x - e) / trace.max(trace.constant(_SMALLEST), 0.5 * x + 0.5 * e)
-    at_zero = 1.0 - 1.0 / x.sign()  # 0 where x > 0, -inf at 0
+    at_zero = 1.0 - 1.0 / x.sign()  # 0 for x > 0, -inf at 0
     return _noted("log", y + at_zero, _LARGEST, x)
 
 
 def arctan2(y: Expr, x: Expr) -> Expr:
-    """The angle of the point (x, y), from -pi to pi; 0 at the origin. Abramowitz and Stegun (1964), section 4.4."""
+    """Angle of the point (x, y), from -pi to pi; 0 at the origin. Abramowitz and Stegun (1964), section 4.4."""
     trace, h, w = y.trace, abs(y), abs(x)
     longer = trace.max(h, w)
     t: Any = trace.min(h, w) / trace.max(trace.constant(_SMALLEST), longer)
@@ -213,9 +213,9 @@ def _odd(square: Any, sign: float) -> Any:
 
 
 def _noted(name: str, value: Any, most: float, *operands: Expr) -> Expr:
-    """The value, at most ``most``, as an expression that is not folded, with the function it computes."""
+    """Value, at most ``most``, as an unfolded expression that records the function it computes."""
     trace = operands[0].trace
-    found = trace.min(trace.constant(most), trace.lift(value))  # so that NaN stays NaN
+    found = trace.min(trace.constant(most), trace.lift(value))  # NaN stays NaN
     if found.op != "const":
         trace.composed[found.index] = Composed(name, operands)
     return found

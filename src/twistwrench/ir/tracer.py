@@ -1,8 +1,8 @@
 """Programs from traced functions: order of evaluation, fusion of products into sums, numbering.
 
-The order matters more than anything a compiler does afterwards, because a program has thousands of values and a processor
-a few dozen registers. Programs keep the order in which the algorithm made their values, sines and cosines first, so values
-that are used together stay together. Depth first from the results spills half as much again (see bench/NOTES.md).
+The order of evaluation matters more than any compiler optimisation, because a program has thousands of values and a processor
+a few dozen registers. Programs keep the order in which the algorithm computes values, with sines and cosines first, so that
+values used together stay together. Depth-first order from the results spills half as much again (see bench/NOTES.md).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .program import FUSED, Composed, Instruction, Program, TensorSpec
 
 
 def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
-    """The program that computes ``results``."""
+    """Program that computes ``results``."""
     nodes = _needed(results)
     instructions, numbers = _emit(nodes, _fusions(nodes, results))
     return Program(tuple(instructions), tuple(numbers[r.index] for r in results), inputs, outputs)
 
 
 def _needed(results: Sequence[Expr]) -> list[Expr]:
-    """All expressions that the results need, in the order they were made, but sines, cosines and their operands first."""
+    """All expressions that the results need, in order of creation, but sines, cosines and their operands first."""
     early = reached([node for node in reached(results) if node.op in ("sin", "cos")])
     first = {node.index for node in early}
     return sorted(reached(results), key=lambda node: (node.index not in first, node.index))
@@ -41,7 +41,7 @@ def operands_of(node: Expr) -> tuple[Expr, ...]:
 
 
 def reached(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
-    """All expressions that the results depend on; iterative, since programs may be deep."""
+    """All expressions that the results depend on; iterative, because programs may be deep."""
     seen: dict[int, Expr] = {}
     stack = list(results)
     while stack:
@@ -56,7 +56,7 @@ _FUSED_BY_SIGNS = {signs: op for op, signs in FUSED.items()}
 
 
 def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[str, Expr, Expr]]:
-    """Sums that absorb a product used nowhere else: index of the sum → (fused operation, product, other operand)."""
+    """Sums that absorb a product without other uses: index of the sum → (fused operation, product, other operand)."""
     uses: dict[int, int] = {}
     for node in nodes:
         for x in operands_of(node):
@@ -93,13 +93,13 @@ def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tu
     return instructions, numbers
 
 
-# ── The trace: a table of every distinct expression, and the folding that happens as they are made
+# ── The trace: a table of distinct expressions, which are folded on creation
 
-# Constants fold, 0 and 1 vanish, negations float up and out, common subexpressions are found by construction. Folding may
-# reassociate constants (``2 * (3 * x)`` is ``6 * x``) but never drops a term that is not exactly zero.
+# Constants are folded, terms 0 and factors 1 are removed, negations are moved outward, and common subexpressions are shared.
+# Folding may reassociate constants (``2 * (3 * x)`` is ``6 * x``), but never drops a term that is not exactly zero.
 
 LARGEST = 2_000_000
-"""Most expressions of a trace: each takes half a kilobyte until the program is built, a gigabyte in all."""
+"""Maximum number of expressions in a trace: each takes half a kilobyte until the program is built, a gigabyte in all."""
 
 
 class Trace:
@@ -127,21 +127,21 @@ class Trace:
         return found
 
     def forget(self) -> None:
-        """Release all expressions: they refer to this trace, and a cycle of millions waits long for the garbage collector."""
+        """Release all expressions, which refer to this trace; the garbage collector would free such a large cycle late."""
         self._table.clear()
         self._turned.clear()
         self.composed.clear()
 
     def constant(self, value: float) -> Expr:
-        """A constant; -0.0 is 0.0."""
+        """Return a constant; -0.0 becomes 0.0."""
         return self._make("const", value=float(value) + 0.0)
 
     def input(self, number: int) -> Expr:
-        """The program's input of that number."""
+        """Return the program's input of that number."""
         return self._make("input", value=number)
 
     def inputs(self, first: int, shape: tuple[int, ...]) -> Array:
-        """An object array of inputs, numbered in C order from ``first``."""
+        """Return an object array of inputs, numbered in C order from ``first``."""
         array = np.empty(shape, object)
         flat = array.reshape(-1)
         for k in range(flat.size):
@@ -149,7 +149,7 @@ class Trace:
         return array
 
     def lift(self, value: Any) -> Expr:
-        """An expression from an expression or a number."""
+        """Return an expression for an expression or a number."""
         if isinstance(value, Expr):
             if value.trace is not self:
                 raise ValueError("an expression of another trace was mixed in.")
@@ -159,7 +159,7 @@ class Trace:
     # ── arithmetic ──
 
     def add(self, a: Expr, b: Expr) -> Expr:
-        """Fold and make a + b."""
+        """Return a + b, folded."""
         if a.op == "const":
             a, b = b, a
         if b.op == "const":
@@ -176,7 +176,7 @@ class Trace:
         return self._make("add", a, b)
 
     def sub(self, a: Expr, b: Expr) -> Expr:
-        """Fold and make a - b."""
+        """Return a - b, folded."""
         if a is b:
             return self.zero
         if b.op == "const":
@@ -193,7 +193,7 @@ class Trace:
         return self._make("sub", a, b)
 
     def neg(self, a: Expr) -> Expr:
-        """Fold and make -a."""
+        """Return -a, folded."""
         if a.op == "const":
             return self.constant(-a.value)
         if a.op == "neg":
@@ -203,7 +203,7 @@ class Trace:
         return self._make("neg", a)
 
     def mul(self, a: Expr, b: Expr) -> Expr:
-        """Fold and make a * b; a constant factor comes first and is positive."""
+        """Return a * b, folded; a constant factor comes first and is positive."""
         if b.op == "const":
             a, b = b, a
         if a.op == "const":
@@ -217,7 +217,7 @@ class Trace:
         return self._make("mul", a, b)
 
     def scale(self, factor: float, b: Expr) -> Expr:
-        """Fold and make a number times b."""
+        """Return a number times b, folded."""
         if b.op == "const":
             return self.constant(factor * b.value)
         if factor == 0.0:
@@ -233,7 +233,7 @@ class Trace:
         return self._make("mul", self.constant(factor), b)
 
     def div(self, a: Expr, b: Expr) -> Expr:
-        """Fold and make a / b; by a constant it is a product with the reciprocal."""
+        """Return a / b, folded; division by a constant becomes a product with its reciprocal."""
         if b.op == "const" and b.value != 0.0:
             return self.scale(1.0 / b.value, a)
         if a is self.zero:
@@ -247,14 +247,14 @@ class Trace:
     # ── functions ──
 
     def turned(self, a: Expr, b: Expr) -> Expr:
-        """Sum of two angles, whose sine and cosine are computed from those of the two: code checks inputs, not sums."""
+        """Sum of two angles whose sine and cosine come from those of the two angles, because code range-checks only inputs."""
         total = self.add(a, b)
         if total is not a and total is not b:
             self._turned[total.index] = a, b
         return total
 
     def sin(self, a: Expr) -> Expr:
-        """Fold and make sin a; odd."""
+        """Return sin a, folded as an odd function."""
         if a.op == "const":
             return self.constant(math.sin(a.value))
         if a.index in self._turned:
@@ -263,7 +263,7 @@ class Trace:
         return self.neg(self.sin(a.a)) if a.op == "neg" and a.a is not None else self._make("sin", a)
 
     def cos(self, a: Expr) -> Expr:
-        """Fold and make cos a; even."""
+        """Return cos a, folded as an even function."""
         if a.op == "const":
             return self.constant(math.cos(a.value))
         if a.index in self._turned:
@@ -272,27 +272,27 @@ class Trace:
         return self.cos(a.a) if a.op == "neg" and a.a is not None else self._make("cos", a)
 
     def sqrt(self, a: Expr) -> Expr:
-        """Fold and make the square root."""
+        """Return the square root, folded."""
         return self.constant(math.sqrt(a.value)) if a.op == "const" else self._make("sqrt", a)
 
     def exp(self, a: Expr) -> Expr:
-        """Fold and make e to the power of a."""
+        """Return e to the power of a, folded."""
         return self.constant(math.exp(a.value)) if a.op == "const" else self._make("exp", a)
 
     def min(self, a: Expr, b: Expr) -> Expr:
-        """Fold and make a if a < b, else b."""
+        """Return a if a < b, else b, folded."""
         if a.op == "const" and (a.value == math.inf or b.op == "const"):
             return a if b.op == "const" and a.value < b.value else b
         return b if a is b else self._make("min", a, b)
 
     def max(self, a: Expr, b: Expr) -> Expr:
-        """Fold and make a if a > b, else b."""
+        """Return a if a > b, else b, folded."""
         if a.op == "const" and (a.value == -math.inf or b.op == "const"):
             return a if b.op == "const" and a.value > b.value else b
         return b if a is b else self._make("max", a, b)
 
     def sign(self, a: Expr) -> Expr:
-        """Fold and make the sign; odd."""
+        """Return the sign, folded as an odd function."""
         if a.op == "const":
             return self.constant((a.value > 0) - (a.value < 0))
         return self.neg(self.sign(a.a)) if a.op == "neg" and a.a is not None else self._make("sign", a)
@@ -301,10 +301,10 @@ class Trace:
 def trace(
     function: Callable[..., Any], inputs: Sequence[tuple[str, tuple[int, ...]]], outputs: Sequence[str]
 ) -> Program:
-    """Run ``function`` on symbols and return its operations as a program.
+    """Return the operations of ``function`` on symbols as a program.
 
-    ``inputs`` are (name, shape) pairs, passed in order as object arrays; the function returns one array or a tuple of
-    arrays, which ``outputs`` names.
+    ``inputs`` are (name, shape) pairs, passed in order as object arrays. The function returns one array or a tuple of arrays
+    with the names ``outputs``.
 
     >>> program = trace(lambda x, y: x * y + 1.0, [("x", ()), ("y", ())], ["z"])
     >>> program.counts()["fma"], program.outputs[0].shape
@@ -330,7 +330,7 @@ def trace(
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Disable the cyclic garbage collector, which takes up to a quarter of the time and finds nothing yet."""
+    """Disable the cyclic garbage collector, which would take up to a quarter of the time without freeing anything."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -1,6 +1,6 @@
-"""The batch loop: blocks of samples in place or through buffers, and copies from and to any strides.
+"""The batch loop: blocks of samples in place or through buffers, and copies between buffers and arrays of any strides.
 
-Buffers lie on the stack, those of large programs in memory that each call allocates and frees: a thread's stack may be small.
+Buffers are on the stack; those of large programs are allocated by each call, because a thread's stack may be small.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 Step = tuple[str, list[str]]
-"""Distance between samples, and distances within one, axis by axis [bytes]."""
+"""Distance between samples, and distances within a sample, axis by axis [bytes]."""
 
 RANK = 3
-"""Most axes of an array of one sample."""
+"""Maximum number of axes of an array for one sample."""
 
 ON_STACK = 16_000
-"""Most bytes of buffers and frame on the stack: threads may have only 64 kB of it."""
+"""Maximum size of buffers and frame on the stack [bytes]: a thread may have a stack of only 64 kB."""
 
 LINE = 64
-"""Bytes of a cache line, to which buffers are aligned."""
+"""Size of a cache line [bytes], to which buffers are aligned."""
 
 
 def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[str], list[Step]]:
@@ -40,7 +40,7 @@ def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[s
 
 
 def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
-    """Bytes of a block of samples."""
+    """Size of a block of samples [bytes]."""
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
 
@@ -52,7 +52,7 @@ def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
 def allocate(
     w: LlvmWriter, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
 ) -> tuple[str, str, list[str]]:
-    """Allocate buffers: the pointer to free, the label control is in, the buffers. Without memory, results are NaN."""
+    """Allocate buffers; returns the pointer to free, the current label, and the buffers. If malloc fails, results are NaN."""
     lines = [-(-size // LINE) * LINE for size in sizes]
     taken = w.new(f"call ptr @malloc(i64 {sum(lines) + LINE})")
     none, some = w.label("nomemory"), w.label("memory")
@@ -75,7 +75,7 @@ def call_copy(
 
 
 def _lengths(shape: Sequence[int | str], step: Step) -> str:
-    """Arguments: the distance between samples, then length and stride of each axis."""
+    """Arguments for the distance between samples, then length and stride of each axis."""
     outer, inner = step
     lengths = [1] * (RANK - len(shape)) + list(shape)
     strides = ["0"] * (RANK - len(shape)) + inner
@@ -84,7 +84,7 @@ def _lengths(shape: Sequence[int | str], step: Step) -> str:
 
 
 def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
-    """``gather`` copies strided samples into a packed buffer and pads it to a block; ``scatter`` copies them out."""
+    """``gather`` copies strided samples into a packed buffer and pads it to a block; ``scatter`` copies a buffer out."""
     w = LlvmWriter(precision, lanes)
     word = f"i{precision.bits}"
     per_sample = w.new(f"mul i64 {w.new('mul i64 %n0, %n1')}, %n2")
@@ -97,7 +97,7 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
             number = w.new(f"mul i64 {line}, %n2")
             near = w.gep(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
             far = w.gep(w.gep(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
-            with w.loop("%n2", w.after) as k:  # all that is left to do for an element: this takes most of a single call
+            with w.loop("%n2", w.after) as k:  # the only work per element: it dominates a single call
                 close, away = (
                     w.gep(near, w.new(f"mul i64 {k}, {precision.bytes}")),
                     w.gep(far, w.new(f"mul i64 {k}, %s2")),
@@ -125,7 +125,7 @@ def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
 
 
 def streaming(precision: Precision, lanes: int) -> str:
-    """``stream`` copies ``count`` vectors of a packed buffer past the caches, to an aligned address."""
+    """``stream`` copies ``count`` vectors of a packed buffer to an aligned address, bypassing the caches."""
     w = LlvmWriter(precision, lanes)
     size = lanes * precision.bytes
     with w.loop("%count", "entry") as k:
@@ -152,30 +152,30 @@ def nan_filler(precision: Precision, lanes: int) -> str:
     return f"define internal void @fill_nan({arguments}) noinline cold {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-# ── The loop NumPy calls: blocks of whole rows straight from the arrays, everything else through a small buffer
+# ── The loop that NumPy calls: blocks of whole rows in place, all others through a small buffer
 
-# ``void loop(char **args, intp *dims, intp *steps, void *data)`` is the shape of a gufunc's inner loop: ``dims[0]`` samples,
-# ``steps`` first the distance between samples of each operand, then the distances within one. If all operands are
-# contiguous rows, the block reads and writes them in place. Operands with other strides or broadcast ones, and the last few
-# rows, are copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of
-# their own. Large results go past the caches, from a buffer of one block in whole vectors.
+# ``void loop(char **args, intp *dims, intp *steps, void *data)`` is the type of a gufunc's inner loop. ``dims[0]`` is the
+# number of samples; ``steps`` has the distance between samples of each operand, then the distances within a sample. If all
+# operands are contiguous rows, the block reads and writes them in place. Operands with other strides, broadcast operands and
+# the last rows are copied through buffers of one block. Missing rows repeat the last one, so that they raise no additional
+# floating-point flags. Large results bypass the caches: they are written from a buffer of one block in whole vectors.
 
 Loop = Callable[[str, Program, Precision, int, int, int], str]
-"""Writer of the loop around blocks; its arguments are those of :func:`loop`."""
+"""Function that writes the loop around blocks; its arguments are those of :func:`loop`."""
 
 BEYOND_CACHES = 1 << 24
-"""Bytes of results from which on they are written past the caches, which they would fill, code of large programs included."""
+"""Size of results [bytes] above which they bypass the caches; otherwise they would evict the code of large programs too."""
 
 
 SHORTEST_PIECE, SHORTEST_ROW = 16, 256
-"""Least bytes of a store past the caches, and of a sample's results for which such stores pay."""
+"""Minimum size [bytes] of a store that bypasses the caches, and of a sample's results for which such stores pay."""
 
 
 def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1) -> str:
     """Assembly of the loop function and its copying helpers.
 
-    A ``frame`` of that many bytes is one more argument of the block, and ``@prepare`` fills it once a call. ``group`` blocks
-    of rows in place are one call of ``@blocks``.
+    If ``frame`` > 0, the block has another argument, a frame of that many bytes, which ``@prepare`` fills once per call. A
+    call of ``@blocks`` processes ``group`` blocks of rows in place.
     """
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
@@ -244,7 +244,7 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
             in_place = w.new(f"and i1 {direct[k]}, {whole_rows}")
             pointers.append(w.new(f"select i1 {in_place}, ptr {places[k]}, ptr {buffers[k]}"))
             copied.append(w.new(f"xor i1 {in_place}, true"))
-        for k in range(inputs):  # a sample given once for all is copied once
+        for k in range(inputs):  # a sample shared by all rows is copied once
             same = w.new(f"and i1 {later}, {w.new(f'icmp eq i64 {step[k][0]}, 0')}")
             with w.when(w.new(f"and i1 {copied[k]}, {w.new(f'xor i1 {same}, true')}")):
                 call_copy(w, "gather", buffers[k], places[k], count, ports[k].shape, step[k])
@@ -257,7 +257,7 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
 
 
 def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, TensorSpec]], piece: int) -> str:
-    """True if results should be written past the caches, and can be: blocks and arrays are multiples of ``piece`` bytes."""
+    """True if results should bypass the caches and can: blocks and arrays are multiples of ``piece`` bytes."""
     sizes = [port.size * w.precision.bytes for _, port in outputs]
     if any(w.lanes * size % piece for size in sizes):
         return "false"
@@ -277,7 +277,7 @@ def _blocks_past_caches(
     buffers: list[str],
     further: list[str],
 ) -> str:
-    """Evaluate ``count`` blocks on rows in place, with results through buffers; returns the label control is in afterwards."""
+    """Evaluate ``count`` blocks on rows in place, with results through buffers; returns the current label."""
     inputs = len(ports) - len(buffers)
     with w.loop(count, label) as k:
         places = _moved(w, ports, bases, k, 1)
@@ -285,7 +285,7 @@ def _blocks_past_caches(
         for buffer, place, port in zip(buffers, places[inputs:], ports[inputs:], strict=True):
             w.do(f"call void @stream(ptr {buffer}, ptr {place}, i64 {port.size})")
     with w.when(w.new(f"icmp sgt i64 {count}, 0")):
-        w.do("fence seq_cst")  # such writes reach other threads in any order
+        w.do("fence seq_cst")  # orders the nontemporal writes for other threads
     return w.after
 
 
@@ -298,14 +298,14 @@ def _moved(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str,
 def _blocks_in_place(
     w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, label: str, further: list[str], group: int = 1
 ) -> str:
-    """Call ``count`` blocks, or groups of them, on the arrays themselves; returns the label control is in afterwards."""
+    """Call ``count`` blocks, or groups of blocks, on the arrays themselves; returns the current label."""
     with w.loop(count, label) as k:
         call_block(w, [*_moved(w, ports, bases, k, group), *further], "block" if group == 1 else "blocks")
     return w.after
 
 
 def _is_direct(w: LlvmWriter, port: TensorSpec, outer: str, inner: list[str], size: int) -> str:
-    """True if samples follow each other in C order without gaps."""
+    """True if samples are adjacent and in C order."""
     expected, flag = size, "true"
     for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
         same = w.new(f"icmp eq i64 {stride}, {expected}")

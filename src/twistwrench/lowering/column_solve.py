@@ -1,7 +1,7 @@
 """Column solves in a frame: a function for each group of columns, and the loop that calls it.
 
-The entries of a column are one row of its matrix apart, and its solution replaces them. All other values that a function reads
-of the frame lie outside the matrices, so its two pointers share no memory.
+Adjacent entries of a column are one matrix row apart, and the solution replaces the column. All other values that a function
+reads from the frame lie outside the matrices, so its two pointers do not alias.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .target_machine import Precision
 
 
 def column_programs(columns: ColumnSolve, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
-    """A table of the groups' columns, and their functions."""
+    """Table of the groups' columns, and their functions."""
     for number, group in enumerate(columns.groups):
         w = writer()
         places = [columns.entry(matrix, 0, column) for matrix, column in group.places]
@@ -30,9 +30,9 @@ def column_programs(columns: ColumnSolve, writer: Callable[[], LlvmWriter]) -> I
 
 
 def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
-    """Call the functions; takes and returns the label control is in."""
+    """Call the functions; takes and returns the current label."""
     for number, group in enumerate(columns.groups):
-        for entry, value in _constants(columns, group):  # the columns of the last block are in their places
+        for entry, value in _constants(columns, group):  # the frame holds the columns of the last block
             store_slot(w, w.splat(value), entry)
         with w.loop(str(len(group.places)), label) as k:
             place = w.new(f"load i64, ptr {w.gep(f'@columns{number}', w.new(f'mul i64 {k}, 8'))}, align 8")
@@ -42,7 +42,7 @@ def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
 
 
 def _constants(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, float]]:
-    """Constants among the entries that a group's program reads."""
+    """Constant entries that a group's program reads."""
     program = columns.program
     first = sum(port.size for port in group.program.inputs[:-1])
     rows = [int(x.value) - first for x in group.program.instructions if x.op == "input" and x.value >= first]
@@ -55,7 +55,7 @@ def _constants(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, 
 
 
 class _Column(Emitter):
-    """Emitter that reads shared values and a column from the frame."""
+    """Emitter that reads shared values and one column from the frame."""
 
     def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup) -> None:
         super().__init__(w, group.program)
@@ -64,7 +64,7 @@ class _Column(Emitter):
         self.before = sum(port.size for port in group.program.inputs[:-1])
 
     def input(self, number: int) -> str:
-        """The vector of an input."""
+        """Vector of an input."""
         if number < self.before:
             return load_slot(self.w, self.shared + number)
         return load_slot(self.w, (number - self.before) * self.row, "%column")
@@ -74,18 +74,18 @@ class _Column(Emitter):
         store_slot(self.w, value, number * self.row, "%column")
 
 
-# ── The columns of one sample's results in SIMD lanes: columns that follow each other lie side by side in the rows of a matrix
+# ── Columns of one sample in SIMD lanes: adjacent columns of the results are contiguous in the rows of a matrix
 
-# A lane computes as a block of samples does with one column after the other, so the bits are the same.
+# Each lane computes the same as a block of samples does column by column, so results are bit-identical.
 
 WIDTH = 64
-"""Bytes of a vector of columns; processors with shorter vectors use two or four instead."""
+"""Size of a vector of columns [bytes]; processors with shorter vectors use two or four instead."""
 
 
 def lane_column_programs(
     columns: ColumnSolve, places: RowLayout, precision: Precision, *, fused: bool
 ) -> Iterator[str]:
-    """A function for each group, for ``count`` columns from the first row of the first on."""
+    """Function of each group for ``count`` columns, starting at the first row of the first column."""
     for number, group in enumerate(columns.groups):
         w = LlvmWriter(precision, WIDTH // precision.bytes, fused=fused)
         lanes = ", ".join(f"i64 {k}" for k in range(w.lanes))
@@ -101,7 +101,7 @@ def lane_column_programs(
 
 
 def call_lane_columns(w: LlvmWriter, columns: ColumnSolve, places: RowLayout) -> None:
-    """Call the functions."""
+    """Call the functions for runs of adjacent columns."""
     for number, group in enumerate(columns.groups):
         for matrix, column, count in _runs(group, WIDTH // w.precision.bytes):
             entry, base = places.place(columns.entry(matrix, 0, column))
@@ -121,7 +121,7 @@ def _runs(group: ColumnGroup, most: int) -> Iterator[tuple[int, int, int]]:
 
 
 class _Columns(Emitter):
-    """Emitter that reads shared values from the frame, one number for all lanes, and columns from rows of a matrix."""
+    """Emitter that reads shared values from the frame, broadcast to all lanes, and columns from rows of a matrix."""
 
     def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup, places: RowLayout, mask: str) -> None:
         super().__init__(w, group.program)
@@ -131,17 +131,17 @@ class _Columns(Emitter):
         self.before = sum(port.size for port in group.program.inputs[:-1])
 
     def meet(self, number: int) -> None:
-        """Leave an input until it is used."""
+        """Defer the load of an input until it is used."""
 
     def value(self, number: int) -> str:
-        """The vector of an instruction."""
+        """Vector of an instruction."""
         op, _, value = self.program.instructions[number]
         if op == "input" and number not in self.values:
             self.values[number] = self.input(int(value))
         return super().value(number)
 
     def input(self, number: int) -> str:
-        """The vector of an input."""
+        """Vector of an input."""
         w, size = self.w, self.w.precision.bytes
         if number >= self.before:
             place = w.gep("%column", (number - self.before) * self.row)

@@ -9,7 +9,7 @@ from .target_machine import DOUBLE, Precision
 
 
 class LlvmWriter:
-    """Lines of one function whose values are vectors of ``lanes`` elements."""
+    """Writer of one function whose values are vectors of ``lanes`` elements."""
 
     def __init__(self, precision: Precision, lanes: int, *, fused: bool = True) -> None:
         self.precision, self.lanes, self.fused = precision, lanes, fused
@@ -22,12 +22,12 @@ class LlvmWriter:
         self._names = 0
 
     def name(self) -> str:
-        """A fresh local name."""
+        """Return a fresh local name."""
         self._names += 1
         return f"%t{self._names}"
 
     def label(self, stem: str) -> str:
-        """A fresh label."""
+        """Return a fresh label."""
         self._names += 1
         return f"{stem}{self._names}"
 
@@ -48,34 +48,34 @@ class LlvmWriter:
     # ── constants ──
 
     def number(self, value: float) -> str:
-        """A scalar constant, exact to the bit."""
+        """Scalar constant, exact to the bit."""
         return f"0x{DOUBLE.pattern(self.precision.rounded(value)) % 2**64:016X}"
 
     def splat(self, value: float) -> str:
-        """The same constant in every lane."""
+        """Vector with the same constant in every lane."""
         return f"splat ({self.element} {self.number(value)})"
 
     def bits(self, value: int) -> str:
-        """The same integer in every lane."""
+        """Vector with the same integer in every lane."""
         return f"splat (i{self.precision.bits} {value})"
 
     # ── vector operations ──
 
     def binary(self, op: str, a: str, b: str) -> str:
-        """``op`` of two vectors, as in ``fadd``."""
+        """Binary operation ``op`` of two vectors, as in ``fadd``."""
         return self.new(f"{op} {self.vector} {a}, {b}")
 
     def negate(self, a: str) -> str:
-        """-a."""
+        """Negation of a vector."""
         return self.new(f"fneg {self.vector} {a}")
 
     def intrinsic(self, op: str, *operands: str) -> str:
-        """A vector intrinsic on vectors, as in ``fma``."""
+        """Vector intrinsic, as in ``fma``."""
         arguments = ", ".join(f"{self.vector} {x}" for x in operands)
         return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({arguments})")
 
     def fma(self, a: str, b: str, c: str) -> str:
-        """a b + c, rounded once; twice on a machine without fused products: LLVM would call the C library for each lane."""
+        """a b + c, rounded once; without hardware fma rounded twice, since LLVM would call the C library for each lane."""
         return self.intrinsic("fma", a, b, c) if self.fused else self.binary("fadd", self.binary("fmul", a, b), c)
 
     def select(self, condition: str, a: str, b: str) -> str:
@@ -83,16 +83,16 @@ class LlvmWriter:
         return self.new(f"select {self.mask} {condition}, {self.vector} {a}, {self.vector} {b}")
 
     def shuffle(self, a: str, b: str, indices: Sequence[int], length: int | None = None) -> str:
-        """Elements of a and b, numbered through both, of which each has ``length``."""
+        """Elements of a and b by index through both, each of ``length``."""
         source = f"<{length or self.lanes} x {self.element}>"
         picks = ", ".join(f"i32 {i}" for i in indices)
         return self.new(f"shufflevector {source} {a}, {source} {b}, <{len(indices)} x i32> <{picks}>")
 
     def gep(self, base: str, offset: int | str) -> str:
-        """A pointer that many bytes on."""
+        """Pointer moved by ``offset`` bytes."""
         return self.new(f"getelementptr i8, ptr {base}, i64 {offset}")
 
-    # ── samples, ``lanes`` of them side by side ──
+    # ── samples, ``lanes`` per vector ──
 
     def blocks(self, samples: str) -> str:
         """Number of vectors that hold the samples; the last may be partly filled."""
@@ -120,9 +120,9 @@ class LlvmWriter:
 
     @contextmanager
     def loop(self, count: str, block: str) -> Iterator[str]:
-        """Count an i64 from 0 to ``count``; ``block`` is the label control comes from. Ends in a block named ``.end``.
+        """Loop with an i64 counter from 0 to ``count``; ``block`` is the label before it. It ends in a block named ``.end``.
 
-        Yields the counter; :attr:`after` is the label that follows.
+        Yields the counter; :attr:`after` is the label after the loop.
         """
         head, body, latch, end = (self.label(stem) for stem in ("head", "body", "latch", "end"))
         counter, following = self.name(), self.name()
@@ -142,11 +142,11 @@ class LlvmWriter:
         self.after = end
 
 
-# ── Rows to lanes and back, in registers
+# ── Conversion between rows and lanes, in registers
 
-# A block has ``lanes`` consecutive rows of a C-contiguous array. Columns are loaded in pieces of 128 bits a row, joined
-# and transposed by shuffles; the last piece ends with the row and overlaps its neighbour, so nothing is masked or read past
-# the end. A piece is loaded at the first use of one of its columns, and stored as soon as its columns are complete.
+# A block has ``lanes`` consecutive rows of a C-contiguous array. Each row is loaded in pieces of 128 bits, which shuffles join
+# and transpose. The last piece ends with the row and overlaps its neighbour, so nothing is masked or read past the end. A
+# piece is loaded at the first use of one of its columns, and stored as soon as its columns are complete.
 
 
 def _pieces(columns: int, width: int) -> list[int]:
@@ -158,7 +158,7 @@ def _pieces(columns: int, width: int) -> list[int]:
 
 
 class _Rows:
-    """One array of ``lanes`` rows of ``columns`` elements at ``base``."""
+    """Array of ``lanes`` rows of ``columns`` elements at ``base``."""
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         self.w, self.base, self.columns = w, base, columns
@@ -174,13 +174,13 @@ class _Rows:
         return self.w.gep(self.base, (row * self.columns + column) * self.w.precision.bytes)
 
     def within(self, a: str, b: str, picks: list[int]) -> str:
-        """A shuffle that does the same in every 128-bit group; picks number the group's elements of a, then of b."""
+        """Shuffle with the same pattern in every 128-bit group; picks number the group's elements of a, then of b."""
         n, width = self.w.lanes, self.width
         indices = [g * width + (i if i < width else n + i - width) for g in range(self.groups) for i in picks]
         return self.w.shuffle(a, b, indices)
 
     def transpose(self, v: list[str]) -> list[str]:
-        """Transpose the width × width squares that the groups of ``width`` vectors make; its own inverse."""
+        """Transpose the width × width squares formed by the groups of ``width`` vectors; self-inverse."""
         if self.width == 2:
             return [self.within(v[0], v[1], [0, 2]), self.within(v[0], v[1], [1, 3])]
         low, high = [0, 4, 1, 5], [2, 6, 3, 7]
@@ -198,7 +198,7 @@ class RowLoader(_Rows):
         self._ready: dict[int, str] = {}
 
     def column(self, c: int) -> str:
-        """The vector of one column."""
+        """Vector of one column."""
         if c not in self._ready:
             start = next((s for s in self.starts if s <= c < s + self.width), None)
             if start is None:
@@ -234,7 +234,7 @@ class RowLoader(_Rows):
 class RowStorer(_Rows):
     """Columns of an output array, stored tile by tile as they become complete.
 
-    Storing limits wide results, so a tile is two pieces wide in long rows: half as many stores.
+    Stores limit the speed of wide results, so a tile is two pieces wide in long rows, which halves their number.
     """
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
@@ -245,7 +245,7 @@ class RowStorer(_Rows):
         self._single = not self._missing
 
     def put(self, c: int, vector: str) -> None:
-        """Store one column, once."""
+        """Store a column; called once per column."""
         self._ready[c] = vector
         if self._single:
             self._scatter(c, vector)
@@ -255,7 +255,7 @@ class RowStorer(_Rows):
                 self._store(start)
 
     def _tiles(self, c: int) -> list[int]:
-        """First columns of the tiles with column c: the regular one, and the last, which ends with the row."""
+        """First columns of the tiles with column c: its regular tile, and the last tile, which ends with the row."""
         starts = sorted({c - c % self.span, self.columns - self.span})
         return [start for start in starts if start in self._missing and start <= c]
 
@@ -271,7 +271,7 @@ class RowStorer(_Rows):
                 w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
 
     def clear(self) -> None:
-        """Store zeros in the place of the first tile."""
+        """Store zeros at the position of the first tile."""
         kind = f"<{self.span} x {self.w.element}>"
         for row in range(self.w.lanes):
             self.w.do(f"store {kind} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")

@@ -1,8 +1,8 @@
-"""Programs as LLVM assembly: a block of samples side by side in SIMD lanes with the loop around it, or partitions if long.
+"""Programs as LLVM assembly: a block of samples in SIMD lanes and the loop around it; long programs are partitioned.
 
-No fast-math flags: only the program's own fused products are fused, so a sample's bits do not depend on the number of
-lanes, on its position in the batch, or on its neighbours. A processor without fused products rounds products and sums apart.
-Loops are imported at their first use: the first kernel of an arm needs few modules.
+There are no fast-math flags: only the program's own fused products are fused. So a sample's bits do not depend on the number
+of lanes, its position in the batch, or its neighbours. Without hardware fma, products and sums are rounded separately.
+Loops are imported on first use, so that the first kernel of an arm needs few modules.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from .target_machine import LOOP, Machine, Precision
 from .vector_math import exp, sincos, wrap, wrapper
 
 LONG = 2000
-"""Most instructions of one function; longer programs are partitioned, and run faster so (bench/NOTES.md)."""
+"""Maximum number of instructions in one function; longer programs are partitioned, which also makes them faster."""
 
 
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
-    """The texts to compile and to link together."""
+    """Assembly texts to compile and link together."""
     program, around = program_of(given), _around(given, machine)
     cut = given if isinstance(given, ColumnSolve) else program
     if cut is not program or len(program.instructions) > LONG:
@@ -33,7 +33,7 @@ def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str
 
 
 def _around(given: Form, machine: Machine) -> Loop:
-    """The loop around the blocks."""
+    """Return the writer of the loop around the blocks."""
     if isinstance(given, Program | ColumnSolve):
         return loop
     if isinstance(given, Scan):
@@ -49,26 +49,26 @@ def _around(given: Form, machine: Machine) -> Loop:
     return search_over(given)
 
 
-# ── one block, in one function
+# ── One block in one function
 
 CUT = 500
-"""Instructions in a basic block of a large program."""
+"""Number of instructions per basic block of a large program."""
 
 SIDE_BY_SIDE = 6
-"""Angles whose sine and cosine are computed in lockstep."""
+"""Number of angles whose sine and cosine are computed in lockstep."""
 
 LARGE = 6000
-"""Programs beyond this many instructions are cut: LLVM's time grows faster than the length of a block."""
+"""Number of instructions above which programs are cut: LLVM's time grows faster than the length of a basic block."""
 
 CUT_OUTPUTS = 125
-"""Entries of results stored in a basic block of a wide program."""
+"""Number of stored result entries per basic block of a wide program."""
 
 WIDE = 500
-"""Programs with more entries of results are also cut by these: LLVM's schedulers compare every two stores of a block."""
+"""Number of result entries above which programs are also cut: LLVM's schedulers compare all pairs of stores in a block."""
 
 
 def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
-    """The module: the block, the loop around it, and the functions they call."""
+    """Module with the block, the loop around it, and the functions they call."""
     lanes = machine.lanes(precision)
     w = LlvmWriter(precision, lanes, fused=machine.fused)
     e = _Whole(w, program)
@@ -93,7 +93,7 @@ _INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
 
 
 def declarations(w: LlvmWriter) -> str:
-    """Declarations of the functions that a module may call."""
+    """Declarations of functions that a module may call."""
     v, e, bits = w.vector, w.element, w.precision.bits
     lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
@@ -101,7 +101,7 @@ def declarations(w: LlvmWriter) -> str:
 
 
 class Emitter:
-    """State of one walk through instructions: the value of each, and the label of the current basic block."""
+    """State of one pass through instructions: the value of each, and the label of the current basic block."""
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         self.w, self.program = w, program
@@ -115,16 +115,16 @@ class Emitter:
         ]
 
     def input(self, number: int) -> str:
-        """The vector of an input."""
+        """Vector of an input."""
         loader, column = self._inputs[number]
         return loader.column(column)
 
     def meet(self, number: int) -> None:
-        """Visit an input in the order of the program."""
+        """Load an input at its place in the program."""
         self.values[number] = self.input(int(self.program.instructions[number].value))
 
     def value(self, number: int) -> str:
-        """The vector of an earlier instruction; constants are written anew at each use."""
+        """Vector of an earlier instruction; constants are written at each use."""
         instruction = self.program.instructions[number]
         return self.w.splat(instruction.value) if instruction.op == "const" else self.values[number]
 
@@ -137,7 +137,7 @@ class Emitter:
         raise NotImplementedError
 
     def walk(self, first: int, end: int, entries: Mapping[int, Sequence[int]], *, large: bool) -> None:
-        """Emit some instructions and store the entries of the results that they make."""
+        """Emit some instructions, and store the result entries that they compute."""
         instructions = self.program.instructions
         self.check(_plain_angles(self.program, first, end))
         for number in range(first, end):
@@ -158,7 +158,7 @@ class Emitter:
                 self.output(k, self.value(number))
 
     def cut(self) -> None:
-        """End the basic block with a branch that is never taken, by a condition that LLVM cannot evaluate."""
+        """End the basic block with a branch that is never taken, on a condition that LLVM cannot evaluate."""
         following = self.w.label("cut")
         never = self.w.new("icmp eq ptr %a0, null")
         self.w.do(f"br i1 {never}, label %out{following}, label %{following}")
@@ -168,7 +168,7 @@ class Emitter:
         self.label = following
 
     def check(self, angles: list[int]) -> None:
-        """Load angles that are inputs, and wrap huge ones."""
+        """Load angles that are inputs, and reduce huge ones."""
         for number in angles:
             self.values[number] = self.input(int(self.program.instructions[number].value))
         if angles:
@@ -178,7 +178,7 @@ class Emitter:
     def sincos(self, angle: int) -> tuple[str, str]:
         """Sine and cosine of an angle, computed at the first use in lockstep with those of other pending angles."""
         if angle not in self.pairs:
-            if angle in self.waiting:  # some others come along in lockstep
+            if angle in self.waiting:  # some others are computed in lockstep
                 group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
                 reachable = [self.waiting.pop(a) for a in group]
             else:
@@ -189,7 +189,7 @@ class Emitter:
 
 
 class _Whole(Emitter):
-    """Emitter of a whole program, which stores the results in the arrays."""
+    """Emitter of a whole program, which stores the results in the output arrays."""
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         super().__init__(w, program)
@@ -208,7 +208,7 @@ class _Whole(Emitter):
 
 
 def _plain_angles(program: Program, first: int, end: int) -> list[int]:
-    """Inputs that are arguments of sines and cosines: their sizes are checked together at the beginning."""
+    """Inputs that are arguments of sines and cosines: their sizes are checked together at the start."""
     some = program.instructions[first:end]
     taken = {i.args[0] for i in some if i.op in ("sin", "cos")}
     return sorted(k for k in taken if program.instructions[k].op == "input")
@@ -225,7 +225,7 @@ def _operation(w: LlvmWriter, op: str, x: list[str]) -> str:
         return w.fma(w.negate(x[0]) if product < 0 else x[0], x[1], w.negate(x[2]) if addend < 0 else x[2])
     if op == "neg":
         return w.negate(x[0])
-    if op == "sign":  # 0 stays 0 and NaN stays NaN; a comparison for equality raises no flags
+    if op == "sign":  # 0 stays 0 and NaN stays NaN; an equality comparison raises no flags
         neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
         return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
     if op in ("min", "max"):

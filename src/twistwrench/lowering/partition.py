@@ -1,8 +1,8 @@
 """Partition of a long program into several functions, in modules of a few: compiled in linear time and memory.
 
-Values used by a later partition and all entries of the results go through a :class:`~.spill_frame.SpillFrame`; rows of the
-results are made of it at the end, tile by tile, in a loop. With one lane, entries go into their rows at once. Instructions and
-their order stay the same, so results keep their bits.
+Values used by a later partition and all result entries go through a :class:`~.spill_frame.SpillFrame`. At the end a loop
+writes rows of results from it, tile by tile. With one lane, entries are stored directly in their rows. Instructions and their
+order do not change, so results are bit-identical.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ PARTITION = 400
 """Approximate number of instructions of a partition."""
 
 EACH = 25
-"""Partitions of a module."""
+"""Number of partitions per module."""
 
 
 def partitioned(given: Program | ColumnSolve, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
-    """The texts of the modules to compile and to link together."""
+    """Texts of the modules to compile and link together."""
     columns = given if isinstance(given, ColumnSolve) else ColumnSolve(given, 0, ())
     frame = SpillFrame(columns.program, PARTITION)
     head, places = (
@@ -56,11 +56,11 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
     return LlvmWriter(precision, machine.lanes(precision), fused=machine.fused)
 
 
-# ── the loop, and the functions it calls ──
+# ── The loop, and the functions it calls
 
 
 def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
-    """The loop, the preparation of the frame, and the block: it calls the partitions, solves columns, and makes rows."""
+    """Module with the loop, the frame's preparation, and the block, which calls partitions, solves columns and makes rows."""
     w = _writer(precision, machine)
     declared = _call_partitions(w, frame, FrameLayout(columns).pointers)
     tables = []
@@ -87,7 +87,7 @@ def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine
 def _head_of_one_lane(
     columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop
 ) -> str:
-    """The loop, and the block: it stores constant entries, calls the partitions, and solves columns."""
+    """Module with the loop and the block, which stores constant entries, calls the partitions and solves columns."""
     w, places = _writer(precision, machine), RowLayout(columns)
     for first, count, value in frame.constants:
         places.fill(w, first, count, value)
@@ -120,7 +120,7 @@ def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
     return f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-# ── one partition ──
+# ── One partition
 
 
 def _partition(
@@ -134,17 +134,17 @@ def _partition(
 
 
 class _Partition(Emitter):
-    """Emitter that loads values of earlier partitions from their slots and stores those that later ones need."""
+    """Emitter that loads values of earlier partitions from their slots, and stores those that later ones need."""
 
     def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FrameLayout) -> None:
         super().__init__(w, frame.program)
         self.frame, self.place, self.stored = frame, places.place, 0
 
     def meet(self, number: int) -> None:
-        """Leave an input until it is used; a later partition may be the first to."""
+        """Defer the load of an input until it is used, possibly in a later partition."""
 
     def value(self, number: int) -> str:
-        """The vector of an instruction, from a register, an input or the frame."""
+        """Vector of an instruction, from a register, an input or the frame."""
         op, _, value = self.program.instructions[number]
         if op != "const" and number not in self.values:
             self.values[number] = (
@@ -153,7 +153,7 @@ class _Partition(Emitter):
         return super().value(number)
 
     def record(self, number: int, value: str) -> None:
-        """Record the vector of an instruction; entries of the results are stored in their slots in any case."""
+        """Record the vector of an instruction, and store it if a later partition needs it and :meth:`output` does not."""
         super().record(number, value)
         if number in self.frame.slots and number not in self.frame.entries:
             store_slot(self.w, value, *self.place(self.frame.slots[number]))

@@ -1,8 +1,8 @@
 """The loop of products: the program for a block of samples, then its matrices, sample by sample and tile by tile.
 
-A tile is some rows by some columns, which lie side by side in vectors; the last ones overlap their neighbours, and
-overlaps are computed twice. Tiles of one kind need one product; mixed ones compute both and select for each entry.
-Sums have the order of the factors, so an entry's bits do not depend on its tile.
+A tile is a few rows by a few columns; its columns lie in vectors. The last tiles overlap their neighbours, and overlaps are
+computed twice. A tile of one kind needs one product; a mixed tile computes both and selects for each entry. Sums follow the
+order of the factors, so an entry's bits do not depend on its tile.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 LEAST = 16
-"""Rows and columns of the smallest matrix."""
+"""Minimum number of rows and columns of a matrix."""
 _MIXED = 3
 
 
 def products_over(products: Products, *, fused: bool) -> Loop:
-    """Writer of the loop of products around their program's blocks; ``fused``: the machine has fused products."""
+    """Return a writer of the loop of products around the program's blocks; ``fused``: the machine has fused products."""
 
     def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame)
@@ -57,27 +57,27 @@ def products_over(products: Products, *, fused: bool) -> Loop:
 
 
 def _starts(n: int, step: int) -> list[int]:
-    """First rows or columns of tiles."""
+    """First rows or columns of the tiles."""
     return [*range(0, n - step, step), n - step]
 
 
 class _Matrices:
-    """The body of one loop, and the functions it calls."""
+    """Writer of one loop and the functions it calls."""
 
     def __init__(self, products: Products, w: LlvmWriter, frame: int) -> None:
         self.p, self.w, self.frame = products, w, frame
         self.bytes, self.n = w.precision.bytes, len(products.relations)
-        # Sums that find registers, in vectors of another length than the program's, whose intrinsics are declared elsewhere.
+        # Tile sizes for which sums fit into registers. Their vectors may be wider than the program's, with other intrinsics.
         self.height, self.width = 4 if w.lanes * self.bytes >= LINE else 2, 16 if w.lanes != 16 else 8
         self.rows, self.columns = _starts(self.n, self.height), _starts(self.n, self.width)
 
     def declaration(self) -> str:
-        """Declaration of the one intrinsic."""
+        """Declaration of the fma intrinsic."""
         w = LlvmWriter(self.w.precision, self.width)
         return f"declare {w.vector} @llvm.fma.{w.suffix}({', '.join([w.vector] * 3)})"
 
     def tables(self) -> str:
-        """Tables of first rows and columns of tiles, and of kinds of tiles and entries."""
+        """Tables of the tiles' first rows and columns, and of the kinds of tiles and entries."""
         kinds = []
         for i in self.rows:
             for j in self.columns:
@@ -95,7 +95,7 @@ class _Matrices:
     # ── one matrix of one sample ──
 
     def matrix(self, number: int, matrix: Product) -> str:
-        """The function that computes a matrix from the factors of one sample."""
+        """Function that computes a matrix from the factors of one sample."""
         w = LlvmWriter(self.w.precision, self.width, fused=self.w.fused)
         of = self.p.program.outputs
         tile = w.new(f"alloca [{self.height * self.width} x {w.element}], align {LINE}")
@@ -139,7 +139,7 @@ class _Matrices:
         return w.new(f"load {w.vector}, ptr {place}, align {self.bytes}")
 
     def _tile(self, w: LlvmWriter, factors: tuple[int, int], i: str, j: str, corner: str, width: int) -> None:
-        """One product for all entries of a tile."""
+        """Compute one product for all entries of a tile."""
         left, right = factors
         count = self.p.program.outputs[left].shape[1]
         first = w.gep(f"%f{left}", w.new(f"mul i64 {i}, {count * self.bytes}"))
@@ -160,7 +160,7 @@ class _Matrices:
             self._store(w, vector, w.gep(corner, row * width * self.bytes))
 
     def _choose(self, w: LlvmWriter, entries: str, row: int, before: str, corner: str) -> None:
-        """Select the product that each entry in a row of a tile needs."""
+        """Select the product that each entry in a row of a mixed tile needs."""
         place = w.gep(corner, row * self.n * self.bytes)
         kinds = w.new(f"load <{self.width} x i8>, ptr {w.gep(entries, row * self.n)}, align 1")
         after = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {AFTER})")
@@ -171,7 +171,7 @@ class _Matrices:
     # ── all samples ──
 
     def write(self) -> None:
-        """Everything between the loop's head and its return."""
+        """Write the body of the loop function."""
         w, p = self.w, self.p
         ports = [*p.inputs, *p.outputs]
         samples, bases, strides = call_arrays(w, ports)
@@ -210,11 +210,11 @@ class _Matrices:
                     with w.when(w.new(f"xor i1 {plain}, true")):
                         call_copy(w, "scatter", matrix, place, "1", (self.n, self.n), (outer, inner))
         with w.when(many):
-            w.do("fence seq_cst")  # such writes reach other threads in any order
+            w.do("fence seq_cst")  # orders the nontemporal writes for other threads
         w.do(f"call void @free(ptr {taken})")
 
     def _may_go_past(self, many: str, place: str) -> str:
-        """An i1, true if a matrix should be written past the caches, and can be."""
+        """Condition (i1): a matrix should bypass the caches, and can."""
         w, piece = self.w, self.w.lanes * self.bytes
         if piece < SHORTEST_PIECE or self.n * self.n * self.bytes % piece:
             return "false"

@@ -1,6 +1,6 @@
 """Programs evaluated on arrays of NumPy, JAX and PyTorch, and on symbols of CasADi.
 
-Fused products round twice here, so results agree with compiled ones to round-off, not to the bit.
+Fused products round twice here, so results agree with compiled ones up to rounding errors, not to the bit.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..ir.program import FUSED, Program
 from ..typing import Array
 
 Functions = Mapping[str, Callable[..., Any]]
-"""Functions that compute each operation."""
+"""Functions that compute each operation, by name."""
 
 
 def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Functions:
@@ -31,7 +31,7 @@ def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Funct
 
 
 def _quotient(a: Any, b: Any) -> Any:
-    """Quotient, of two constants too, where Python would raise for a divisor of 0."""
+    """Quotient; for two constants, without Python's exception for a zero divisor."""
     return float(np.divide(a, b)) if isinstance(a, float) and isinstance(b, float) else a / b
 
 
@@ -46,7 +46,7 @@ def _fused(product: int, addend: int) -> Callable[..., Any]:
 def evaluated(
     program: Program, elements: Sequence[Any], functions: Functions, spent: Mapping[int, Sequence[int]] | None = None
 ) -> list[Any]:
-    """Elements of all results in C order, from all inputs'; ``spent`` lists values to release after each instruction."""
+    """Elements of all results in C order from those of all inputs; ``spent`` lists values to release after each instruction."""
     values: dict[int, Any] = {}
     spent = spent or {}
     for number, (op, args, value) in enumerate(program.instructions):
@@ -62,12 +62,12 @@ def evaluated(
 
 
 def batch_shape(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
-    """The shape that the batch axes broadcast to. Raises ValueError if they do not."""
+    """Broadcast shape of the batch axes. Raises ValueError if they do not broadcast."""
     return np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, program.inputs, strict=True)))
 
 
 def last_uses(program: Program) -> dict[int, list[int]]:
-    """Values that are used last by each instruction, to be released after it."""
+    """Values whose last use is in each instruction, to be released after it."""
     last = {a: k for k, i in enumerate(program.instructions) for a in i.args}
     kept = set(program.results)
     found: dict[int, list[int]] = {}
@@ -77,13 +77,13 @@ def last_uses(program: Program) -> dict[int, list[int]]:
     return found
 
 
-# ── A program on whole arrays, one NumPy call an instruction: the fallback without a compiler, and the oracle
+# ── A program on whole arrays, one NumPy call per instruction: fallback without a compiler, and reference for tests
 
-# Same call as a ufunc: broadcasting, ``out=``, float32 in and out. Fused products round twice here, so results agree with
-# compiled ones to round-off, not to the bit.
+# Called like a ufunc: broadcasting, ``out=``, float32 in and out. Fused products round twice here, so results agree with
+# compiled ones up to rounding errors, not to the bit.
 
 CHUNK = 4096
-"""Samples computed at a time: intermediates stay in the cache, and memory stays bounded."""
+"""Number of samples evaluated at a time: intermediates stay in the cache, and memory is bounded."""
 
 _FUNCTIONS = functions_of(np, np.where)
 
@@ -100,7 +100,7 @@ class NumpyKernel:
         return f"<NumpyKernel {self.__name__!r} {self.signature}>"
 
     def __call__(self, *args: ArrayLike, out: Any = None) -> Any:
-        """Evaluate on arrays whose last axes are the signature's."""
+        """Evaluate on arrays whose last axes match the signature."""
         arrays = [np.asarray(a) for a in args[: self.nin]]
         if len(args) != self.nin:
             raise TypeError(f"{self.__name__} takes {self.nin} arrays, got {len(args)}.")
@@ -135,7 +135,7 @@ class NumpyKernel:
                 raise ValueError(f"{self.__name__}: out= has {len(places)} arrays, {self.nout} wanted.")
             for k, place in enumerate(places):
                 if place is not None:
-                    np.copyto(place, shaped[k], casting="same_kind")  # as a ufunc casts: never to whole numbers
+                    np.copyto(place, shaped[k], casting="same_kind")  # casts like a ufunc: never to integers
                     shaped[k] = place
         return shaped[0] if self.nout == 1 else tuple(shaped)
 
@@ -147,7 +147,7 @@ class NumpyKernel:
             slot[...] = result
 
 
-# ── Columns on whole arrays: the fallback without a compiler, and the oracle
+# ── Columns on whole arrays: fallback without a compiler, and reference for tests
 
 
 class NumpyColumns:
@@ -163,7 +163,7 @@ class NumpyColumns:
         return f"<NumpyColumns {self.__name__!r} {self.signature}>"
 
     def __call__(self, *args: ArrayLike, out: Any = None) -> Any:
-        """Evaluate on arrays whose last axes are the signature's."""
+        """Evaluate on arrays whose last axes match the signature."""
         made = self.kernel(*args)
         found, shared = list(made[: self.nout]), made[self.nout :]
         for group, kernel in zip(self.columns.groups, self.groups, strict=True):
@@ -178,7 +178,7 @@ class NumpyColumns:
         return tuple(found)
 
 
-# ── Products on whole arrays: the fallback without a compiler, and the oracle
+# ── Products on whole arrays: fallback without a compiler, and reference for tests
 
 
 class NumpyProducts:
@@ -193,7 +193,7 @@ class NumpyProducts:
         return f"<NumpyProducts {self.__name__!r} {self.signature}>"
 
     def __call__(self, *args: ArrayLike, out: Any = None) -> Any:
-        """Evaluate on arrays whose last axes are the signature's."""
+        """Evaluate on arrays whose last axes match the signature."""
         factors, relations = self.kernel(*args), np.array(self.products.relations)
         found: list[Array] = []
         for matrix in self.products.matrices:
@@ -211,11 +211,11 @@ class NumpyProducts:
         return found[0] if self.nout == 1 else tuple(found)
 
 
-# ── A search on whole arrays, a NumPy kernel a step: the fallback without a compiler, and the oracle
+# ── A search on whole arrays, one NumPy kernel call per step: fallback without a compiler, and reference for tests
 
 
 class NumpySearch:
-    """Equivalent of the compiled ufunc of a search; settings and tables are those of all samples."""
+    """Equivalent of the compiled ufunc of a search; settings and tables are common to all samples."""
 
     def __init__(self, search: Search, name: str, doc: str) -> None:
         self.search, self.__name__, self.__doc__ = search, name, doc
@@ -228,7 +228,7 @@ class NumpySearch:
     def __call__(
         self, target: Array, start: Array, settings: Array, places: Array, reached: Array, out: Any = None
     ) -> tuple[Array, ...]:
-        """Make all attempts."""
+        """Run all attempts."""
         s = self.search
         size, rank = s.x.size, len(s.target.shape)
         batch = np.broadcast_shapes(target.shape[: target.ndim - rank], start.shape[:-1])
@@ -283,7 +283,7 @@ def _goes_on(there: Array) -> Array:
     return np.asarray(~((there < 0) | (there > 0)))
 
 
-# ── A scan on whole arrays, a NumPy kernel a step: the fallback without a compiler, and the oracle
+# ── A scan on whole arrays, one NumPy kernel call per step: fallback without a compiler, and reference for tests
 
 
 class NumpySteps:
@@ -342,7 +342,7 @@ class NumpySteps:
         return begin[source.state] if source.kind == "start" else state[source.state]
 
 
-# ── Any form on whole arrays: without a compiler, or for a program that is too long for it
+# ── Any form on whole arrays, without a compiler or for programs too long for it
 
 
 def on_numpy(form: Form, name: str, doc: str) -> Any:

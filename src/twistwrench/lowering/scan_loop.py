@@ -1,7 +1,7 @@
-"""The loop of a scan: for each block of samples all steps, one after the other.
+"""The loop of a scan: for each block of samples, all steps in order.
 
-The shape is that of :mod:`.batch_loop`. The state of a block stays in buffers from the first step to the last; inputs that are
-the same for every step are copied once, and rows of results are stored as steps end.
+The function type is that of :mod:`.batch_loop`. The state of a block stays in buffers from the first step to the last. Inputs
+that are equal for all steps are copied once, and rows of results are stored at the end of their step.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TABLE = "stages"
 
 
 def loop_over(recurrence: Scan) -> Loop:
-    """Writer of the loop of a scan around its program's blocks."""
+    """Return a writer of the scan's loop around its program's blocks."""
 
     def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
@@ -49,7 +49,7 @@ def _table(recurrence: Scan, w: LlvmWriter) -> str:
 
 
 class _Operand:
-    """One array of the caller: its address, shape and strides, and the stride of its axis of steps, if any."""
+    """Array of the caller: address, shape and strides, and the stride of its step axis if it has one."""
 
     def __init__(self, port: TensorSpec, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
         self.port, self.base, self.outer = port, base, outer
@@ -59,12 +59,12 @@ class _Operand:
 
     @property
     def step(self) -> Step:
-        """The strides of one step's samples."""
+        """Strides of the samples of one step."""
         return self.outer, self.inner
 
 
 class _Steps:
-    """The body of one loop."""
+    """Writer of one loop."""
 
     def __init__(self, recurrence: Scan, w: LlvmWriter, frame: int) -> None:
         self.r, self.w, self.frame = recurrence, w, frame
@@ -76,7 +76,7 @@ class _Steps:
         self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
 
     def write(self) -> None:
-        """Everything between the loop's head and its return."""
+        """Write the body of the loop function."""
         w, r = self.w, self.r
         samples = w.new("load i64, ptr %dims, align 8")
         operands = self._operands()
@@ -127,12 +127,12 @@ class _Steps:
         return found
 
     def _size(self, operand: int) -> str:
-        """The length of the axis of steps, or of rows, of an operand."""
+        """Length of an operand's step or row axis."""
         place = axes_of(self.r.signature)[operand][0]
         return self.w.new(f"load i64, ptr {self.w.gep('%dims', 8 * place)}, align 8")
 
     def _places(self, samples: str, outputs: Sequence[_Operand], kept: str) -> tuple[str, str]:
-        """Allocate all buffers; returns the pointer to free, and the label control is in."""
+        """Allocate all buffers; returns the pointer to free, and the current label."""
         w, taken, label = self.w, "", "entry"
         if self.large:
             sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
@@ -153,7 +153,7 @@ class _Steps:
     # ── steps ──
 
     def _take_given(self, number: str, places: Sequence[str], operands: Sequence[_Operand]) -> None:
-        """Copy the inputs of this step, unless they are those of the step before."""
+        """Copy the inputs of this step, unless they equal those of the previous step."""
         w = self.w
         first = w.new(f"icmp eq i64 {number}, 0")
         for buffer, place, operand in zip(self.given.values(), places, operands, strict=True):
@@ -187,7 +187,7 @@ class _Steps:
         return self.start[source.state] if source.kind == "start" else self.state[source.state]
 
     def _copy(self, which: str, buffer: str, place: str, operand: _Operand) -> None:
-        """:func:`.batch_loop.call_copy` without a call if rows are contiguous and complete."""
+        """Copy like :func:`.batch_loop.call_copy`, but without a call if rows are contiguous and complete."""
         w, size = self.w, self.w.precision.bytes
         plain = self.whole
         for stride in operand.inner:

@@ -1,4 +1,4 @@
-"""The loop of a search: its operands, buffers and integers of each lane, and the attempts."""
+"""The loop of a search: operands, buffers, integers of each lane, and attempts."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 NONE = 1 << 62
-"""Number of an attempt that stands for none."""
+"""Attempt number that represents no attempt."""
 
 OF_SAMPLE, OF_LANE = ("sample", "next", "winner", "flying", "nearest"), ("attempt", "times")
-"""Integers of each lane. Those of a sample belong to its lane, or to the first lane if all have the same sample."""
+"""Integers of each lane. Those of a sample are stored for its lane, or for the first lane if all lanes share a sample."""
 
 X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, STATUS = range(8)
-"""Buffers; those of inputs follow."""
+"""Numbers of the buffers; those of inputs follow."""
 
 
 class SearchState:
-    """Addresses of all data while a loop runs."""
+    """Addresses of all data of a running loop."""
 
     def __init__(self, search: Search, w: LlvmWriter, frame: int) -> None:
         self.s, self.w, self.frame = search, w, frame
@@ -39,13 +39,13 @@ class SearchState:
         ]
         self.ports += search.inputs
         self.samples = ""
-        """Number of buffers."""
+        """Number of samples."""
         self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
 
     # ── data ──
 
     def operands(self) -> None:
-        """Addresses and strides of arrays, and flags of rows without gaps."""
+        """Load addresses and strides of arrays, and flags of contiguous rows."""
         w, ports = self.w, [*self.s.inputs, *self.s.outputs]
         self.bases: list[str] = []
         self.strides: list[Step] = []
@@ -99,36 +99,36 @@ class SearchState:
             w.new(f"fptosi {w.element} {self.number(self.settings, k)} to i64") for k in (TIMES, ATTEMPTS)
         )
 
-    # ── pieces ──
+    # ── Data access ──
 
     def place(self, name: str, lane: str) -> str:
-        """Address of the integer of a lane."""
+        """Address of a lane's integer."""
         names = OF_SAMPLE + OF_LANE
         first = self.w.gep(self.counts, names.index(name) * self.w.lanes * 8)
         return self.w.gep(first, self.w.new(f"mul i64 {lane}, 8"))
 
     def count(self, name: str, lane: str) -> str:
-        """The integer of a lane."""
+        """Value of a lane's integer."""
         return self.w.new(f"load i64, ptr {self.place(name, lane)}, align 8")
 
     def put(self, name: str, lane: str, value: str | int) -> None:
-        """Set the integer of a lane."""
+        """Set a lane's integer."""
         self.w.do(f"store i64 {value}, ptr {self.place(name, lane)}, align 8")
 
     def row(self, which: int, lane: str) -> str:
-        """Address of the row of a lane in a buffer."""
+        """Address of a lane's row in a buffer."""
         return self.w.gep(self.buffers[which], self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}"))
 
     def number(self, place: str, entry: int) -> str:
-        """An entry of a row."""
+        """Load an entry of a row."""
         return self.w.new(f"load {self.w.element}, ptr {self.w.gep(place, entry * self.bytes)}, align {self.bytes}")
 
     def store(self, place: str, entry: int, value: str) -> None:
-        """Set an entry of a row."""
+        """Store an entry of a row."""
         self.w.do(f"store {self.w.element} {value}, ptr {self.w.gep(place, entry * self.bytes)}, align {self.bytes}")
 
     def move(self, there: str, here: str, count: int, align: int = 0) -> None:
-        """Copy some bytes."""
+        """Copy ``count`` bytes."""
         align = align or self.bytes
         target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
         self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
@@ -140,11 +140,11 @@ class SearchState:
             w.do(f"store {w.vector} zeroinitializer, ptr {w.gep(buffer, w.new(f'mul i64 {k}, {size}'))}, align {size}")
 
     def either(self, condition: str, a: str | int, b: str | int) -> str:
-        """One of two integers."""
+        """Select one of two integers."""
         return self.w.new(f"select i1 {condition}, i64 {a}, i64 {b}")
 
     def both(self, *conditions: str) -> str:
-        """An i1, true if all conditions hold; each is a value, or an instruction that returns one."""
+        """Condition (i1): all conditions hold; each is a value, or an instruction that returns one."""
         found = "true"
         for one in conditions:
             value = self.w.new(one) if " " in one else one
@@ -152,7 +152,7 @@ class SearchState:
         return found
 
     def copied_in(self, k: int, there: str, sample: str) -> None:
-        """Copy one sample of an input to a row."""
+        """Copy one sample of an input into a row."""
         w, port = self.w, self.s.inputs[k]
         here = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
         with w.when(self.plain[k]):
@@ -161,7 +161,7 @@ class SearchState:
             call_copy(w, "gather", there, here, "1", port.shape, self.strides[k])
 
     def copied_out(self, k: int, here: str, sample: str) -> None:
-        """Copy a row to one sample of a result."""
+        """Copy a row into one sample of a result."""
         w, port, number = self.w, self.s.outputs[k], len(self.s.inputs) + k
         there = w.gep(self.bases[number], w.new(f"mul i64 {sample}, {self.strides[number][0]}"))
         with w.when(self.plain[number]):
@@ -170,16 +170,16 @@ class SearchState:
             call_copy(w, "scatter", here, there, "1", port.shape, self.strides[number])
 
 
-# ── The loop of a search: every lane makes an attempt of its own, and takes another when that has ended
+# ── The loop of a search: every lane makes its own attempt, and begins another one when it has ended
 
-# With many samples each lane has one, and makes its attempts one after the other; with few, all lanes make attempts of one
-# sample side by side. The result is the same: the first successful attempt in the order of starts; attempts after it are
-# abandoned, those before it are completed. The shape is that of :mod:`.batch_loop`; settings and starts are those of the first
-# sample.
+# With many samples, each lane has its own sample and makes the attempts one after another. With few, all lanes make attempts
+# for one sample in parallel. The result is the same: the first successful attempt in the order of starts; later attempts are
+# abandoned, earlier ones completed. The function type is that of :mod:`.batch_loop`; settings and starts are those of the
+# first sample.
 
 
 def search_over(search: Search) -> Loop:
-    """Writer of the loop of a search around its program's blocks."""
+    """Return a writer of the search's loop around its program's blocks."""
 
     def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
@@ -208,10 +208,10 @@ def _constant(w: LlvmWriter, numbers: tuple[float, ...]) -> str:
 
 
 class _Attempts(SearchState):
-    """The body of one loop."""
+    """Writer of one loop."""
 
     def write(self) -> None:
-        """Everything between the loop's head and its return."""
+        """Write the body of the loop function."""
         w, lanes = self.w, str(self.w.lanes)
         self.samples = w.new("load i64, ptr %dims, align 8")
         self.operands()
@@ -220,7 +220,7 @@ class _Attempts(SearchState):
         few = w.new(f"icmp slt i64 {self.samples}, {w.lanes // 2}")
         self.own = self.either(few, 0, 1)
         if w.lanes > 1:
-            for k in (X, PASSED, GIVEN):  # lanes that never get work compute, too
+            for k in (X, PASSED, GIVEN):  # lanes without work compute, too
                 self.clear(self.buffers[k], self.ports[k])
         with w.loop(lanes, w.after) as lane:
             for name, value in (("sample", -1), ("next", NONE), ("winner", NONE), ("flying", 0), ("attempt", -1)):
@@ -249,7 +249,7 @@ class _Attempts(SearchState):
     # ── attempts ──
 
     def _begin(self, lane: str) -> None:
-        """Give an idle lane an attempt: of its sample, or of another if that is finished."""
+        """Assign an attempt to an idle lane: of its sample, or of the next one if that is finished."""
         w = self.w
         with w.when(w.new(f"icmp slt i64 {self.count('attempt', lane)}, 0")):
             mine = w.new(f"mul i64 {lane}, {self.own}")
@@ -267,7 +267,7 @@ class _Attempts(SearchState):
             w.do(f"store i64 1, ptr {self.working}, align 8")
 
     def _next_sample(self, mine: str) -> None:
-        """The next sample, if there is one."""
+        """Take the next sample, if there is one."""
         w = self.w
         sample = w.new(f"load i64, ptr {self.queue}, align 8")
         there = w.new(f"icmp slt i64 {sample}, {self.samples}")
@@ -304,7 +304,7 @@ class _Attempts(SearchState):
         self.move(w.gep(passed, size), "@begins", len(self.s.begins) * self.bytes)
 
     def _bring_inside(self, x: str) -> None:
-        """Clamp the entries of x to their limits."""
+        """Clip the entries of x to their limits."""
         w, e = self.w, self.w.element
         with w.loop(str(self.s.x.size), w.after) as k:
             offset = w.new(f"mul i64 {k}, {self.bytes}")
@@ -361,7 +361,7 @@ class _Attempts(SearchState):
         return nearest
 
     def _end(self, lane: str) -> None:
-        """Test if the attempt of a lane has ended, and compare its result."""
+        """Record the result of a lane's attempt if it has ended."""
         w = self.w
         attempt = self.count("attempt", lane)
         with w.when(w.new(f"icmp sge i64 {attempt}, 0")):
@@ -381,7 +381,7 @@ class _Attempts(SearchState):
                     self._compare(mine, attempt, passed)
 
     def _compare(self, mine: str, attempt: str, passed: str) -> None:
-        """Keep the result of an attempt if it is found, or nearer than all before; of two as near, the earlier."""
+        """Keep the result of an attempt if it succeeded or is nearer than all others; ties go to the earlier attempt."""
         w = self.w
         there, cost = self.number(passed, self.s.x.size), self.number(passed, self.s.x.size + 1)
         ends = w.new(f"fcmp one {w.element} {there}, {w.number(0.0)}")
@@ -389,7 +389,7 @@ class _Attempts(SearchState):
         best = self.row(BEST, mine)
         least, nearest = self.number(best, self.s.x.size + 1), self.count("nearest", mine)
         known = f"fcmp ord {w.element} {cost}, {cost}"
-        nearer = self.both(known, f"fcmp ult {w.element} {cost}, {least}")  # than NaN, too
+        nearer = self.both(known, f"fcmp ult {w.element} {cost}, {least}")  # or the best is NaN
         same = self.both(f"fcmp oeq {w.element} {cost}, {least}", f"icmp slt i64 {attempt}, {nearest}")
         first = w.new(f"icmp eq i64 {nearest}, {NONE}")
         better = ends

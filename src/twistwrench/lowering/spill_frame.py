@@ -1,8 +1,8 @@
-"""Cuts of a long program, and the frame of vectors in memory for values that cross a cut.
+"""Cuts of a long program, and a frame of vectors in memory for values that cross a cut.
 
-One function per part keeps the compiler's time linear in the length of the program. The frame begins with all entries of the
-results, in order; slots for the other values that a later part uses follow, each reused after the last use of its value. Inputs
-and constants have no slots: every part loads them from their origin.
+One function per part keeps the compile time linear in the length of the program. The frame begins with all result entries, in
+order. Slots for other values that a later part uses follow; each is reused after the last use of its value. Inputs and
+constants have no slots, because every part loads them from their origin.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ..ir.program import Program
 from .ir_builder import LlvmWriter, RowStorer
 
 AT_HAND = ("const", "input")
-"""Operations whose values any part can load from their origin."""
+"""Operations whose values every part can load from their origin."""
 
 
 @dataclass(frozen=True)
 class SpillFrame:
-    """Cuts of a program into parts of about ``length`` instructions, and slots of its values."""
+    """Cuts of a program into parts of about ``length`` instructions, and slots for its values."""
 
     program: Program
     length: int
 
     @cached_property
     def starts(self) -> list[int]:
-        """First instruction of each part, and the end; within half a length of even cuts, at the fewest live values."""
+        """First instruction of each part, and the end. Cuts are near even ones, at the minimum number of live values."""
         end = len(self.program.instructions)
         born_and_dead = [0] * (end + 1)
         for number, last in enumerate(self._last):
@@ -57,7 +57,7 @@ class SpillFrame:
 
     @cached_property
     def entries(self) -> dict[int, list[int]]:
-        """Entries of the results by the instruction that makes them, without constants."""
+        """Result entries by the instruction that computes them, without constants."""
         entries: dict[int, list[int]] = {}
         for k, result in enumerate(self.program.results):
             if self.program.instructions[result].op != "const":
@@ -79,7 +79,7 @@ class SpillFrame:
 
     @cached_property
     def slots(self) -> dict[int, int]:
-        """Slot of each value that a later part uses: its entry of the results if it is one, else one behind them."""
+        """Slot of each value that a later part uses: its result entry if it has one, otherwise one after the entries."""
         slots: dict[int, int] = {}
         free: list[int] = []
         spent: dict[int, list[int]] = {}
@@ -97,26 +97,26 @@ class SpillFrame:
                     size += 1
                 slots[number] = free.pop()
                 spent.setdefault(bisect_right(self.starts, last) - 1, []).append(slots[number])
-            free.extend(spent.pop(part, ()))  # not before: the part may read the old value after it has made a new one
+            free.extend(spent.pop(part, ()))  # only now, as the part may still read old values
         return slots
 
     @cached_property
     def size(self) -> int:
-        """Number of vectors."""
+        """Number of vectors in the frame."""
         return max([len(self.program.results), *(slot + 1 for slot in self.slots.values())])
 
 
-# ── The frame of a long program, as text: vectors read and written, constant results put in, rows of results made of it
+# ── Frame operations as assembly: loading and storing vectors, storing constants, writing rows of results
 
 
 def _slot_address(w: LlvmWriter, slot: int | str, base: str) -> str:
-    """Address of a vector of the frame."""
+    """Address of a vector in the frame."""
     size = w.lanes * w.precision.bytes
     return w.gep(base, slot * size if isinstance(slot, int) else w.new(f"mul i64 {slot}, {size}"))
 
 
 def load_slot(w: LlvmWriter, slot: int | str, base: str = "%frame") -> str:
-    """Load a vector from its slot in the frame, or from another ``base`` in it."""
+    """Load a vector from its slot in the frame, relative to ``base``."""
     return w.new(f"load {w.vector}, ptr {_slot_address(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
@@ -126,9 +126,9 @@ def store_slot(w: LlvmWriter, value: str, slot: int | str, base: str = "%frame")
 
 
 def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
-    """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
+    """Write rows from the vectors starting at ``entry``: tiles in a loop, then the last tile, which ends with the row.
 
-    Takes and returns the label control is in. ``zeros``: name of a table of :func:`zero_tiles`.
+    Takes and returns the current label. ``zeros`` is the name of a table of :func:`zero_tiles`.
     """
     whole = RowStorer(w, base, columns)
     if not whole.starts:  # too narrow for tiles
@@ -158,7 +158,7 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
 
 
 def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
-    """A table of the tiles of a row that are all zeros; empty if there are none."""
+    """Table of the tiles of a row that are all zero; empty if there are none."""
     tiles = [all(zero[k : k + span]) for k in range(0, len(zero) - span + 1, span)]
     if not any(tiles):
         return ""
@@ -173,7 +173,7 @@ def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> Non
 
 
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
-    """Store constant entries of the results in the frame, once a call: blocks do not overwrite them."""
+    """Function that stores constant result entries in the frame once per call; blocks do not overwrite them."""
     label = "entry"
     for first, count, value in constants:
         with w.loop(str(count), label) as k:
@@ -183,36 +183,36 @@ def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name
     return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-# ── Layouts: all slots in the frame, or for blocks of one lane the entries of results in the rows themselves
+# ── Layouts: all slots in the frame, or, for one lane, result entries directly in the output rows
 
 WIDEST_STORE = 64
-"""Bytes of constants per store."""
+"""Size of constants per store [bytes]."""
 
 
 class FrameLayout:
-    """Every slot is a vector of the frame."""
+    """Layout with every slot in the frame."""
 
     pointer = "ptr noalias"
-    """Pointer type; without shared memory, LLVM moves loads before stores."""
+    """Pointer type. ``noalias`` lets LLVM move loads before stores."""
 
     def __init__(self, columns: ColumnSolve) -> None:
         self.inputs = len(columns.inputs)
 
     @property
     def pointers(self) -> list[str]:
-        """Arguments of a part: the inputs, and the frame."""
+        """Arguments of a part: the inputs and the frame."""
         return [*(f"%a{k}" for k in range(self.inputs)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
-        """Number of a slot relative to a pointer, and that pointer."""
+        """Index of a slot relative to a pointer, and that pointer."""
         return slot, "%frame"
 
 
 class RowLayout(FrameLayout):
-    """Slots of entries of results are the entries themselves, as one lane allows; the frame has the others."""
+    """Layout for one lane: result entries are stored in the output rows, other slots in the frame."""
 
     pointer = "ptr"
-    """Loads of results moved before stores would occupy registers for longer."""
+    """Pointer type, without ``noalias``: loads moved before stores would occupy registers for longer."""
 
     def __init__(self, columns: ColumnSolve) -> None:
         super().__init__(columns)
@@ -220,11 +220,11 @@ class RowLayout(FrameLayout):
 
     @property
     def pointers(self) -> list[str]:
-        """Arguments of a part: the inputs, the results, and the frame."""
+        """Arguments of a part: the inputs, the results and the frame."""
         return [*(f"%a{k}" for k in range(self.inputs + len(self.starts) - 1)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
-        """Number of a slot relative to a pointer, and that pointer."""
+        """Index of a slot relative to a pointer, and that pointer."""
         result = bisect_right(self.starts, slot) - 1
         return slot - self.starts[result], "%frame" if slot >= self.starts[-1] else f"%a{self.inputs + result}"
 

@@ -1,7 +1,7 @@
-"""The target of code: LLVM's facts about itself and the processor, cached on disk, and the processor chosen.
+"""Target of the compiled code: properties of LLVM and the processor, cached on disk, and the chosen processor.
 
-Loading LLVM takes longer than everything else before a cached result, and only these four facts are needed of it then. If it
-is loaded, the facts come from it.
+Loading LLVM takes longer than everything else before a cached result, which needs only these four properties. If LLVM is
+loaded already, they come from LLVM.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from ..core import object_cache
 from ..errors import ValueRangeError
 
 LOOP = "loop"
-"""Name of the function with the shape of a ufunc's inner loop."""
+"""Name of the function with the type of a ufunc's inner loop."""
 
 
 class CompilerFacts(NamedTuple):
-    """LLVM and the processor it runs on, in LLVM's terms."""
+    """LLVM and the host processor, in LLVM's terms."""
 
     version: str
     triple: str
     """Target triple of the code."""
     cpu: str
     features: str
-    """Features of the processor: each name behind ``+`` if present, else behind ``-``."""
+    """Features of the processor: ``+`` before each available one, ``-`` before each missing one."""
 
     @property
     def present(self) -> frozenset[str]:
-        """The features that are there."""
+        """Features that are available."""
         return frozenset(name[1:] for name in self.features.split(",") if name.startswith("+"))
 
 
 def compiler() -> CompilerFacts:
-    """LLVM's facts if it is loaded, else those cached for this processor."""
+    """Properties from LLVM if it is loaded, else those cached for this processor."""
     return _llvm_facts() if "llvmlite.binding" in sys.modules else _cached_facts()
 
 
@@ -50,7 +50,7 @@ def _llvm_facts() -> CompilerFacts:
     features = llvm.get_host_cpu_features().flatten()
     triple = llvm.get_process_triple()
     if sys.platform == "win32" and not triple.endswith("-elf"):
-        triple += "-elf"  # the calling convention of Windows in object files that our loader reads
+        triple += "-elf"  # Windows calling convention in object files that our loader reads
     return CompilerFacts(str(llvm.llvm_version_info), triple, llvm.get_host_cpu_name(), features)
 
 
@@ -69,7 +69,7 @@ def _cached_facts() -> CompilerFacts:
 
 
 def _llvmlite() -> list[str]:
-    """Version of llvmlite, and size and time of its libraries."""
+    """Version of llvmlite, and sizes and times of its libraries."""
     import llvmlite
 
     folder = Path(str(llvmlite.__file__)).parent / "binding"
@@ -79,13 +79,13 @@ def _llvmlite() -> list[str]:
 
 _CPUINFO = Path("/proc/cpuinfo")
 _OF_A_CORE = ("processor", "cpu MHz", "core id", "apicid", "initial apicid", "physical id", "bogomips", "BogoMIPS")
-"""Fields of the system's report that differ between cores or moments."""
+"""Fields of the processor report that differ between cores or over time."""
 
 
 def _processor() -> str | None:
     """Description that distinguishes this processor from others; None if the system has no short one.
 
-    The system describes the machine; NumPy queries the processor itself, which may have fewer features under an emulator.
+    The system describes the machine. NumPy queries the processor itself, which may have fewer features under an emulator.
     """
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
@@ -102,16 +102,16 @@ def _processor() -> str | None:
     return "\n".join([platform.machine(), *lines, *(name for name, there in seen.items() if there)])
 
 
-# ── The target processor: its name, its features, the width of its vectors, and fused products
+# ── Target processor: name, features, vector width, and fused products
 
-# That is the processor at hand, or a lesser one named by ``TWISTWRENCH_CPU``, for one code on all machines of a cluster.
+# It is the host, or a lesser processor named by ``TWISTWRENCH_CPU``, for the same code on all machines of a cluster.
 
 VARIABLE = "TWISTWRENCH_CPU"
 
 
 @dataclass(frozen=True)
 class Precision:
-    """A floating-point type: LLVM's name for it, its size, and the letters NumPy uses."""
+    """Floating-point type: its name in LLVM, its size, and its letter in NumPy."""
 
     llvm: str
     bytes: int
@@ -125,14 +125,14 @@ class Precision:
         return 8 * self.bytes
 
     def rounded(self, value: float) -> float:
-        """The nearest number; infinity for what is beyond the largest, as NumPy rounds it."""
+        """Nearest representable number; infinity above the largest, as NumPy rounds."""
         try:
             return float(struct.unpack(self.char, struct.pack(self.char, value))[0])
         except OverflowError:
             return math.copysign(math.inf, value)
 
     def pattern(self, value: float) -> int:
-        """The bits of the nearest number as a signed integer; those of positive numbers order like the numbers."""
+        """Bits of the nearest number as a signed integer; for positive numbers, they have the same order as the numbers."""
         return int.from_bytes(struct.pack(f"<{self.char}", self.rounded(value)), "little", signed=True)
 
 
@@ -149,14 +149,14 @@ class Machine:
     features: str
     vector_bits: int
     fused: bool = True
-    """True if the machine has fused products. Without them, code rounds twice: emulation takes hundreds of cycles."""
+    """True if the machine has fused products. Otherwise code rounds twice, since emulation takes hundreds of cycles."""
 
     def narrowed(self, bits: int) -> Machine:
-        """The same with vectors of so many bits."""
+        """The same machine with vectors of ``bits`` bits."""
         return replace(self, vector_bits=bits)
 
     def lanes(self, precision: Precision) -> int:
-        """Number of samples computed side by side."""
+        """Number of samples per vector."""
         return self.vector_bits // precision.bits
 
 
@@ -166,18 +166,18 @@ X86_LEVELS = {
     "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"),
     "x86-64-v4": ("avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"),
 }
-"""The levels of the x86-64 psABI, by LLVM's names: what each adds to the one before."""
+"""Levels of the x86-64 psABI in LLVM's terms, with the features that each adds to the previous one."""
 
 
 @cache
 def host() -> Machine:
-    """The processor this process runs on."""
+    """Processor on which this process runs."""
     about = compiler()
     return _machine(about.triple, about.cpu, about.features, about.present)
 
 
 def choices() -> dict[str, Machine]:
-    """Processors that ``TWISTWRENCH_CPU`` may name here, since this one runs their code; the host first."""
+    """Processors that ``TWISTWRENCH_CPU`` may name here, because this one runs their code; the host first."""
     triple = host().triple
     found = {"host": host()}
     if _is_x86(triple):
@@ -192,7 +192,7 @@ def choices() -> dict[str, Machine]:
 
 
 def chosen() -> Machine:
-    """The processor that code is made for: the host, or the one that ``TWISTWRENCH_CPU`` names.
+    """Target processor: the host, or the one that ``TWISTWRENCH_CPU`` names.
 
     Raises ValueRangeError for an unknown name, or for a processor whose code this one cannot run.
     """
@@ -211,7 +211,7 @@ def chosen() -> Machine:
 
 
 def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
-    """The widest vectors of those features; every 64-bit processor that LLVM serves has SSE2, NEON or their equal."""
+    """Machine with the widest vectors of those features; all 64-bit processors in LLVM have SSE2, NEON or an equivalent."""
     if {"avx512f", "avx512dq"} <= present:
         wide = ",".join(filter(None, [features, "-prefer-256-bit"]))
         return Machine(triple, cpu, wide, 512)

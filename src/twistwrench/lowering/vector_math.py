@@ -1,9 +1,9 @@
-"""sin and cos in lanes: Cody–Waite reduction, minimax polynomials, and a correct path for huge angles.
+"""sin and cos in lanes: Cody–Waite reduction, minimax polynomials, and an accurate path for huge angles.
 
-With a fused multiply–add, ``x - k π/2`` by the leading part of π/2 is exact as long as the result is below 1: both terms
-are multiples of the same small power of two. Two more parts leave an error below 1.5 units in the last place of the result
-up to :func:`limit`, near the zeros too. Beyond it each lane is first brought into ±π with the C library's sin, cos and
-atan2, which reduce correctly; the error is then 2.5 units of a result near 1 (tests/program/test_sincos.py measures all this).
+With a fused multiply–add, ``x - k π/2`` with the leading part of π/2 is exact if the result is below 1: both terms are
+multiples of the same small power of two. Two more parts leave an error below 1.5 units in the last place of the result up to
+:func:`limit`, also near the zeros. Beyond it each lane is first reduced to ±π by the C library's accurate sin, cos and
+atan2; the error is then 2.5 units of a result near 1. tests/program/test_sincos.py measures these errors.
 Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
 """
 
@@ -20,14 +20,14 @@ HALF_PI = {
     64: (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33),
     32: (1.5707963705062866, -4.371138828673793e-08, -1.7151244749032155e-15),
 }
-"""π/2 as a sum of numbers of the precision, by its bits."""
+"""π/2 as a sum of numbers of the precision, by its number of bits."""
 HALF_PI_SHORT = {
     64: (1.570796251296997, 7.549789415861596e-08, 5.39030083589187e-15, 2.0222659584103533e-21, 2.903855540388854e-28,
          4.3359050650618903e-35),
     32: (1.5703125, 0.00048065185546875, 3.1739473342895508e-06, 9.89530235528946e-10, 2.5579538487363607e-12,
          5.390302953474238e-15),
 }  # fmt: skip
-"""The same for machines without fused products: all but the last are so short that k times them is exact up to the limit."""
+"""The same without fused products: all parts but the last are so short that k times each is exact up to the limit."""
 
 SINE = {
     64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
@@ -42,20 +42,20 @@ COSINE = {
 
 
 def limit(precision: Precision) -> float:
-    """The largest angle the fast reduction is used for."""
+    """Largest angle for which the fast reduction is used."""
     return 2.0**30 if precision.bits == 64 else 2.0**15
 
 
 def limit_pattern(precision: Precision) -> int:
-    """The bits of the limit as an integer."""
+    """Bits of the limit as an integer."""
     return precision.pattern(limit(precision))
 
 
 def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     """Emit (sin x, cos x) of several angles within the limit, in lockstep; NaN and infinity give NaN.
 
-    Each step is done for all angles before the next: the processor finds independent work side by side, and a constant
-    is fetched once.
+    Each step is done for all angles before the next one. So the processor finds independent operations, and constants are
+    loaded once.
     """
     bits = w.precision.bits
     magic = 1.5 * 2.0**w.precision.mantissa  # adding it leaves the nearest integer in the low bits
@@ -80,10 +80,10 @@ def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -
 
 
 def _quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
-    """Swap and turn signs by the quarter turns in the low bits of ``shifted``."""
+    """Swap values and flip signs according to the quadrant in the low bits of ``shifted``."""
     bits = w.precision.bits
     quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
-    # Moved to the sign's place: bit 0, whether to swap; bit 1, the sign of sin; their difference, the sign of cos.
+    # Shifted to the sign bit: bit 0 selects a swap; bit 1 is the sign of sin; their xor is the sign of cos.
     low = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
     high = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
     odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
@@ -92,7 +92,7 @@ def _quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str,
 
 
 def _flip(w: LlvmWriter, value: str, sign: str) -> str:
-    """``value`` with its sign turned where the top bit of ``sign`` is set."""
+    """``value`` with its sign flipped where the top bit of ``sign`` is set."""
     top = w.new(f"and {w.integer} {sign}, {w.bits(-(1 << (w.precision.bits - 1)))}")
     pattern = w.new(f"bitcast {w.vector} {value} to {w.integer}")
     pattern = w.new(f"xor {w.integer} {pattern}, {top}")
@@ -102,10 +102,10 @@ def _flip(w: LlvmWriter, value: str, sign: str) -> str:
 def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
     """Emit the check for huge angles: one branch, taken only if some lane of some angle needs it.
 
-    Takes the label control comes from; returns the angles to use and the label control is in afterwards.
+    Takes the current label; returns the angles to use and the current label.
     """
     bound, huge = w.bits(limit_pattern(w.precision)), None
-    for x in angles:  # compared as integers, which order like the sizes; a comparison of NaNs would raise a flag
+    for x in angles:  # integer comparison has the same order; comparing NaNs would raise a flag
         size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
         over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
         huge = over if huge is None else w.new(f"or {w.mask} {huge}, {over}")
@@ -126,7 +126,7 @@ def _wrapper_name(w: LlvmWriter) -> str:
 
 
 def wrapper(precision: Precision, lanes: int) -> str:
-    """The function :func:`wrap` calls: each lane beyond the limit is replaced by its equal within ±π."""
+    """Function called by :func:`wrap`: each lane beyond the limit is replaced by the equivalent angle within ±π."""
     w = LlvmWriter(precision, lanes)
     double = "double"
     result = "%x"
@@ -148,27 +148,27 @@ def wrapper(precision: Precision, lanes: int) -> str:
     return f"{head} {{\n{body}\n  ret {w.vector} {result}\n}}\n"
 
 
-# ── exp in lanes: x = k ln 2 + r, a Taylor polynomial in |r| ≤ ln 2 / 2, and k put into the exponent
+# ── exp in lanes: x = k ln 2 + r, a Taylor polynomial in |r| ≤ ln 2 / 2, and k added to the exponent
 
-# Two parts of ln 2 leave r good to the last bit: the first has trailing zeros enough that its product with k is exact. The
-# polynomial's remainder is below a quarter unit in the last place; the whole is within one (tests/program/test_exp.py).
-# Results below the smallest normal number are 0, beyond the largest infinity; NaN stays NaN.
+# Two parts of ln 2 make r accurate to the last bit: the first has enough trailing zeros for an exact product with k. The
+# polynomial's remainder is below a quarter unit in the last place; the total error is below one (tests/program/test_exp.py).
+# Results below the smallest normal number are 0, above the largest infinity; NaN stays NaN.
 
 LN2 = {64: (6.93147180369123816490e-01, 1.90821492927058770002e-10), 32: (6.93359375e-01, -2.12194440054690583e-04)}
-"""ln 2 as a sum of a short number and the rest."""
+"""ln 2 as the sum of a short number and a remainder."""
 
 DEGREE = {64: 13, 32: 7}
-"""Degree at which the next term of the series, at ln 2 / 2, is below a quarter unit in the last place."""
+"""Degree of the series whose next term, at ln 2 / 2, is below a quarter unit in the last place."""
 
 
 def bounds(precision: Precision) -> tuple[float, float]:
-    """Arguments below the first give 0, above the second infinity: where results stop being normal numbers."""
+    """Arguments below the first bound give 0, above the second infinity: results would not be normal numbers."""
     largest = 1023 if precision.bits == 64 else 127
     return (1.0 - largest) * math.log(2.0) * (1 - 1e-6), (largest + 1.0) * math.log(2.0) * (1 - 1e-6)
 
 
 def exp(w: LlvmWriter, x: str) -> str:
-    """Emit e**x. Arguments out of bounds, NaN included, are found by their bits: a comparison of numbers would raise flags."""
+    """Emit e**x. Arguments out of bounds and NaN are found by their bits, because comparing numbers would raise flags."""
     bits, mantissa = w.precision.bits, w.precision.mantissa
     low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
     negative = w.new(f"icmp slt {w.integer} {w.new(f'bitcast {w.vector} {x} to {w.integer}')}, {w.bits(0)}")

@@ -1,7 +1,8 @@
-"""Programs as C99 functions: one operation a line, no loops or branches, no memory but the stack, no library but math.h.
+"""Programs as C99 functions: one operation per line, without loops, branches and heap memory, with math.h only.
 
-Fused products are calls of ``fma``, and nothing else is fused, so results have the bits of the compiled kernels if the C
-library's sine, cosine and exponential have them. Inputs are read before anything is written. CUDA has the same statements.
+Fused products are calls of ``fma``, and nothing else is fused. So results have the bits of the compiled kernels if the C
+library's sine, cosine and exponential have the same bits. All inputs are read before any output is written. CUDA uses the same
+statements.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _WIDTH = 116
 
 
 def identifier(text: str) -> str:
-    """Letters, digits and single underscores of a name; empty if it has none. Two in a row are reserved in C++.
+    """Letters, digits and single underscores of a name; empty if there are none. C++ reserves double underscores.
 
     >>> identifier("panda hand/tcp__2")
     'panda_hand_tcp_2'
@@ -47,7 +48,7 @@ def identifier(text: str) -> str:
 
 
 def literal(value: float, precision: str) -> str:
-    """A number so that the compiler reads the same bits. KernelError for one beyond the precision.
+    """Literal that the compiler reads as the same bits. Raises KernelError for a number beyond the precision.
 
     >>> literal(0.1, "double"), literal(0.1, "float")
     ('0.1', '0.1f')
@@ -62,7 +63,7 @@ def literal(value: float, precision: str) -> str:
 
 @dataclass(frozen=True)
 class CFunction:
-    """A program with the name and the precision of its function."""
+    """Program with the name and precision of its function."""
 
     name: str
     program: Program
@@ -70,7 +71,7 @@ class CFunction:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the arrays, inputs first; no two alike."""
+        """Unique names of the arrays, inputs first."""
         names: list[str] = []
         for ports, ending in ((self.program.inputs, "_2"), (self.program.outputs, "_out")):
             for port in ports:
@@ -82,7 +83,7 @@ class CFunction:
 
     @property
     def prototype(self) -> str:
-        """The declaration, without a semicolon."""
+        """Declaration, without a semicolon."""
         made = len(self.program.inputs)
         ports = (*self.program.inputs, *self.program.outputs)
         parameters = [
@@ -96,7 +97,7 @@ class CFunction:
 
     @property
     def definition(self) -> str:
-        """The whole function."""
+        """Complete function definition."""
         made = len(self.program.inputs)
         places = [
             f"{name}[{k}]"
@@ -117,14 +118,14 @@ def statements(
 ) -> list[str]:
     """Lines of a function's body.
 
-    ``names`` of its arrays begin with those of the program's inputs; ``stores`` pairs each element to write with the number of
-    its instruction; ``sincos`` is the function ``(x, &s, &c)`` that computes a sine and a cosine at once, if there is one.
+    ``names`` are those of the function's arrays, beginning with the program's inputs. ``stores`` pairs each output element
+    with the number of its instruction. ``sincos`` is a function ``(x, &s, &c)`` that computes sine and cosine together, if any.
     """
     return _Body(program, precision, names, stores, sincos).lines
 
 
 class _Body:
-    """One walk through a program: its lines, and the text of each value."""
+    """One pass through a program: its lines, and the text of each value."""
 
     def __init__(
         self, program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str
@@ -151,7 +152,7 @@ class _Body:
                 self.written[number] = literal(value, self.type)
 
     def _inputs(self, names: Sequence[str]) -> None:
-        """Read all used inputs before anything is written, so that an output may be an input's array."""
+        """Read all used inputs before anything is written, so that an output may use the array of an input."""
         elements = [(n, k) for n, port in zip(names, self.program.inputs, strict=False) for k in range(port.size)]
         used = sorted((int(i.value), n) for n, i in enumerate(self.program.instructions) if i.op == "input")
         for name in names[: len(self.program.inputs)]:
@@ -166,7 +167,7 @@ class _Body:
             self.lines.append(f"    const {self.type} {local} = {name}[{k}];")
 
     def _partners(self) -> dict[int, tuple[int, ...]]:
-        """Cosine of a sine's angle and the reverse: next to each other, one call computes both."""
+        """Cosine of a sine's angle and vice versa; adjacent calls can be computed together."""
         by_angle: dict[int, list[int]] = {}
         for number, (op, args, _) in enumerate(self.program.instructions):
             if op in ("sin", "cos"):
@@ -174,7 +175,7 @@ class _Body:
         return {number: tuple(pair) for pair in by_angle.values() for number in pair}
 
     def _operations(self, number: int, partners: tuple[int, ...]) -> None:
-        """An operation, with its partner if it has one."""
+        """Write an operation, with its partner if it has one."""
         if self.sincos and len(partners) == 2:
             (angle,) = self.program.instructions[number].args
             sine, cosine = sorted(partners, key=lambda k: self.program.instructions[k].op, reverse=True)
@@ -199,7 +200,7 @@ class _Body:
         self._store(number)
 
     def _store(self, number: int) -> None:
-        """Store results as soon as they are computed: values that are no longer needed take no register and no stack."""
+        """Store results as soon as they are computed, so that values no longer needed occupy no register or stack."""
         self.lines += [f"    {place} = {self.written[number]};" for place in self.slots.get(number, ())]
 
     def _expression(self, op: str, x: list[str]) -> str:

@@ -89,23 +89,23 @@ INLINE void table_out(
 """
 
 
-# ── A program as a CUDA kernel, a thread for each sample; and the same text as C++ for the processor
+# ── A program as a CUDA kernel with one thread per sample; the same text is valid C++ for the processor
 
-# Rows of the arrays go through shared memory: neighbouring threads copy neighbouring elements, for rows of any length, and each
-# then reads its own row there. Statements are those of exported C, so with ``-fmad=false`` the same products are fused and no
-# others; sine, cosine and exponential are CUDA's accurate ones.
+# Rows of the arrays go through shared memory: adjacent threads copy adjacent elements, for any row length, and each thread then
+# reads its own row there. Statements are those of exported C, so ``-fmad=false`` fuses the same products and no others. Sine,
+# cosine and exponential are CUDA's accurate ones.
 
 OPTIONS = ("-std=c++17", "-fmad=false")
-"""Options of a CUDA compiler: the language, and no fusion of its own."""
+"""Options of a CUDA compiler: the language, and no fusion by the compiler."""
 
 LONG, LESS = 10_000, "--ptxas-options=-O1"
-"""Instructions beyond which the last optimisations would take minutes, and are left out. The bits stay the same."""
+"""Number of instructions above which the last optimisations are skipped, which would take minutes. Results do not change."""
 
 SHARED = 48 * 1024
-"""Bytes of shared memory that every block may have on every device."""
+"""Shared memory that every block can use on every device [bytes]."""
 
 THREADS = (128, 64, 32)
-"""Sizes of blocks, the preferred one first; whole warps."""
+"""Block sizes in whole warps, the preferred one first."""
 
 BYTES = {"float": 4, "double": 8}
 
@@ -115,28 +115,28 @@ class Tile:
     """Transfer of one array through shared memory, or directly."""
 
     port: TensorSpec
-    """The input or output."""
+    """Input or output."""
     name: str
-    """Its name in the source."""
+    """Name in the source."""
     kept: tuple[int, ...]
-    """Numbers of the stored elements, equal ones once."""
+    """Numbers of the stored elements, without duplicates."""
     table: tuple[int, ...] | None = None
-    """Position of each element among them; None if it is the element's own number."""
+    """Position of each element among the stored ones; None if it equals the element's number."""
     staged: bool = True
-    """True if shared memory has room; else each thread reads or writes its own row in global memory."""
+    """True if the array fits into shared memory; otherwise each thread accesses its own row in global memory."""
 
     @property
     def pitch(self) -> int:
-        """Elements from a thread's row to the next, odd."""
+        """Elements between the rows of adjacent threads, an odd number."""
         return len(self.kept) | 1
 
 
 @dataclass(frozen=True)
 class CudaFunction:
-    """A program with the name and the precision of its CUDA kernel.
+    """Program with the name and precision of its CUDA kernel.
 
-    Arguments of the kernel: the number of samples (64 bits); for each input a pointer, and the distance of its samples
-    in elements (64 bits), 0 for one shared by all; for each output a pointer to rows without gaps.
+    Kernel arguments: the number of samples (64 bits); for each input a pointer and the distance between its samples in
+    elements (64 bits), 0 if all samples share it; for each output a pointer to contiguous rows.
     """
 
     name: str
@@ -146,7 +146,7 @@ class CudaFunction:
     precision: str = "double"
     """"float" or "double"."""
     shared: int = SHARED
-    """Available bytes of shared memory."""
+    """Available shared memory [bytes]."""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -155,7 +155,7 @@ class CudaFunction:
 
     @property
     def threads(self) -> int:
-        """Threads, and samples, of a block."""
+        """Number of threads, and samples, per block."""
         return self._layout[0]
 
     @property
@@ -165,7 +165,7 @@ class CudaFunction:
 
     @cached_property
     def _layout(self) -> tuple[int, tuple[Tile, ...]]:
-        """The largest block for which all arrays fit, equal elements stored once if needed; the widest may be left out."""
+        """Largest block for which all arrays fit, if needed with equal elements stored once and the widest arrays left out."""
         tiles = self._plain_tiles
         if threads := self._fitting(tiles):
             return threads, tiles
@@ -186,13 +186,13 @@ class CudaFunction:
         return tuple(tiles)
 
     def _fitting(self, tiles: Sequence[Tile]) -> int:
-        """The largest block that fits, or 0."""
+        """Largest block that fits, or 0."""
         sample = BYTES[self.precision] * sum(tile.pitch for tile in tiles if tile.staged)
         return next((threads for threads in THREADS if threads * sample <= self.shared), 0)
 
     @cached_property
     def source(self) -> str:
-        """The whole text: a kernel for a compiler of CUDA, a function that runs it on the processor for one of C++."""
+        """Complete text: a kernel for a CUDA compiler; for a C++ compiler, a function that runs it on the processor."""
         real, suffix = self.precision, PRECISIONS[self.precision]
         staged = [tile for tile in self.tiles if tile.staged]
         made = len(self.program.inputs)
@@ -213,7 +213,7 @@ class CudaFunction:
         return "\n".join(parts)
 
     def _functions(self, inputs: Sequence[Tile], outputs: Sequence[Tile]) -> Iterator[str]:
-        """Load, compute, store, and the kernel."""
+        """Functions that load, compute and store, and the kernel."""
         real = self.precision
         offsets, total = {}, 0
         for tile in self.tiles:
@@ -286,7 +286,7 @@ class CudaFunction:
 
 
 def _squeezed(tile: Tile, output: bool) -> Tile:
-    """An output that stores equal elements once, if that saves anything."""
+    """Output tile that stores equal elements once, if that saves memory."""
     kept = tuple(dict.fromkeys(tile.kept))
     if not output or len(kept) == len(tile.kept):
         return tile
@@ -295,7 +295,7 @@ def _squeezed(tile: Tile, output: bool) -> Tile:
 
 
 def _results(tile: Tile, program: Program, outputs: Sequence[Tile]) -> Sequence[int]:
-    """Instructions that make each element of an output, equal ones as often as they occur."""
+    """Instruction that computes each element of an output, including duplicates."""
     first = sum(other.port.size for other in outputs[: outputs.index(tile)])
     return program.results[first : first + tile.port.size]
 

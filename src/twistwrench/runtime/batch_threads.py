@@ -1,4 +1,4 @@
-"""Calls with many samples: memory for the results, and parts for several threads where that pays."""
+"""Calls with many samples: memory for the results, and distribution to several threads if that pays."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ if TYPE_CHECKING:
 Arrays = tuple[Array, ...]
 
 LEAST = 2.5e6
-"""Operations of the least part, some 0.1 ms: four times the handover. Work for less than two such parts is not cut."""
+"""Operations of the smallest part, about 0.1 ms: four times the handover. Less work than two such parts is not divided."""
 
 PARTS_EACH = 4
-"""Parts for each thread: if other work delays one, the others take the rest."""
+"""Parts per thread: if one thread is delayed, the others take the remaining parts."""
 
 ROWS = 64
-"""Long axes are cut at multiples of this: all parts but the last are whole blocks for any number of lanes."""
+"""Long axes are divided at multiples of it: all parts but the last are whole blocks for any number of lanes."""
 
 SINE, ENTRY = 18, 6
-"""Cost of a sine or cosine, and of an entry read or written, in operations of a lane."""
+"""Cost of a sine or cosine, and of reading or writing an entry, in operations of a lane."""
 
 ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
-"""Bytes of one result, and of several, from which on their memory is allocated here: less meets no page faults."""
+"""Size of one result, and of several [bytes], above which they are allocated here; smaller ones cause no page faults."""
 
 NOTABLE = 2048
-"""Least numbers in the first input for which the sizes are examined, 4 times as many for a single result."""
+"""Minimum number of elements in the first input for a check of the sizes; 4 times as many for a single result."""
 
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
 
 TO_DOUBLE = frozenset(c for c in "?" + np.typecodes["AllInteger"] + np.typecodes["Float"] if np.can_cast(c, "d"))
 TO_SINGLE = frozenset(c for c in TO_DOUBLE if np.can_cast(c, "f"))
-"""Codes of the types that NumPy casts to each of a kernel's two loops."""
+"""Codes of the types that NumPy casts to doubles, and to singles."""
 
 
 class Part(NamedTuple):
-    """Arguments of a kernel for some of the samples: views of the whole arrays."""
+    """Arguments of a kernel for some samples: views of the whole arrays."""
 
     inputs: Arrays
     outputs: Arrays
 
 
 def cost_model(form: Form) -> int:
-    """Operations of a sample, or of its step; arms and quadrupeds take 12 to 30 a nanosecond in lanes of four doubles."""
+    """Operations of a sample, or of one step; arms and quadrupeds take 12 to 30 per nanosecond in lanes of four doubles."""
     from ..ir.loops import ColumnSolve, program_of
 
     program = program_of(form)
@@ -77,9 +77,9 @@ def _operations(program: Program) -> int:
 
 
 def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[list[Part], Arrays] | None:
-    """Parts and whole outputs; None for one thread, if the work is little or an argument is not a plain array.
+    """Parts and whole outputs; None for one thread, if there is little work, or if an argument is not a plain array.
 
-    Arguments that NumPy would reject, convert or copy are left to NumPy, with its errors and rules.
+    NumPy handles arguments that it would reject, convert or copy, with its own errors and rules.
     """
     owner = _owner_of()(kernel)
     if owner is None or len(given) != len(owner.given.inputs):
@@ -93,13 +93,13 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     count = min(int(work / LEAST), PARTS_EACH * threads)
     if count < 2:
         return None
-    count = max(count // threads * threads, min(count, threads))  # an even number for each, where there are enough
+    count = max(count // threads * threads, min(count, threads))  # the same number for each thread, if there are enough
     shapes = [batch + port.shape for port in owner.given.outputs]
     outputs = _outputs(out, shapes, FLOAT32 if single else FLOAT64, arrays)
     if outputs is None:
         return None
     if single:
-        owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+        owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
     long = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
     axis = (
         long[0] if long else batch.index(max(batch))
@@ -126,7 +126,7 @@ def _owner_of() -> Any:
 
 
 def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
-    """New arrays for the results of a call in one part; None if NumPy's own are as good."""
+    """New arrays for the results of a call that is not divided; None if NumPy's own allocation is as fast."""
     first = arrays[0]
     if kernel.nout == 1 and first.size < 4 * NOTABLE:
         return None
@@ -135,7 +135,7 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
         return None
     ports = owner.given.outputs
     least = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
-    if owner.row * first.size < least * owner.given.inputs[0].size:  # a guess: other inputs may have more samples
+    if owner.row * first.size < least * owner.given.inputs[0].size:  # estimate: other inputs may have more samples
         return None
     batch = _batch(arrays, owner.given.inputs)
     if batch is None:
@@ -149,7 +149,7 @@ def _is_single(arrays: Arrays) -> bool:
 
 
 def _batch(arrays: Arrays, ports: tuple[TensorSpec, ...]) -> tuple[int, ...] | None:
-    """Batch shape of plain arrays of real numbers with the kernel's shapes; None for all others."""
+    """Batch shape of plain arrays of real numbers with the kernel's shapes; None if any array is different."""
     batches = []
     for a, port in zip(arrays, ports, strict=True):
         if type(a) is not np.ndarray or a.dtype.char not in TO_DOUBLE:
@@ -167,7 +167,7 @@ def _batch(arrays: Arrays, ports: tuple[TensorSpec, ...]) -> tuple[int, ...] | N
 
 
 def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arrays: Arrays) -> Arrays | None:
-    """New arrays, or the given ones if they are contiguous and share no memory with others."""
+    """New arrays, or the given ones if they are contiguous and do not overlap other arrays."""
     if out is None:
         return result_arrays(shapes, dtype)
     outputs = out if isinstance(out, tuple) else (out,)
@@ -184,36 +184,35 @@ def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arra
 
 
 def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
-    """Index of all axes before the cut one, which is counted from the batch's last; None if it is broadcast."""
+    """Index of all axes before the divided one, which is counted from the batch's last; None if it is broadcast."""
     place = a.ndim - len(port.shape) + axis
     return None if place < 0 or a.shape[place] == 1 else (slice(None),) * place
 
 
-# ── Calls with many samples on a pool of threads: off until ``set_threads`` or ``TWISTWRENCH_THREADS`` sets more than one
+# ── Calls with many samples on a thread pool: disabled until ``set_threads`` or ``TWISTWRENCH_THREADS`` sets more than one
 
-# A call is cut into parts, which the caller and its helpers take in turn. The caller works too, and never waits for a helper
-# that has not begun: busy threads delay no caller, and nothing can deadlock. A sample's bits depend neither on its part nor on
-# the thread that computes it.
+# A call is divided into parts, which the caller and its helpers take in turn. The caller computes too, and never waits for a
+# helper that has not begun: so busy threads delay no caller, and deadlocks are impossible. A sample's bits depend neither on
+# its part nor on its thread.
 
 MOST = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
 
 POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "multiprocessing", "ray"})
-"""Packages whose threads distribute work themselves: a call from one of their threads stays on it."""
+"""Packages whose threads distribute work themselves: calls from their threads are not divided."""
 
 
 def set_threads(count: int) -> None:
-    """Share calls with many samples of a robot's methods among threads of this process.
+    """Distribute calls with many samples of a robot's methods to threads of this process.
 
     Parameters
     ----------
-    count : int, 1 to 1024; 1 (default) is off
+    count : int, 1 to 1024; 1 (default) disables it
 
     Notes
     -----
-    Results are the same to the bit. One thread still computes a call with less than some 0.2 ms of work, a call
-    from a worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and a call of a bare
-    kernel.
+    Results are bit-identical. One thread still computes calls with less than about 0.2 ms of work, calls from a worker
+    thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and direct calls of a kernel.
 
     Examples
     --------
@@ -227,7 +226,7 @@ def set_threads(count: int) -> None:
 
 
 def get_threads() -> int:
-    """Number of threads a call with many samples may use.
+    """Number of threads that a call with many samples may use.
 
     Returns
     -------
@@ -236,8 +235,8 @@ def get_threads() -> int:
 
     Notes
     -----
-    The variable is read at the first use. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and
-    have 1 until they set their own; a subinterpreter always has 1.
+    The variable is read on first use. Worker processes of ``multiprocessing``, joblib or Dask do not inherit either setting
+    and use 1 until they set their own; a subinterpreter always uses 1.
 
     Examples
     --------
@@ -254,7 +253,7 @@ def get_threads() -> int:
 
 
 def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
-    """``kernel(*arrays, out=out)``, on several threads if that is allowed and pays."""
+    """Result of ``kernel(*arrays, out=out)``, on several threads if allowed and worthwhile."""
     threads = get_threads()
     shared = cut(kernel, arrays, out, threads) if threads > 1 and not _in_worker_thread() else None
     if shared is None:
@@ -267,7 +266,7 @@ def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
 
 
 def share(kernel: Any, parts: Iterable[Part]) -> None:
-    """Compute all parts, on several threads if that is allowed; the first exception of any is raised here."""
+    """Compute all parts, on several threads if allowed; the first exception of any thread is raised here."""
     threads = get_threads()
     job = _Job(kernel, parts)
     try:
@@ -280,7 +279,7 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
         try:
             raise problem
         finally:
-            del problem  # its traceback holds this frame: without this, the arrays would wait for the garbage collector
+            del problem  # its traceback refers to this frame, and the arrays would wait for the garbage collector
 
 
 def _checked(count: Any, who: str) -> int:
@@ -297,7 +296,7 @@ def _checked(count: Any, who: str) -> int:
 
 
 def _in_worker_process() -> bool:
-    process = sys.modules.get("multiprocessing.process")  # behind joblib's and Dask's as well
+    process = sys.modules.get("multiprocessing.process")  # also loaded by joblib and Dask
     return process is not None and process.parent_process() is not None
 
 
@@ -307,7 +306,7 @@ def _in_worker_thread() -> bool:
     if threading.get_ident() == threading.main_thread().ident:
         return False
     frame: Any = sys._getframe()
-    while frame is not None:  # a pool's user may name its threads at will; what they run tells
+    while frame is not None:  # thread names are arbitrary, so the running code is checked
         if str(frame.f_globals.get("__name__")).partition(".")[0] in POOLS:
             return True
         frame = frame.f_back
@@ -315,18 +314,18 @@ def _in_worker_thread() -> bool:
 
 
 class _Job:
-    """One call: the remaining parts, and the number of helpers at work."""
+    """One call: the remaining parts, and the number of active helpers."""
 
     def __init__(self, kernel: Any, parts: Iterable[Part]) -> None:
         self.kernel = kernel
         self.parts = deque(parts)
-        self.context = copy_context()  # np.errstate is kept there
+        self.context = copy_context()  # includes np.errstate
         self.changed = threading.Condition()
         self.helpers = 0
         self.problem: BaseException | None = None
 
     def work(self) -> None:
-        """Compute parts until none is left."""
+        """Compute parts until none remain."""
         while True:
             try:
                 part = self.parts.popleft()
@@ -335,7 +334,7 @@ class _Job:
             self.kernel(*part.inputs, out=part.outputs)
 
     def help(self) -> None:
-        """Compute parts in a helper; its first exception is kept for the caller, and ends the job."""
+        """Compute parts in a helper; its first exception is stored for the caller, and ends the job."""
         with self.changed:
             self.helpers += 1
         try:
@@ -349,7 +348,7 @@ class _Job:
                 self.changed.notify_all()
 
     def finish(self) -> BaseException | None:
-        """Drop remaining parts and wait for helpers, which write to the caller's arrays; returns their first exception."""
+        """Discard remaining parts and wait for helpers, which write to the caller's arrays; returns their first exception."""
         self.parts.clear()
         with self.changed:
             while self.helpers:
@@ -359,7 +358,7 @@ class _Job:
 
 
 class _ThreadPool:
-    """Number of threads of this process, and all of them but the callers: started at their first use."""
+    """Number of threads of this process, and its helper threads, which start on first use."""
 
     def __init__(self) -> None:
         self.wanted: int | None = None
@@ -368,7 +367,7 @@ class _ThreadPool:
             os.register_at_fork(after_in_child=self._begin)
 
     def _begin(self) -> None:
-        """Start without helpers: none survives a fork, and a lock may have been held."""
+        """Reset to no helpers: they do not survive a fork, and a lock may have been held."""
         self.told = False
         """True if this process has set its number of threads."""
         self.lock = threading.RLock()
@@ -376,13 +375,13 @@ class _ThreadPool:
         self.calls: SimpleQueue[_Job | None] = SimpleQueue()
 
     def resize(self, count: int) -> None:
-        """Set the number of threads; present helpers end after the jobs they have."""
+        """Set the number of threads; existing helpers end after their jobs."""
         with self.lock:
             self.wanted, self.told = count, True
             self._dismiss()
 
     def invite(self, job: _Job, helpers: int) -> None:
-        """Offer a job to helpers; one that comes too late finds no parts."""
+        """Offer a job to helpers; a late one finds no parts."""
         with self.lock:
             if self.size != helpers:
                 self._dismiss()
@@ -399,7 +398,7 @@ class _ThreadPool:
             )  # a daemon: idle helpers do not keep Python from leaving
             try:
                 thread.start()
-            except RuntimeError:  # no more threads, or Python is leaving: the callers compute what nobody takes
+            except RuntimeError:  # no more threads, or Python is shutting down: the caller computes the remaining parts
                 return
 
     def _dismiss(self) -> None:
@@ -412,7 +411,7 @@ def _attend(calls: SimpleQueue[_Job | None]) -> None:
     _HERE.helps = True
     while (job := calls.get()) is not None:
         job.help()
-        del job  # not to be held until the next one comes
+        del job  # releases the job before waiting for the next
 
 
 _HERE = threading.local()

@@ -1,8 +1,8 @@
-"""Kernels as builtin functions of CPython for single samples: the calls that loops at kilohertz repeat.
+"""Kernels as builtin functions of CPython for single samples, for calls that loops repeat at kilohertz rates.
 
-NumPy takes longer to reach a ufunc's loop than most kernels run. A builtin takes plain arguments straight to the loop and
-computes one sample in one lane; all other calls go to a slower callable, which also reports errors. Other options, another type
-or a batch of one are calls of another kind; their builtins form a chain, in which each asks the next.
+NumPy takes longer to reach a ufunc's loop than most kernels run. A builtin passes plain arguments directly to the loop and
+computes one sample in one lane. All other calls go to a slower callable, which also reports errors. Calls with other options,
+another type or a batch of one have builtins of their own. These form a chain, in which each falls back to the next.
 """
 
 from __future__ import annotations
@@ -28,43 +28,43 @@ from .gufunc import KernelMetadata, numpy_function, owner_of
 from .jit import Code, assembled
 
 MOST_IN_A_ROW = 16
-"""Builtins of one method, for other options or other arrays."""
+"""Maximum number of builtins of one method, for different options or arrays."""
 
 LONG, EACH = 4000, 100
-"""Programs of ``LONG`` instructions take a second to compile: they wait for one call for ``EACH`` instructions."""
+"""Programs of ``LONG`` instructions take a second to compile. Their builtins are made after one call per ``EACH`` of them."""
 
 _SCALAR, _NEW_FROM_DESCRIPTOR = 60, 94
 """Slots of PyArray_Scalar and PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
 
 FASTCALL, KEYWORDS = 0x0080, 0x0002
-"""CPython's flags of functions that take a table of arguments and its length; and a tuple of names."""
+"""CPython's flags of functions that take an argument array and its length, and a tuple of keyword names."""
 
 
 @dataclass(frozen=True)
 class CallSignature:
-    """One kind of call with one sample: its options, and the type and batch shape of all arrays."""
+    """Kind of call with one sample: its options, and the type and batch shape of all arrays."""
 
     options: tuple[tuple[str, Any], ...] = ()
-    """Parameters by name and the objects they are; all others have their defaults."""
+    """Parameters by name with their values (compared by identity); all others have their defaults."""
     batch: tuple[int, ...] = ()
-    """The batch shape of all arrays: none, or ones."""
+    """Batch shape of all arrays: empty, or ones."""
     char: str = "d"
-    """NumPy's letter for the type of all arrays."""
+    """NumPy's type letter of all arrays."""
 
 
-class kernel(bytes):  # the name in the builtin's repr: "built-in method … of kernel object"
-    """The addresses that a builtin works with; the builtin's ``self``.
+class kernel(bytes):  # its name is in the builtin's repr: "built-in method … of kernel object"
+    """Addresses that a builtin uses; the builtin's ``self``.
 
-    Addresses mean nothing in another process. A builtin is pickled as the attribute of its name of its ``self``; this object is
-    pickled and copied as the owner of the method, so the owner's own method of that name comes out.
+    Addresses are invalid in another process. Python pickles a builtin as the attribute of its name of its ``self``. This object
+    is pickled and copied as the owner of the method, so the result is the owner's own method of that name.
     """
 
     owner: Any
     kept: dict[str, Any]
-    """All objects that the builtin points to, by name."""
+    """All objects that the builtin refers to, by name."""
 
     def hand_on_to(self, other: Callable[..., Any]) -> None:
-        """Set the callable for all calls that the builtin does not serve."""
+        """Set the callable for all calls that the builtin does not handle."""
         self.kept["fallback"] = other
         self.kept["place"].value = id(other)
 
@@ -88,7 +88,7 @@ class _MethodDefinition(ctypes.Structure):
 
 
 class _Keeper(str):
-    """A text that keeps alive all that a builtin points to: the builtin holds it as the name of its module."""
+    """Text that keeps the objects of a builtin alive; the builtin refers to it as its module name."""
 
     kept: dict[str, Any]
 
@@ -110,21 +110,21 @@ def table_of(addresses: list[int]) -> bytes:
 
 
 def address_of(name: str) -> int:
-    """The address of a function of Python's C API."""
+    """Address of a function of Python's C API."""
     return ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0
 
 
 def _owner(kernel: Any) -> Any:
-    """Owner of a compiled kernel, in CPython with its lock; else None."""
+    """Owner of a compiled kernel in CPython with the GIL; otherwise None."""
     return owner_of(kernel) if abi_matches() else None
 
 
 def make_call(
     ufunc: Any, method: Callable[..., Any], name: str, call: CallSignature | None = None
 ) -> Callable[..., Any] | None:
-    """A builtin that evaluates ``ufunc`` for calls of one kind, and calls ``method``, a bound one, for all others.
+    """Builtin that evaluates ``ufunc`` for calls of one kind, and calls the bound ``method`` for all others.
 
-    None if it cannot be made: no compiled kernel, a method with other parameters, an interpreter of another build.
+    None if it cannot be made: no compiled kernel, a method with other parameters, or an interpreter of another build.
     """
     owner = _owner(ufunc)
     if owner is None:
@@ -166,14 +166,14 @@ def make_call(
         "objects": objects,
     }
     shown = [p.replace(annotation=p.empty) for p in parameters.parameters.values()]
-    doc = f"{name}{inspect.Signature(shown)}\n--\n\n{method.__doc__ or ''}"  # read by inspect.signature
+    doc = f"{name}{inspect.Signature(shown)}\n--\n\n{method.__doc__ or ''}"  # parsed by inspect.signature
     code = assembled(call_assembly(layout), CALL, owner.machine)
     found: Callable[..., Any] = builtin(name, doc, code, FASTCALL | KEYWORDS, context, context.kept)
     return found
 
 
 def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: CallSignature) -> CallLayout | None:
-    """The layout of calls of one kind; None if no builtin can serve them."""
+    """Layout of calls of one kind; None if no builtin can handle them."""
     inputs, outputs = (
         tuple(TensorSpec(spec.name, call.batch + spec.shape) for spec in specs)
         for specs in (program.inputs, program.outputs)
@@ -206,12 +206,12 @@ def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: 
 
 
 def is_made_here(function: Any) -> bool:
-    """True for a builtin of :func:`make_call`."""
+    """True for builtins made by :func:`make_call`."""
     return type(getattr(function, "__self__", None)) is kernel
 
 
 def attach_fallback(first: Any, other: Any) -> None:
-    """Insert a builtin between another and its fallback, unless the chain has :data:`MOST_IN_A_ROW`."""
+    """Insert a builtin between another and its fallback, unless the chain has :data:`MOST_IN_A_ROW` builtins."""
     following, number = first.__self__.kept["fallback"], 1
     while is_made_here(following):
         following, number = following.__self__.kept["fallback"], number + 1
@@ -221,18 +221,18 @@ def attach_fallback(first: Any, other: Any) -> None:
 
 
 def calls_before(ufunc: Any) -> int:
-    """Number of calls with one state after which a builtin pays: two, more for long programs; 0: never."""
+    """Number of single-state calls after which a builtin pays: two, more for long programs; 0 for never."""
     owner = _owner(ufunc)
     if owner is None:
         return 0
     return 2 if owner.length < LONG else owner.length // EACH
 
 
-# ── Prepared calls of a kernel's loop, row by row: NumPy's way into a ufunc takes longer than short loops run
+# ── Prepared calls of a kernel's loop, row by row: NumPy's overhead for a ufunc exceeds the run time of short loops
 
-# ``call(number, array)`` copies the array to an operand of row ``number`` in a table of addresses, runs the loop on that row,
-# and returns one number of the results as a float; ``call(number)`` uses the operand as it is. For an array that is not plain
-# it returns None without effect. The code contains sizes but no addresses: those are in ``self``.
+# ``call(number, array)`` copies the array to an operand of row ``number`` in an address table, runs the loop on that row, and
+# returns one number of the results as a float. ``call(number)`` uses the operand unchanged. If the array is not plain, the call
+# returns None without effect. The code contains sizes but no addresses, which are in ``self``.
 
 ROW_POINTERS = (
     "none",
@@ -249,12 +249,12 @@ ROW_POINTERS = (
 """Addresses in the bytes object, 8 bytes each."""
 
 Rows = tuple[Array, NDArray[np.intp]]
-"""An array (m, ...) of an operand's rows, and the number of the row for each call, (n,)."""
+"""Array (m, ...) of an operand's rows, and the row number for each call, (n,)."""
 
 
 @cache
 def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machine) -> Code:
-    """Code of a call: the array has ``size`` doubles and is copied to operand ``taken``; operand ``passed`` has the float."""
+    """Code of a call: an array of ``size`` doubles is copied to operand ``taken``; operand ``passed`` holds the result."""
     call = BuiltinWriter(DOUBLE, ROW_POINTERS)
     w = call.w
     number = w.new(f"call i64 {call.known('as_number')}(ptr {call.entry('%args', 0)})")
@@ -280,16 +280,16 @@ def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machin
 
 
 def can_bind_calls(kernel: Any) -> bool:
-    """True if calls row by row can be prepared: for a compiled kernel, in CPython with its lock."""
+    """True if calls row by row can be prepared: for a compiled kernel in CPython with the GIL."""
     return _owner(kernel) is not None
 
 
 def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -> Callable[..., Any]:
-    """A function that makes one of n calls of a kernel, each on a row of every operand; of a scan, each of one step.
+    """Function that makes one of n calls of a kernel, each on one row of every operand; for a scan, each of one step.
 
-    ``call(k, x)`` makes call number k after x was copied to its row of operand number ``taken``, and returns the first
-    number of operand ``passed``; ``call(k)`` uses the row as it is. It returns None without effect if x is not a plain
-    array of float64 of that size. k is not checked.
+    ``call(k, x)`` copies x to its row of operand ``taken``, makes call number k, and returns the first number of operand
+    ``passed``. ``call(k)`` uses the row unchanged. If x is not a plain float64 array of that size, it returns None without
+    effect. k is not checked.
     """
     owner = _owner(kernel)
     if owner is None:
@@ -300,7 +300,7 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -
     for port, axes, (array, _) in zip(ports, axes_of(owner.given.signature), operands, strict=True):
         if array.shape[1:] != port.shape or array.dtype != np.float64:
             raise KernelError(f"{port.name}: rows {array.shape[1:]} of {array.dtype}, and not {port.shape} of float64.")
-        further = len(axes) - len(port.shape)  # steps and rows kept of a recurrence: one of each
+        further = len(axes) - len(port.shape)  # a scan's sizes of steps and rows are 1
         sizes |= dict(zip(axes, (1,) * further + port.shape, strict=True))
         strides += [0] * further + list(array.strides[1:])
     first = np.array([array.ctypes.data for array, _ in operands], np.intp)

@@ -1,9 +1,9 @@
 """LLVM assembly of a builtin function of CPython that runs a kernel's loop on one sample.
 
-The function, of the METH_FASTCALL kind, serves arrays of one type, C-contiguous and aligned; lists and tuples of floats;
-options that are the very objects it was made for; ``out=``. All other calls, and those whose results are not finite, go to the
-fallback with the arguments untouched. The text contains shapes but no addresses, so its code can be cached: ``self``, a bytes
-object, has the addresses of :data:`POINTERS`, then of the names of parameters, then of options.
+The function, of METH_FASTCALL type, handles arrays of one type, C-contiguous and aligned; lists and tuples of floats; options
+that are identical to the expected objects; and ``out=``. All other calls, and those with non-finite results, go to the fallback
+with unchanged arguments. The text contains shapes but no addresses, so its code can be cached. ``self`` is a bytes object with
+the addresses of :data:`POINTERS`, then of parameter names, then of options.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ POINTERS = (
     "array_type", "list_type", "tuple_type", "float_type", "double_type", "none", "descriptor", "new_array", "new_scalar",
     "new_tuple", "vectorcall", "incref", "decref", "loop", "fallback",
 )  # fmt: skip
-"""Addresses at the beginning of the bytes object, 8 bytes each; the fallback's is the address of its pointer."""
+"""Addresses at the beginning of the bytes object, 8 bytes each; that of the fallback is the address of its pointer."""
 
 FIELDS = {"type": 8, "data": 16, "nd": 24, "dims": 32, "descr": 56, "flags": 64}
-"""Offsets in NumPy's array object, as its C API has published them, on 64-bit CPython with its lock."""
+"""Offsets in NumPy's array object, published in its C API, for 64-bit CPython with the GIL."""
 
 BYTES_DATA, SIZE, LIST_ITEMS, TUPLE_ITEMS, FLOAT_VALUE = 32, 16, 24, tuple.__basicsize__, 16
-"""Offsets of the contents of bytes, the size of a list or tuple, its items, and the number of a float."""
+"""Offsets of the contents of bytes, the size of a list or tuple, its items, and the value of a float."""
 
 CONTIGUOUS_AND_ALIGNED, WRITABLE, BACK, WARNS = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
-"""NumPy's flags of arrays; the last two belong to arrays whose writing has consequences."""
+"""NumPy's array flags; the last two mark arrays with side effects of writing."""
 
 _UNROLLED = 16
-"""Vectors tested one by one for finite numbers; more are tested in a loop."""
+"""Maximum number of vectors tested for finite numbers one by one; more are tested in a loop."""
 
 
 @cache
 def abi_matches() -> bool:
-    """True if objects lie in memory as the code expects, by inspection and not by version."""
+    """True if objects have the memory layout that the code expects, tested by inspection and not by version."""
     if not runs_machine_code() or sys.byteorder != "little":
         return False
-    if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer heads, even while the lock is switched on
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer headers, even with the GIL enabled
         return False
     probe, contents = np.arange(6.0).reshape(2, 3), type("_Bytes", (bytes,), {})(b"twistwrench")
     row, pair = [1.5, None], (None, 2.5)
@@ -78,26 +78,26 @@ def abi_matches() -> bool:
 
 @dataclass(frozen=True)
 class CallLayout:
-    """Shapes, types and parameters of the calls that one builtin serves."""
+    """Shapes, types and parameters of the calls that one builtin handles."""
 
     inputs: tuple[TensorSpec, ...]
-    """The first parameters."""
+    """Specifications of the first parameters."""
     outputs: tuple[TensorSpec, ...]
     precision: Precision
     parameters: int
     """Number of parameters of the method."""
     positional: int
-    """Number of parameters that may be given without a name."""
+    """Number of parameters that may be passed by position."""
     options: tuple[tuple[int, bool], ...]
-    """Parameters that must be a certain object; True if it is their default."""
+    """Parameters that must be a certain object, with True if it is their default."""
     out: int
-    """Parameter for the results; -1 if there is none."""
+    """Number of the parameter for the results; -1 if there is none."""
     batch: int
-    """Number of first axes of every array, all of length 1, that the loop does not have."""
+    """Number of leading axes of every array, all of length 1, that the loop does not have."""
 
 
 def loop_steps(specs: Sequence[TensorSpec], precision: Precision, batch: int = 0) -> list[int]:
-    """The loop's ``steps`` for contiguous rows, in bytes; the loop does not have the first ``batch`` axes."""
+    """``steps`` of the loop for contiguous rows [bytes], without the first ``batch`` axes."""
     inner: list[int] = []
     for spec in specs:
         size, strides = precision.bytes, []
@@ -109,7 +109,7 @@ def loop_steps(specs: Sequence[TensorSpec], precision: Precision, batch: int = 0
 
 
 def call_assembly(layout: CallLayout) -> str:
-    """The module of one builtin."""
+    """Module of one builtin."""
     call = _Call(layout)
     call.write()
     steps = loop_steps((*layout.inputs, *layout.outputs), layout.precision, layout.batch)
@@ -131,11 +131,11 @@ def _table(values: Sequence[int]) -> str:
     return f"[{len(values)} x i64] [{', '.join(f'i64 {n}' for n in values)}]"
 
 
-# ── Helper functions: arguments in the order of the parameters, lists of numbers, results that are not finite
+# ── Helper functions: arguments in parameter order, lists of numbers, non-finite results
 
 
 def _sort() -> str:
-    """``sort`` stores arguments in the order of their parameters; false for an unknown name or one given twice."""
+    """``sort`` stores arguments in parameter order; it returns false for an unknown or repeated name."""
     w = LlvmWriter(DOUBLE, 1)
     with w.loop("%count", "entry") as k:
         _store(w, "%slots", k, _load(w, "%args", k))
@@ -167,14 +167,14 @@ def _sort() -> str:
 
 
 def _number_list() -> str:
-    """``numbers`` copies the floats of a list or tuple; false for another length and for other contents."""
+    """``numbers`` copies the floats of a list or tuple; it returns false for another length or other contents."""
     w = LlvmWriter(DOUBLE, 1)
     kind = w.new(f"load ptr, ptr {w.gep('%object', FIELDS['type'])}, align 8")
     listed, tupled = w.new(f"icmp eq ptr {kind}, %list"), w.new(f"icmp eq ptr {kind}, %tuple")
     _else_false(w, w.new(f"or i1 {listed}, {tupled}"))
     length = w.new(f"load i64, ptr {w.gep('%object', SIZE)}, align 8")
     last = _else_false(w, w.new(f"icmp eq i64 {length}, %length"))
-    apart = w.new(f"load ptr, ptr {w.gep('%object', LIST_ITEMS)}, align 8")  # in a tuple an item, or a number
+    apart = w.new(f"load ptr, ptr {w.gep('%object', LIST_ITEMS)}, align 8")  # unused for tuples
     items = w.new(f"select i1 {listed}, ptr {apart}, ptr {w.gep('%object', TUPLE_ITEMS)}")
     with w.loop("%length", last) as k:
         item = _load(w, items, k)
@@ -195,7 +195,7 @@ def _store(w: LlvmWriter, table: str, number: str, value: str, kind: str = "ptr"
 
 
 def _else_false(w: LlvmWriter, condition: str) -> str:
-    """Continue if the condition holds, else return false; returns the label control is in."""
+    """Continue if the condition holds, else return false; returns the current label."""
     further = w.label("ok")
     w.do(f"br i1 {condition}, label %{further}, label %no")
     w.begin(further)
@@ -208,9 +208,9 @@ def _helper(name: str, arguments: str, w: LlvmWriter) -> str:
 
 
 def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str, str]:
-    """An i1, true if some of ``size`` numbers is not finite; takes and returns the label control is in.
+    """Condition (i1): some of ``size`` numbers is not finite; takes and returns the current label.
 
-    A finite number times zero is zero, and so is the sum of many; infinities and NaN make the sum NaN.
+    A finite number times zero is zero, as is the sum of such products; infinities and NaN make the sum NaN.
     """
     width = 512 // w.precision.bits
     while width > size:
@@ -253,27 +253,27 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
     return w.new(f"icmp ne i{width} {bits}, 0"), label
 
 
-# ── The functions
+# ── Writers of builtin functions
 
 
 class BuiltinWriter:
-    """Writer of a builtin function: addresses of its ``self``, tables, checks of arrays, the branch to its slow way."""
+    """Writer of a builtin function: addresses from its ``self``, tables, checks of arrays, the branch to the fallback."""
 
     def __init__(self, precision: Precision, pointers: Sequence[str]) -> None:
         self.w, self.pointers, self.label = LlvmWriter(precision, 1), pointers, "entry"
         self.context = self.w.gep("%self", BYTES_DATA)
 
     def known(self, what: str | int) -> str:
-        """An address of the context, by its name, or by its number behind those with names."""
+        """Address from the context, by name, or by number after the named ones."""
         number = self.pointers.index(what) if isinstance(what, str) else len(self.pointers) + what
         return self.entry(self.context, number)
 
     def entry(self, table: str, number: int, kind: str = "ptr") -> str:
-        """An entry of a table."""
+        """Load an entry of a table."""
         return self.w.new(f"load {kind}, ptr {self.w.gep(table, 8 * number)}, align 8")
 
     def put(self, table: str, number: int, value: str) -> None:
-        """Set a pointer of a table."""
+        """Store a pointer in a table."""
         self.w.do(f"store ptr {value}, ptr {self.w.gep(table, 8 * number)}, align 8")
 
     def begin(self, label: str) -> None:
@@ -292,13 +292,13 @@ class BuiltinWriter:
         self.begin(further)
 
     def field(self, array: str, name: str, kind: str) -> str:
-        """A field of an array."""
+        """Load a field of an array."""
         return self.w.new(f"load {kind}, ptr {self.w.gep(array, FIELDS[name])}, align 4")
 
     def array(
         self, array: str, spec: TensorSpec, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED, CONTIGUOUS_AND_ALIGNED)
     ) -> str:
-        """The data of an array of the expected type, shape and flags; dimensions are read only if their number is right."""
+        """Data of an array, after checks of type, shape and flags; dimensions are read only if their number is right."""
         w, (mask, wanted) = self.w, flags
         self.check(f"icmp eq ptr {self.field(array, 'type', 'ptr')}, {self.known('array_type')}")
         self.check(f"icmp eq ptr {self.field(array, 'descr', 'ptr')}, {self.known('descriptor')}")
@@ -312,7 +312,7 @@ class BuiltinWriter:
 
 
 class _Call(BuiltinWriter):
-    """Writer of the function: arguments, results, the loop, and the value returned."""
+    """Writer of the function: arguments, results, loop, and return value."""
 
     def __init__(self, layout: CallLayout) -> None:
         super().__init__(layout.precision, POINTERS)
@@ -324,7 +324,7 @@ class _Call(BuiltinWriter):
         self.buffers = [w.new(f"alloca [{spec.size} x {w.element}], align 64") for spec in self.specs]
 
     def write(self) -> None:
-        """The whole function."""
+        """Write the whole function."""
         w, layout = self.w, self.layout
         arguments, outs = self.arguments()
         for k, spec in enumerate(layout.inputs):
@@ -353,7 +353,7 @@ class _Call(BuiltinWriter):
             bad = w.new(f"or i1 {bad}, {found}")
         wrong, fine, drop = (w.label(stem) for stem in ("wrong", "fine", "drop"))
         w.do(f"br i1 {bad}, label %{wrong}, label %{fine}")
-        self.begin(wrong)  # the fallback computes results that are not finite again, with NumPy's warnings
+        self.begin(wrong)  # for non-finite results, the fallback repeats the call, with NumPy's warnings
         w.do(f"br i1 {mine}, label %{drop}, label %slow")
         self.begin(drop)
         self.drop(len(layout.outputs))
@@ -371,7 +371,7 @@ class _Call(BuiltinWriter):
         w.do(f"ret ptr {w.new(f'call ptr {slower}({given})')}")
 
     def arguments(self) -> tuple[str, str]:
-        """Arguments in the order of the parameters, and ``out``; inputs alone, without names, are in order already."""
+        """Arguments in parameter order, and ``out``; positional inputs alone are in order already."""
         w, layout = self.w, self.layout
         quick, sort, ready = (w.label(stem) for stem in ("quick", "sort", "ready"))
         every = all(is_default for _, is_default in layout.options)
@@ -399,7 +399,7 @@ class _Call(BuiltinWriter):
         return arguments, w.new(f"phi ptr [null, %{quick}], [{found}, %{last}]")
 
     def input(self, k: int, given: str, spec: TensorSpec) -> None:
-        """The numbers of an argument: those of an array in place, of a list in a buffer."""
+        """Load the numbers of an argument: an array in place, a list into a buffer."""
         w = self.w
         self.check(f"icmp ne ptr {given}, null")
         if self.layout.precision is not DOUBLE or len(spec.shape) != 1:
@@ -419,7 +419,7 @@ class _Call(BuiltinWriter):
         self.begin(done)
 
     def lent(self, outs: str) -> None:
-        """The caller's arrays, if they are writable and share no memory with each other or with the inputs."""
+        """Use the caller's arrays, if they are writable and do not overlap each other or the inputs."""
         w, outputs, before = self.w, self.layout.outputs, len(self.layout.inputs)
         objects = [outs]
         if len(outputs) > 1:
@@ -436,19 +436,19 @@ class _Call(BuiltinWriter):
             self.put(self.data, k, place)
 
     def ends_before(self, one: str, spec: TensorSpec, other: str) -> str:
-        """An i1: the numbers of one array end before those of another begin."""
+        """Condition (i1): the numbers of one array end before those of another begin."""
         end = self.w.gep(one, spec.size * self.layout.precision.bytes)
         return self.w.new(f"icmp ule ptr {end}, {other}")
 
     def allocate(self) -> None:
-        """New arrays; a scalar is computed in a buffer."""
+        """Allocate new arrays; a scalar is computed in a buffer."""
         w, before = self.w, len(self.layout.inputs)
         for k, spec in enumerate(self.layout.outputs):
             if not spec.shape:
                 self.put(self.data, before + k, self.buffers[before + k])
                 continue
             descriptor = self.known("descriptor")
-            w.do(f"call void {self.known('incref')}(ptr {descriptor})")  # the new array takes a reference over
+            w.do(f"call void {self.known('incref')}(ptr {descriptor})")  # the new array steals a reference
             given = f"ptr {self.known('array_type')}, ptr {descriptor}, i32 {len(spec.shape)}, ptr @shape{k}"
             made = w.new(f"call ptr {self.known('new_array')}({given}, ptr null, ptr null, i32 0, ptr null)")
             self.require_object(made, k)
@@ -456,7 +456,7 @@ class _Call(BuiltinWriter):
             self.put(self.data, before + k, self.field(made, "data", "ptr"))
 
     def require_object(self, item: str, before: int) -> None:
-        """Continue if CPython made an object, else release those made before and return its error."""
+        """Continue if CPython made an object, else release the earlier ones and return its error."""
         got, failed = self.w.label("made"), self.w.label("failed")
         self.fork(f"icmp eq ptr {item}, null", failed, got)
         self.begin(failed)
@@ -471,7 +471,7 @@ class _Call(BuiltinWriter):
                 self.w.do(f"call void {self.known('decref')}(ptr {self.entry(self.results, k)})")
 
     def hand_over(self) -> None:
-        """Return the new array, a scalar, or a tuple."""
+        """Return the new array, a scalar or a tuple."""
         w, outputs = self.w, self.layout.outputs
         first, *others = outputs
         if others:

@@ -1,4 +1,4 @@
-"""Loader of object files without LLVM: ELF for x86-64, which LLVM writes for Linux, the BSDs and, by its triple, Windows."""
+"""Loader of object files without LLVM: x86-64 ELF, which LLVM writes for Linux, the BSDs and, by its triple, Windows."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ import numpy as np
 from ..typing import Array
 
 PAGE = 4096
-"""Largest alignment of sections in bytes."""
+"""Maximum alignment of sections [bytes]."""
 
 
 class UnsupportedObject(Exception):
-    """Code that is not loaded here, or a system that does not run code from such pages."""
+    """Raised for code that is not loaded here, or if the system does not execute such pages."""
 
 
 class CodeSection(NamedTuple):
-    """Bytes that are read or run, never written."""
+    """Section of bytes that are read or executed, never written."""
 
     contents: bytes
     align: int
 
 
 class Relocations(NamedTuple):
-    """Positions in a section for the distance to a symbol, in four bytes: symbol + addend - position."""
+    """Positions in a section for four-byte relative addresses of symbols: symbol + addend - position."""
 
     section: int
     places: Array
@@ -38,7 +38,7 @@ class Relocations(NamedTuple):
 
 
 class ObjectFile(NamedTuple):
-    """Parts of an object file that are loaded."""
+    """Loaded parts of an object file."""
 
     sections: dict[int, CodeSection]
     names: list[bytes]
@@ -50,21 +50,21 @@ class ObjectFile(NamedTuple):
     relocations: list[Relocations]
 
     def undefined(self) -> set[bytes]:
-        """Names that relocations refer to and the file does not define."""
+        """Names used by relocations but not defined in the file."""
         wanted = {k for r in self.relocations for k in r.symbols.tolist()}  # np.unique imports numpy.ma, which is slow
         return {self.names[k] for k in wanted if self.names[k] and not self.symbol_sections[k]}
 
 
 MAGIC = b"\x7fELF\x02\x01"
-"""First bytes of a 64-bit file in little-endian order."""
+"""First bytes of a 64-bit little-endian file."""
 
 _RELOCATABLE, _X86_64 = 1, 62
 _FILE = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
-"""Header of the file: magic, type, machine, and offset and length of the table of sections."""
+"""File header: magic, type, machine, and offset and length of the section table."""
 
 
 def _rows(size: int, fields: str, formats: str, offsets: Sequence[int]) -> np.dtype[Any]:
-    """Type of a table's rows of so many bytes, of which some fields are read."""
+    """Row type of a table with rows of ``size`` bytes, of which some fields are read."""
     rows = {"names": fields.split(), "formats": formats.split(), "offsets": list(offsets), "itemsize": size}
     return np.dtype(rows)  # type: ignore[call-overload]
 
@@ -77,11 +77,11 @@ _RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("
 _PROGRAM, _SYMBOLS, _RELOCATIONS, _UNWINDING = 1, 2, 4, 0x70000001
 _WRITTEN, _LOADED = 1, 2
 _RELATIVE = (2, 4)
-"""R_X86_64_PC32, R_X86_64_PLT32: a symbol's distance from the reference to it, in four bytes."""
+"""R_X86_64_PC32, R_X86_64_PLT32: four-byte address of a symbol relative to the reference."""
 
 
 def read_elf(raw: bytes) -> ObjectFile:
-    """Sections, symbols and relocations of a file. Raises :class:`UnsupportedObject` for anything that kernels do not need."""
+    """Sections, symbols and relocations of a file. Raises :class:`UnsupportedObject` for features that kernels do not need."""
     _, kind, machine, _, first, _, count, _ = table(raw, _FILE, 0, 1)[0].item()
     if not raw.startswith(MAGIC) or kind != _RELOCATABLE or machine != _X86_64:
         raise UnsupportedObject
@@ -115,13 +115,13 @@ def read_elf(raw: bytes) -> ObjectFile:
 
 
 def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
-    """Rows of a table in a file. Raises :class:`UnsupportedObject` if the file ends before them."""
+    """Rows of a table in a file. Raises :class:`UnsupportedObject` if the file is too short."""
     if offset + count * kind.itemsize > len(raw):
         raise UnsupportedObject
     return np.frombuffer(raw, kind, count, offset)
 
 
-# ── Pages of memory with code: written first and run later, never both at once
+# ── Memory pages with code: written first, then executable, never both at once
 
 _RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
 _READ_WRITE, _EXECUTE_READ = 0x04, 0x20
@@ -129,18 +129,18 @@ _READ_WRITE, _EXECUTE_READ = 0x04, 0x20
 
 
 class ExecutableMemory:
-    """Memory that can be read and run; freed with this object."""
+    """Readable and executable memory; freed with this object."""
 
     address: int
 
     @staticmethod
     def from_image(image: Array) -> ExecutableMemory:
-        """Pages of those bytes. Raises :class:`UnsupportedObject` if the system does not run code from such pages."""
+        """Pages with those bytes. Raises :class:`UnsupportedObject` if the system does not execute such pages."""
         return _WindowsMemory(image) if sys.platform == "win32" else _MappedMemory(image)
 
 
 class _MappedMemory(ExecutableMemory):
-    """Pages of a system with mmap."""
+    """Pages on a system with mmap."""
 
     def __init__(self, image: Array) -> None:
         try:
@@ -148,14 +148,14 @@ class _MappedMemory(ExecutableMemory):
         except (OSError, AttributeError):
             raise UnsupportedObject from None
         memory[:] = image.tobytes()
-        self._first = ctypes.c_char.from_buffer(memory)  # holds the memory
+        self._first = ctypes.c_char.from_buffer(memory)  # keeps the memory mapped
         self.address = ctypes.addressof(self._first)
         if _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC):
             raise UnsupportedObject
 
 
 class _WindowsMemory(ExecutableMemory):
-    """Pages of Windows."""
+    """Pages on Windows."""
 
     def __init__(self, image: Array) -> None:
         self._system = _kernel32()
@@ -174,7 +174,7 @@ class _WindowsMemory(ExecutableMemory):
 
 @cache
 def _process() -> Any:
-    """Libraries loaded in this process, the C library among them."""
+    """Libraries loaded in this process, including the C library."""
     library = ctypes.CDLL(None)
     library.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
     return library
@@ -190,16 +190,16 @@ def _kernel32() -> Any:
     return library
 
 
-# ── Linking: object code in memory, as far as kernels from the cache need it
+# ── Linking: object code in memory, to the extent that cached kernels need it
 
-# It does not change run times; it saves the time of loading LLVM: the first torque of panda takes 72 ms instead of 97. It links
-# sections that are only read or run, relocations relative to the code, and functions of the C library. Other code, such as that
-# of macOS, is left to LLVM's linker. Pages are written first and run later, never both at once. All sections of a kernel lie in
-# one block, so that every distance fits into four bytes; LLVM's linker for Windows places each separately, and ends the process
-# if one is too far off.
+# It does not change run times; it saves the time of loading LLVM: the first torque of panda takes 72 ms instead of 97. It
+# links sections that are only read or executed, relocations relative to the code, and functions of the C library. Other code,
+# such as that for macOS, is left to LLVM's linker. Pages are written first, then executable, never both at once. All
+# sections of a kernel are in one block, so that every distance fits into four bytes. LLVM's linker for Windows places each
+# separately, and ends the process if a distance is too large.
 
 _JUMP = b"\xff\x25\x02\x00\x00\x00\x90\x90"
-"""``jmp [rip+2]`` and two idle bytes: to the address in the eight bytes that follow."""
+"""``jmp [rip+2]`` and two NOP bytes: jumps to the address in the following eight bytes."""
 _STUB = 16
 
 
@@ -215,13 +215,13 @@ class LoadedObject:
 
 
 def placed(objects: Sequence[bytes]) -> LoadedObject:
-    """The functions of several object files together.
+    """Functions of several object files together.
 
-    Raises :class:`UnsupportedObject` for files that LLVM's linker may load, RuntimeError for files that it must not.
+    Raises :class:`UnsupportedObject` for files that LLVM's linker may load, and RuntimeError for files that it must not load.
     """
     try:
         image, known = linked([read_elf(raw) for raw in objects])
-    except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
+    except (IndexError, KeyError, OverflowError, ValueError):  # an invalid or truncated file
         raise UnsupportedObject from None
     return LoadedObject(ExecutableMemory.from_image(image), known)
 
@@ -254,7 +254,7 @@ def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
 
 
 def _fill(image: Array, file: ObjectFile, mine: dict[int, int], places: dict[bytes, int]) -> None:
-    """Copy the sections of a file to their offsets, and write the distances to symbols into them."""
+    """Copy the sections of a file to their offsets, and write the relative addresses of symbols into them."""
     starts = [
         places.get(name, -1) if name and not section else mine.get(section, -1)
         for name, section in zip(file.names, file.symbol_sections, strict=True)
@@ -285,7 +285,7 @@ def _library_function(name: str) -> int:
 
 @cache
 def _libraries() -> tuple[Any, ...]:
-    """Libraries with the C library's functions, and with the one by which Windows grows a stack."""
+    """Libraries with the C library's functions and, on Windows, the function that grows a stack."""
     if sys.platform == "win32":
         return tuple(ctypes.CDLL(name) for name in ("ucrtbase", "vcruntime140", "ntdll"))
     return (ctypes.CDLL(None),)

@@ -1,8 +1,8 @@
 """Compiled programs as NumPy generalized ufuncs.
 
-NumPy's C API makes the ufunc from the addresses of its loops for float32 and float64. The float32 loop is compiled at its first
-call, by a stub that then replaces itself in the table; in a subinterpreter, where C cannot call back, it is compiled with the
-other. All memory that the ufunc points to belongs to one owner object that the ufunc itself keeps alive.
+NumPy's C API makes the ufunc from the addresses of its loops for float32 and float64. A stub compiles the float32 loop at its
+first call, and then replaces itself in the table. In a subinterpreter, where C cannot call back, both loops are compiled at
+once. All memory that the ufunc points to belongs to an owner object, which the ufunc keeps alive.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _NONE_IDENTITY = -1
 _MOST_OPERANDS = 32
 
 LONGEST_SCALAR = 40_000
-"""Instructions of the longest program that is compiled a second time for single samples."""
+"""Maximum number of instructions of a program that is compiled again for single samples."""
 
 
 class _UFuncObject(ctypes.Structure):
@@ -63,29 +63,29 @@ class KernelMetadata(NamedTuple):
     length: int
     """Number of instructions of its program."""
     cost: int
-    """Operations of a sample."""
+    """Number of operations per sample."""
     code: tuple[str, ...]
     """Cache keys of its code for float64."""
     form: Callable[[], Form]
-    """Function that makes the program."""
+    """Function that returns the program."""
     key: str
-    """Its own cache key."""
+    """Cache key of the kernel."""
 
     @property
     def signature(self) -> str:
-        """The gufunc signature, as the program has it."""
+        """Gufunc signature, equal to the program's."""
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
 class _Returned:
-    """Result of a callback, freed when the callback's Python code has ended: then it cannot swallow an exception."""
+    """Result of a callback, freed after the callback's Python code has ended, so that the code cannot catch the exception."""
 
 
 @cache
 def _raise_in_thread() -> Any:
-    """CPython's function that raises an exception in a thread when it next runs Python code.
+    """CPython function that raises an exception in a thread when it next runs Python code.
 
-    As the callback of a weak reference it also receives the reference, which C ignores.
+    As a weak-reference callback it also receives the reference, which C ignores.
     """
     prototype = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_ulong, ctypes.py_object, ctypes.py_object)
     return prototype(("PyThreadState_SetAsyncExc", ctypes.pythonapi))
@@ -111,7 +111,7 @@ class _Owner:
         self.scalar: dict[str, Code] = {}
         self.lazy_stub = _LOOP(self._single)
         self.interrupt: Any = None
-        # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
+        # float32 first: NumPy uses the first loop to which the arguments can be cast without loss.
         self.functions = (ctypes.c_void_p * 2)(
             ctypes.cast(self.lazy_stub, ctypes.c_void_p).value, self.code["d"].address
         )
@@ -141,20 +141,20 @@ class _Owner:
 
     @cached_property
     def cost(self) -> int:
-        """Operations of a sample, in one step if there are several."""
+        """Number of operations per sample, or per step if there are several."""
         from .batch_threads import cost_model
 
         return self.given.cost if isinstance(self.given, KernelMetadata) else cost_model(self.given)
 
     @cached_property
     def row(self) -> int:
-        """Bytes of all results of a sample, in doubles."""
+        """Size of all results of a sample in doubles [bytes]."""
         return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
-        """Lazy stub of the float32 loop: compiles it, puts it into the table, and runs it.
+        """Stub of the float32 loop: compiles the loop, stores it in the table, and runs it.
 
-        An exception cannot leave a callback; Python prints it as ignored. If compiling fails, the results are NaN and not
+        An exception cannot leave a callback; Python prints it as ignored. If compilation fails, results are NaN instead of
         uninitialised memory, and the next call tries again. An interrupt is raised again after NumPy has returned.
         """
         try:
@@ -192,7 +192,7 @@ class _Owner:
         return code.address
 
     def scalar_code(self, precision: Precision) -> Code:
-        """Code for single samples, in one lane, unless the program is so long that one compilation has to do."""
+        """Code for single samples in one lane; for very long programs, the code for batches."""
         with LOCK:
             if self.length > LONGEST_SCALAR or self.machine.lanes(precision) == 1:
                 self.address(precision)
@@ -203,7 +203,7 @@ class _Owner:
             return self.scalar[precision.char]
 
     def _further(self, precision: Precision, machine: Machine) -> Code:
-        """Code for another type or another vector width, cached if the kernel is."""
+        """Code for another type or vector width, cached if the kernel is cached."""
         if not self.key:
             return compiled(self.form, precision, machine)
         mine = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
@@ -218,10 +218,10 @@ class _Owner:
 
 
 def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool = False) -> np.ufunc:
-    """Compile ``program`` as a ufunc; its signature has the program's own sizes, so NumPy rejects others.
+    """Compile ``program`` as a ufunc; its signature has the program's sizes, so NumPy rejects others.
 
-    The signature of a scan has two sizes of the caller, and NumPy cannot derive the number of rows: it requires ``out=``. A
-    ``scalar`` ufunc is for one sample at a time, in one lane.
+    The signature of a scan has two sizes chosen by the caller. NumPy cannot derive the number of rows, so it requires ``out=``.
+    A ``scalar`` ufunc is for one sample at a time, in one lane.
     """
     owner = _Owner(program, name, doc, scalar=scalar)
     pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
@@ -236,7 +236,7 @@ def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool
     )  # fmt: skip
     head = _UFuncObject.from_address(id(ufunc))
     if not _abi_matches() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
-        _FOREVER.append(owner)  # an unknown layout: better to keep the code forever than to free it too early
+        _FOREVER.append(owner)  # unknown layout: the code is kept forever, since freeing it too early would crash
     else:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
         head.owner = id(owner)
@@ -247,7 +247,7 @@ _FOREVER: list[_Owner] = []
 
 
 def owner_of(kernel: Any) -> _Owner | None:
-    """Owner of a ufunc made here; None for anything else."""
+    """Owner of a ufunc made here; None for all other objects."""
     if not isinstance(kernel, np.ufunc) or not _abi_matches():
         return None
     try:
@@ -258,7 +258,7 @@ def owner_of(kernel: Any) -> _Owner | None:
 
 
 def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
-    """The kernel that is cached under a key; None if there is none. ``form`` makes its program when it is needed."""
+    """Cached kernel for a key, or None. ``form`` returns its program when needed."""
     kept = object_cache.load(key)
     if kept is None:
         return None
@@ -280,7 +280,7 @@ def store_ufunc(key: str, kernel: Any) -> None:
 
 
 class _Recipe:
-    """A kernel that is pickled as its program, and copied as itself."""
+    """Kernel that is pickled as its program, and copied as itself."""
 
     def __init__(self, kernel: Any) -> None:
         self.kernel = kernel

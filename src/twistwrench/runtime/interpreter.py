@@ -1,4 +1,4 @@
-"""The Python interpreter at run time, and whether it runs compiled programs."""
+"""Properties of the Python interpreter, and the decision whether programs are compiled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ VARIABLE = "TWISTWRENCH_JIT"
 
 
 def switched_on(variable: str, off: str, on: str) -> bool:
-    """The value of an environment variable that is a switch, on by default; ``off`` and ``on`` name the effects.
+    """True unless an environment variable switches off a default; ``off`` and ``on`` describe the effects in the error.
 
     Raises ValueRangeError for another value.
     """
@@ -32,18 +32,18 @@ def switched_on(variable: str, off: str, on: str) -> bool:
 
 
 def compiles() -> bool:
-    """True if programs are compiled: where they can be, unless ``TWISTWRENCH_JIT=0``."""
+    """True if programs are compiled: if that is possible, unless ``TWISTWRENCH_JIT=0``."""
     return switched_on(VARIABLE, "run programs on NumPy", "compile them") and runs_machine_code() and _may_run_pages()
 
 
 def runs_machine_code() -> bool:
-    """True if programs can be compiled here: 64-bit CPython, whose objects lie at their ``id``, with llvmlite."""
+    """True if programs can be compiled: 64-bit CPython, whose objects are at the address ``id``, with llvmlite."""
     return sys.implementation.name == "cpython" and sys.maxsize > 2**32 and _has_llvmlite()
 
 
 @cache
 def _may_run_pages() -> bool:
-    """True if the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
+    """True if the system executes memory that was written to; SELinux and systemd's MemoryDenyWriteExecute can forbid it."""
     try:
         ExecutableMemory.from_image(np.zeros(mmap.PAGESIZE, np.uint8))
     except UnsupportedObject:
@@ -59,7 +59,7 @@ def _may_run_pages() -> bool:
 
 @cache
 def _has_llvmlite() -> bool:
-    """True if llvmlite is installed, which is optional where it has no wheel, as in browsers."""
+    """True if llvmlite is installed; it is optional, as some platforms such as browsers have no wheel."""
     try:
         return importlib.util.find_spec("llvmlite") is not None
     except ImportError:
@@ -70,8 +70,8 @@ def _has_llvmlite() -> bool:
 def is_main() -> bool:
     """True in the process's first interpreter.
 
-    In another, ctypes waits forever for a lock when C calls back into Python, and a daemon thread ends the process with the
-    interpreter.
+    In another one, ctypes deadlocks when C calls back into Python, and a daemon thread ends the process when the interpreter
+    ends.
     """
     if not runs_machine_code():
         return True

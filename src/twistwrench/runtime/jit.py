@@ -19,30 +19,30 @@ if TYPE_CHECKING:
     from ..ir.loops import Form
 
 PATIENCE = 1.0
-"""Seconds of compilation before a message on the terminal."""
+"""Compile time [s] after which a message appears on the terminal."""
 
 
 class Code(NamedTuple):
-    """A function in memory; the code is freed with this object."""
+    """Function in memory; the code is freed with this object."""
 
     address: int
     keep: Any
     size: int
-    """Bytes of object code."""
+    """Size of the object code [bytes]."""
     cached: bool
-    """True if it came from the disk."""
+    """True if the code came from the disk cache."""
     keys: tuple[str, ...] = ()
-    """Keys of its entries in the cache."""
+    """Keys of its cache entries."""
 
 
 class _Jit:
-    """The one linker of this process, made at its first use; LLVM is not imported before."""
+    """The linker of this process, created on first use; LLVM is not imported before."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
         self._linker: Any = None
         self._numbers = itertools.count()
-        if hasattr(os, "register_at_fork"):  # no fork while another thread compiles: the child would find LLVM locked
+        if hasattr(os, "register_at_fork"):  # no fork while a thread compiles: LLVM would stay locked
             release = self.lock.release
             os.register_at_fork(before=self.lock.acquire, after_in_parent=release, after_in_child=release)
 
@@ -52,8 +52,8 @@ class _Jit:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         llvm.initialize_native_asmparser()
-        # The small code model lets constants be operands in memory; the default for JITs fetches each one's address. Level 2
-        # takes half as long again for code that is no faster (bench/NOTES.md).
+        # The small code model allows constants as memory operands; the JIT default loads each address. Optimisation level 2
+        # takes half as long again without making code faster (bench/NOTES.md).
         return llvm.Target.from_triple(machine.triple).create_target_machine(
             cpu=machine.cpu, features=machine.features, opt=1, reloc="pic", codemodel="small"
         )
@@ -71,11 +71,11 @@ class _Jit:
 
 _JIT = _Jit()
 LOCK = _JIT.lock
-"""Held while anything compiles."""
+"""Held during every compilation."""
 
 
 def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
-    """Code for ``program`` on the machine, or the chosen one, from the cache if possible.
+    """Code of ``program`` for the given machine, or for the chosen one, from the cache if possible.
 
     If compilation takes more than a second, a message on the terminal names the results.
     """
@@ -87,7 +87,7 @@ def compiled(program: Form, precision: Precision, machine: Machine | None = None
 
 
 def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
-    """The texts; if the first ones have taken long, a line on stderr names the results."""
+    """The texts; if the first ones took long, a message on stderr names the results."""
     began, said = time.perf_counter(), False
     for text in texts:
         if not said and time.perf_counter() - began > PATIENCE and sys.stderr is not None and sys.stderr.isatty():
@@ -98,7 +98,7 @@ def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
 
 
 def found(keys: Sequence[str], machine: Machine) -> Code | None:
-    """Code of a kernel by the keys of its cache entries; None if one is lost, or if they do not link."""
+    """Code of a kernel from the keys of its cache entries; None if an entry is missing or the entries do not link."""
     objects = [code for key in keys if (code := object_cache.load(key)) is not None]
     if len(objects) < len(keys):
         return None
@@ -110,18 +110,18 @@ def found(keys: Sequence[str], machine: Machine) -> Code | None:
 
 
 def assembled(text: str, symbol: str, machine: Machine) -> Code:
-    """Code of a module of LLVM assembly, from the cache if possible; the address is that of ``symbol``."""
+    """Code of a module of LLVM assembly, from the cache if possible, with the address of ``symbol``."""
     return _linked(lambda: [text], symbol, machine)
 
 
 def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
-    """Code of several modules together. Each is written, compiled and cached separately: their texts are long."""
+    """Code of several modules together. Each is written, compiled and cached separately, because texts are long."""
     with _JIT.lock:
         try:
             objects = [_object(text, machine) for text in texts()]
             try:
                 loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
-            except RuntimeError:  # cache entries that no longer link are as good as none
+            except RuntimeError:  # cache entries that no longer link are compiled again
                 if not any(cached for *_, cached in objects):
                     raise
                 objects = [_object(text, machine, afresh=True) for text in texts()]
@@ -137,7 +137,7 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
 
 
 def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
-    """Cache key of a module, its object code, and a flag that it came from the cache."""
+    """Cache key of a module, its object code, and True if it came from the cache."""
     import llvmlite
 
     key = object_cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
@@ -146,8 +146,8 @@ def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, 
         return key, code, True
     import llvmlite.binding as llvm
 
-    # In the global context its constants would live for ever. Both are freed here, the module first: the garbage collector,
-    # which an exception's traceback may leave them to, knows no order, and a module freed after its context is freed twice.
+    # In the global context, the module's constants would never be freed. Both are freed here, the module first. Otherwise an
+    # exception's traceback could delay this to the garbage collector, which has no order, and the module would be freed twice.
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         return key, _JIT.target(machine).emit_object(module), False
 

@@ -1,9 +1,9 @@
-"""Arrays for results: one block for those of a call, or pooled huge pages if they are large.
+"""Arrays for results: one block for all results of a call, or pooled huge pages for large ones.
 
-The C library takes the memory of a large result from the system and returns it with the result, so every result consists of
-fresh pages, which cost more than most kernels take to fill them. A pooled block returns to the pool when its last view dies.
-Nothing here is locked: each step on the list of idle blocks is atomic in Python, so blocks may be released in any thread and by
-the garbage collector, in the middle of everything.
+The C library takes the memory of a large result from the system and returns it with the result. So every result consists of
+new pages, whose page faults cost more than most kernels' computations. A pooled block returns to the pool when its last view
+is freed. No lock is needed: every operation on the list of idle blocks is atomic in Python, so any thread and the garbage
+collector may release blocks at any time.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from .interpreter import switched_on
 VARIABLE = "TWISTWRENCH_HUGE_PAGES"
 
 PAGE = 1 << 21
-"""Bytes of a huge page, where the system has them: x86-64, and AArch64 with small pages of 4 kB."""
+"""Size of a huge page [bytes] on x86-64, and on AArch64 with 4 kB pages."""
 
 MOST, SHARE = 1 << 30, 16
-"""Bound of all blocks together [bytes], and as a part of the memory of a machine or of a container."""
+"""Limit of all blocks together [bytes], and its fraction of a machine's or container's memory."""
 
 
 class _Block:
-    """Some huge pages, zero until written to. Raises OSError, ValueError or OverflowError if the system refuses."""
+    """Block of huge pages, initially zero. Raises OSError, ValueError or OverflowError if the system provides none."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -45,7 +45,7 @@ class _Block:
 
 
 class _Lease:
-    """A block in use: NumPy makes an array of it, which keeps it as the base of all views."""
+    """Block in use: NumPy makes an array from it, which keeps it as the base of all views."""
 
     def __init__(self, pool: ResultPool, block: _Block) -> None:
         self._pool, self._block, self._idle = pool, block, pool.idle
@@ -54,12 +54,12 @@ class _Lease:
         }  # fmt: skip
 
     def __del__(self) -> None:
-        if self._idle is self._pool.idle:  # else it was acquired before a fork, from the parent's pool
+        if self._idle is self._pool.idle:  # otherwise it belongs to the parent's pool before a fork
             self._pool.release(self._block)
 
 
 class ResultPool:
-    """All blocks of this process."""
+    """Pool of all blocks of this process."""
 
     def __init__(self) -> None:
         self.begin()
@@ -67,15 +67,15 @@ class ResultPool:
             os.register_at_fork(after_in_child=self.begin)
 
     def begin(self) -> None:
-        """Start without blocks: the child of a fork leaves those there are to its parent."""
+        """Reset to no blocks: after a fork, existing blocks belong to the parent."""
         self.blocks: list[_Block] = []
         self.idle: list[_Block] = []
 
     def acquire(self, size: int) -> Any:
-        """Memory of at least ``size`` bytes, for ``np.asarray``; None beyond the bound, or if the system refuses.
+        """Memory of at least ``size`` bytes, for ``np.asarray``; None above the limit, or if the system provides none.
 
-        Blocks have four sizes for each power of two, so a block serves all results of its size. Idle blocks of other sizes make
-        room for a new one, the oldest first.
+        Block sizes have four steps per power of two, so a block can be reused for all results of its size. Idle blocks of other
+        sizes are freed to make room for a new one, the oldest first.
         """
         pages = -(-size // PAGE)
         step = 1 << max(0, pages.bit_length() - 3)
@@ -99,7 +99,7 @@ class ResultPool:
         return _Lease(self, block)
 
     def release(self, block: _Block) -> None:
-        """Take a block back; until it is used again the system may have its pages, should memory run short."""
+        """Take a block back; while it is idle, the system may reclaim its pages if memory is short."""
         with suppress(OSError):
             block.memory.madvise(mmap.MADV_FREE, block.first, block.size)
         self.idle.append(block)
@@ -111,7 +111,7 @@ class ResultPool:
                 self.blocks.remove(block)
 
     def _removed(self, block: _Block) -> bool:
-        """True if the block was still idle: another thread may have been faster."""
+        """Remove a block from the idle list; False if another thread has taken it already."""
         try:
             self.idle.remove(block)
         except ValueError:
@@ -124,20 +124,20 @@ _POOL = ResultPool()
 
 @cache
 def allowed() -> bool:
-    """True if large results may lie in huge pages: where the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
+    """True if large results may use huge pages: if the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
     effect = "leave large results to NumPy's own memory", "keep it for the next ones"
     return switched_on(VARIABLE, *effect) and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
 
 
 @cache
 def bound() -> int:
-    """Bytes of all blocks together."""
+    """Limit of all blocks together [bytes]."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return min(MOST, min([memory, *_limits()]) // SHARE)
 
 
 def _limits() -> list[int]:
-    """Bytes that the control groups of this process may have, in either version of them; none outside of Linux."""
+    """Memory limits [bytes] of this process's control groups, versions 1 and 2; empty outside Linux."""
     found = []
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text().splitlines():
@@ -154,28 +154,28 @@ def _limits() -> list[int]:
     return found
 
 
-# ── Results of one call: a single block for all of them, or pooled blocks if they are large
+# ── Results of one call: one block for all of them, or pooled blocks if they are large
 
-# The C library returns the memory of a result to the system when the result dies: always from 32 MB on, and below that whenever
-# several results die together. Then each call pays for fresh pages, which take several times as long as computing.
+# The C library returns a result's memory to the system when the result is freed: always above 32 MB, and below that if several
+# results are freed together. Then each call pays for new pages, which take several times as long as the computation.
 
 LARGE = 1 << 25
-"""Bytes of results that the C library never reuses: its largest threshold."""
+"""Size of results [bytes] whose memory the C library never reuses: its maximum threshold."""
 
 LEAST_POOLED = 1 << 20
-"""Least bytes of one of several large results for a pooled block of its own."""
+"""Minimum size [bytes] of one of several large results for its own pooled block."""
 
 LINE = 64
-"""Bytes of a cache line, to which each result is aligned."""
+"""Size of a cache line [bytes], to which each result is aligned."""
 
 ALIGNED = 1 << 20
-"""Bytes of results from which on their cache lines are the processor's, for stores past the caches."""
+"""Size of results [bytes] above which they are aligned to the processor's cache lines, for stores that bypass the caches."""
 
 
 def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
-    """New arrays of those shapes, uninitialised. Raises MemoryError.
+    """New uninitialised arrays of those shapes. Raises MemoryError.
 
-    Below 32 MB they are views of one block, so keeping one keeps the memory of all; above, each has its own.
+    Below 32 MB they are views of one block, so a kept result keeps the memory of all; above, each has its own memory.
     """
     sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]
     total = sum(sizes)

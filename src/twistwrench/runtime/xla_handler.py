@@ -1,8 +1,8 @@
-"""Handlers of XLA's typed foreign functions that run a kernel's loop without entering Python, as LLVM assembly.
+"""Handlers of XLA's typed foreign function interface that run a kernel's loop without Python, as LLVM assembly.
 
-XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``; the handler reads the number of samples from the shape
+XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``. The handler takes the number of samples from the shape
 of one array, stores the arrays' pointers in a table, and runs the loop. The code contains shapes but no addresses, so it can be
-cached: the exported function, ``install(loop)``, stores the loop's address and returns the handler's.
+cached. The exported function ``install(loop)`` stores the loop's address and returns the handler's address.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from .gufunc import owner_of
 from .jit import assembled
 
 INSTALL = "install"
-"""Name of the function that stores the loop's address and returns the handler's."""
+"""Name of the function that stores the loop's address and returns the handler's address."""
 
 EXTENSION, STAGE, ARGUMENTS, RESULTS = 8, 32, 72, 112
-"""Offsets in the call's frame: extension, stage, and tables of pointers to buffers."""
+"""Offsets in the call frame: extension, stage, and tables of pointers to buffers."""
 
 DATA, RANK, DIMENSIONS = 24, 32, 40
 """Offsets in a buffer."""
 
 TYPE, METADATA, MAJOR, MINOR = 8, 24, 24, 28
-"""Offsets in an extension: its type and its pointer to metadata; in these, the handler's version of the interface."""
+"""Offsets in an extension: its type and its pointer to metadata. Offsets in metadata: the handler's API version."""
 
 IS_METADATA, EXECUTE = 1, 3
 """XLA_FFI_Extension_Metadata, XLA_FFI_ExecutionStage_EXECUTE."""
@@ -38,7 +38,7 @@ IS_METADATA, EXECUTE = 1, 3
 def handler_assembly(
     inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
-    """Module for contiguous arrays of these shapes behind one batch shape; some array must have entries."""
+    """Module for contiguous arrays of these shapes with a common batch shape; some array must have elements."""
     w, specs = LlvmWriter(precision, 1), (*inputs, *outputs)
 
     def load(base: str, offset: int, kind: str = "ptr") -> str:
@@ -86,21 +86,21 @@ def handler_assembly(
     )
 
 
-# ── The compiled loop of a kernel as a handler of XLA's foreign functions: a call of it enters no Python
+# ── A kernel's compiled loop as a handler of XLA's foreign functions, without Python in the call
 
 _INSTALLED = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
 
 
 @dataclass(frozen=True)
 class XlaHandler:
-    """A function in memory, and the objects that must live as long."""
+    """Function in memory, and the objects that must live as long."""
 
     address: int
     keep: tuple[Any, ...]
 
 
 def is_compiled(kernel: Any) -> bool:
-    """True if a kernel has machine code and results."""
+    """True if a kernel is machine code and has results."""
     owner = owner_of(kernel)
     return owner is not None and any(port.size for port in owner.given.outputs)
 
