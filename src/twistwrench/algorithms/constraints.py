@@ -311,25 +311,25 @@ class Slopes(NamedTuple):
     """Quantities of the open robot and its constraints at a state, with derivatives; any leading batch shape."""
 
     A: Array
-    """(k, nv), independent rows alone."""
+    """Constraint Jacobian, independent rows only; (k, nv)."""
     A_by_q: Array
-    """(k, nv, nv)."""
+    """dA/dq; (k, nv, nv)."""
     b_by_q: Array
-    """(k, nv)."""
+    """Derivative of b = (dA/dt) dq by q; (k, nv)."""
     b_by_dq: Array
-    """(k, nv)."""
+    """Derivative of b by dq; (k, nv)."""
     f: Array
-    """(nv,)."""
+    """Torques M q̈ + h; (nv,)."""
     f_by_q: Array
-    """(nv, nv)."""
+    """df/dq; (nv, nv)."""
     f_by_dq: Array
-    """(nv, nv)."""
+    """Derivative of f by dq; (nv, nv)."""
     M: Array
-    """(nv, nv)."""
+    """Mass matrix; (nv, nv)."""
 
 
 def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) -> ConstrainedDerivatives:
-    """∂τ of the joints ``driven`` (nv,), as many as there are degrees of freedom, by their q, dq and ddq."""
+    """Derivatives of the torques of the ``driven`` joints (nv,), one per degree of freedom, by their q, dq and ddq."""
     u, d = driven, ~driven
     A_d, A_u = at.A[..., d], at.A[..., u]
     N = _whole(-np.linalg.solve(A_d, A_u), driven, np.eye(int(u.sum())))  # (1)

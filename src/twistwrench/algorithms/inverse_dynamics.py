@@ -150,7 +150,7 @@ def drive_torques(
 
 
 class MotorLoads(NamedTuple):
-    """One entry per actuator in the last axis, in the order of ``robot.actuators``; NaN if the motor is not described."""
+    """Motor loads, one entry per actuator (last axis), in the order of ``robot.actuators``; NaN for unspecified motors."""
 
     torque: Array
     """Torque at the rotor [N m]."""

@@ -41,7 +41,7 @@ _LONGEST_WAY, _STILL = 0.2, 1e-7
 _HESITATION, _SHORTER = 0.25, 0.9
 """Increase of the divisor of steps towards a posture, after a step longer than this fraction of the previous one."""
 _STIFFER = 1e-2
-"""Damping of loops as a fraction of that of poses, in addition to that of their own gaps, so that the search follows loops."""
+"""Part of the poses' damping that is added to the loops' own damping; small, so that the search follows loops."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
@@ -126,7 +126,7 @@ class NewtonStep:
         return fine
 
     def left(self, angles: Array, targets: Array) -> tuple[Array, Array]:
-        """Body twists V of (1), frame by frame, then the loops' gaps; and the displacements between origins, requested rows.
+        """Body twists V of (1), frame by frame, then the loops' gaps; and the displacements of the origins, requested rows.
 
         If only some rows of a frame are requested, its angular and linear parts are evaluated separately.
         """

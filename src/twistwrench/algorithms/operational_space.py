@@ -47,7 +47,7 @@ def task_bias(model: Model, q: Array, dq: Array, frame: str, kind: str, rows: tu
 def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
     """Numbers 0 to 5 of the rows of a twist, from names ("vx vz"), numbers, or None for all six; in the order given.
 
-    Raises UnknownNameError for other names, ValueRangeError for numbers beyond 5, rows named twice, and none at all.
+    Raises UnknownNameError for other names, ValueRangeError for numbers outside 0 to 5, repeated rows, and an empty selection.
     """
     if rows is None:
         return tuple(range(6))

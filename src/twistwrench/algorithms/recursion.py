@@ -47,7 +47,7 @@ def joint_poses(model: Model, q: Array) -> list[Array]:
 
 
 def spread(model: Model, dq: Array) -> list[Array]:
-    """Twist A dq of each joint in its body's frame; (6,) each. Given ddq, its derivative, as A is constant."""
+    """Twist A dq of each joint in its body's frame; (6,) each. For ddq in place of dq, its derivative, as A is constant."""
     twists = []
     for body in model.bodies:
         mine = dq[body.places[1]]

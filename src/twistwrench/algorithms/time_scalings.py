@@ -205,7 +205,7 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
     named = {name: _positive(x, name) for name, x in given.items() if x is not None}
     if len(named) != 2:
         raise ValueRangeError(
-            f"a trapezoid takes two of v, a and duration, and {', '.join(named) or 'none'} came. The third follows."
+            f"give exactly two of v, a and duration, which determine the third; got {', '.join(named) or 'none'}."
         )
     if "duration" not in named:
         v, a = named["v"], named["a"]
@@ -215,14 +215,14 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
         v = named["v"]
         if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
             raise ValueRangeError(
-                f"v = {printed(v)} over T = {printed(T)} covers no trapezoid: 1 < v T ≤ 2 is needed, so "
+                f"v = {printed(v)} over T = {printed(T)} does not allow a trapezoid: 1 < v T ≤ 2 is needed, so "
                 f"v above {printed(1 / T)} and up to {printed(2 / T)}."
             )
         return Trapezoid(v, max(v * v / (v * T - 1.0), v * v))  # MR eq. 9.18
     a = named["a"]
     if a * T * T < 4.0 * (1 - 1e-12):
         raise ValueRangeError(
-            f"a = {printed(a)} over T = {printed(T)} does not arrive: a T² ≥ 4 is needed, so a from {printed(4 / T**2)} or "
+            f"a = {printed(a)} over T = {printed(T)} is too slow: a T² ≥ 4 is needed, so a from {printed(4 / T**2)} or "
             f"T from {printed(2 / a**0.5)}."
         )
     return Trapezoid(0.5 * (a * T - float(np.sqrt(max(a * (a * T * T - 4.0), 0.0)))), a)  # MR eq. 9.19

@@ -79,7 +79,7 @@ def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
     [1.5, 1.5, 3.0]
     """
     if not np.isfinite(G.parameters).all() or G.mass < 0:
-        raise InertiaError(f"no body is near this inertia: {'; '.join(G.defects())}.")
+        raise InertiaError(f"this inertia has no consistent one nearby: {'; '.join(G.defects())}.")
     if G.mass == 0:
         return type(G).zero()
     S = clipped(second_moments(G.moment_about_com))

@@ -294,7 +294,7 @@ def _quat(x: Array) -> Quat:
 # ── Recorded motion and drift of its invariants
 
 _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
-"""Rotation per step [rad] and fraction of the energy above which simulated boxes became wrong within some turns."""
+"""Rotation per step [rad] and fraction of the energy above which simulations of boxes failed within a few turns."""
 
 
 @dataclass(frozen=True)

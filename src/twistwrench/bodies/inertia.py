@@ -227,7 +227,7 @@ class SpatialInertia:
             The inertia is not finite.
         """
         if not np.isfinite(self.parameters).all():
-            raise InertiaError(f"an inertia that has no principal axes: it {self.defects()[0]}.")
+            raise InertiaError(f"this inertia has no principal axes: it {self.defects()[0]}.")
         moments, axes = np.linalg.eigh(self.moment_about_com)
         return moments, consistency.aligned_axes(moments, axes)
 

@@ -127,10 +127,10 @@ def _remark_on_size(name: str, extent: float, density: float, mass: float) -> No
     text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
     if not small <= extent <= large:
         unit = "If it is in millimetres, pass scale=0.001" if extent > large else "Check scale"
-        warnings.warn(f"{text}: no usual size of a part of a robot. {unit}.", ModelWarning, stacklevel=3)
+        warnings.warn(f"{text}: not a plausible size of a robot part. {unit}.", ModelWarning, stacklevel=3)
     elif not light <= density <= heavy:
         warnings.warn(
-            f"{text}: no material is like that. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=3
+            f"{text}: not a plausible density. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=3
         )
 
 

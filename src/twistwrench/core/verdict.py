@@ -91,7 +91,7 @@ class Verdict:
         over: list[str] | None = None,
         unsure: list[str] | None = None,
     ) -> Verdict:
-        """Verdict from reasons, in order of severity: contradictory input, collisions, certain excesses, doubts.
+        """Verdict from reasons, in order of severity: contradictory input, collisions, exceeded limits, doubts.
 
         Parameters
         ----------

@@ -178,7 +178,7 @@ class Emitter:
     def sincos(self, angle: int) -> tuple[str, str]:
         """Sine and cosine of an angle, computed at the first use in lockstep with those of other pending angles."""
         if angle not in self.pairs:
-            if angle in self.waiting:  # some others are computed in lockstep
+            if angle in self.waiting:  # other pending angles are computed in lockstep
                 group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
                 reachable = [self.waiting.pop(a) for a in group]
             else:

@@ -101,9 +101,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if single:
         owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
     long = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
-    axis = (
-        long[0] if long else batch.index(max(batch))
-    )  # the first that is long enough: what lies inside it stays whole
+    axis = long[0] if long else batch.index(max(batch))  # the first long one, so that inner axes are not divided
     rows = -(-batch[axis] // count)
     rows = -(-rows // ROWS) * ROWS if rows >= ROWS else rows
     ports = (*owner.given.inputs, *owner.given.outputs)

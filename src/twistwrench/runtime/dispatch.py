@@ -31,7 +31,7 @@ MOST_IN_A_ROW = 16
 """Maximum number of builtins of one method, for different options or arrays."""
 
 LONG, EACH = 4000, 100
-"""Programs of ``LONG`` instructions take a second to compile. Their builtins are made after one call per ``EACH`` of them."""
+"""Programs of ``LONG`` instructions take a second to compile. Builtins of long programs wait for length / ``EACH`` calls."""
 
 _SCALAR, _NEW_FROM_DESCRIPTOR = 60, 94
 """Slots of PyArray_Scalar and PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
