@@ -199,7 +199,7 @@ def test_a_mesh_in_the_wrong_unit_is_remarked(recwarn):
         SpatialInertia.mesh(cube(180.0), density=1000)
     with pytest.warns(tw.ModelWarning, match="1e-05 m long"):
         SpatialInertia.mesh(cube(1e-5), mass=1e-12)
-    with pytest.warns(tw.ModelWarning, match=r"5e\+06 kg/m³: no material"):
+    with pytest.warns(tw.ModelWarning, match=r"5e\+06 kg/m³: not a plausible density"):
         SpatialInertia.mesh(cube(0.1), mass=5000.0)
 
 
