@@ -337,6 +337,9 @@ def motion_options(*, required: bool) -> Decorator:
     return option_group(file, reading_options())
 
 
+VERBOSE = option("--verbose", "Print all notes on how the log was read.")
+
+
 def reading_options() -> Decorator:
     """Options for how the file of a motion is read."""
     return option_group(LOG_READING, option("--smooth", "Smooth a noisy log before differentiating it."))

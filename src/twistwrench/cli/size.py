@@ -20,7 +20,7 @@ from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smalles
 from ..typing import Array
 from ..viz.drawn_motion import DrawnMotion, read_motion
 from . import shared
-from .main import Given, note, option
+from .main import Given, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import show
@@ -57,6 +57,7 @@ _DIGITS = 3
     option("--plot OUT.png", "Draw each motor's speed–torque region with the cycle, and its temperature."),
     REPORT,
     PAGE,
+    shared.VERBOSE,
     option("--out-actuators OUT.yaml", "Write the drives as an actuator file."),
     examples=("size ur5 demo --catalog demo --pause 0.8 --ambient 40 --masses-included",),
     robot_first=True,
@@ -81,10 +82,9 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         )
     robot, log = shared.open_motion(options, given, path)
     cycle = read_motion(shared.load_case(robot, options, given), log, smoothing=given.smooth)
-    for sentence in log.notes:
-        note(sentence)
+    notes = remarks(log.notes)
     if not cycle.verdict.ok:
-        show(*_spoken(cycle.verdict))
+        show(*_spoken(cycle.verdict), *notes)
         return cycle.verdict.exit_code
     robot = cycle.load.with_load
     motion = Motion(cycle.time, cycle.q, cycle.dq, cycle.ddq, robot=robot, in_seconds=True)
@@ -100,7 +100,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         **given.pick("pause", "ambient", "life", "brake"),
     )  # fmt: skip
     found = found.choose() if given.choose and not found.choice else found
-    blocks = list(size_view(found, ambient=given.ambient))
+    blocks = [*size_view(found, ambient=given.ambient), *notes]
     show(*blocks)
     _write_figures(given.csv, found)
     from ..plotting.torques import plot_sizing

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import click
 from rich import box, table
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
@@ -19,7 +20,7 @@ from rich.text import Text
 from rich.tree import Tree
 
 from ..core.arguments import visible
-from ..reports.blocks import Block, Branch, Column, Line, Table
+from ..reports.blocks import Block, Branch, Column, Line, Table, is_reading_note
 from .main import printed_blocks
 
 
@@ -43,11 +44,20 @@ def console() -> Console:
 
 
 def show(*blocks: Block) -> None:
-    """Print on standard output, and keep the blocks for --json."""
+    """Print on standard output, and keep the blocks for --json.
+
+    Commands with --verbose count the notes on how a file was read unless it is given.
+    """
     output = console()
     printed_blocks().extend(blocks)
+    context = click.get_current_context(silent=True)
+    counted = context is not None and context.params.get("verbose") is False
+    hidden = [block for block in blocks if counted and is_reading_note(block)]
     for block in blocks:
-        output.print(rendered(block, output))
+        if block not in hidden:
+            output.print(rendered(block, output))
+    if hidden:
+        output.print(f"{len(hidden)} note{'s' * (len(hidden) > 1)} on how the log was read: --verbose")
 
 
 def rendered(block: Block, output: Console) -> RenderableType:

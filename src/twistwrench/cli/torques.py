@@ -73,6 +73,7 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     option("--rerun OUT.rrd", "Write the same for rerun."),
     REPORT,
     PAGE,
+    shared.VERBOSE,
     option("--why", "Split the peak of the worst joint by link, payload and rotor."),
     examples=(
         "torques ur5 --trajectory demo --payload 10 --why",

@@ -29,6 +29,12 @@ def with_clipped_quotations(message: str) -> str:
     return re.sub(_QUOTED, lambda found: f"{found[0][: _LONGEST + 1]}…{found[0][-1]}", message)
 
 
+class ReadingNote(str):
+    """A note on how a file was read, such as the columns that were matched; reports print it with --verbose only."""
+
+    __slots__ = ()
+
+
 def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> str:
     """The first items, and the number of further ones.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
-from ..core.text import listed
+from ..core.text import ReadingNote, listed
 from ..errors import TrajectoryError, ValueRangeError
 from ..estimation.sampling import OVERLAP
 from ..joints.units import unit_of
@@ -373,7 +373,7 @@ class MotionLog:
     def notes(self) -> tuple[str, ...]:
         """A sentence for each thing that was taken to be meant: of the header, and of the rows once they were read."""
         columns, last = self.columns, self._decoded
-        said = [*columns.notes, *last.date]
+        said: list[str] = [*map(ReadingNote, (*columns.notes, *last.date))]
         if columns.of_locked:
             said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
         if columns.extra:

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..core.numbers import MISSING, number, percent_of_limit
+from ..core.text import ReadingNote
 from ..core.verdict import Word
 from ..model.limits import over_limit
 
@@ -129,8 +130,9 @@ def verdict(word: str, *pieces: Piece) -> Line:
 
 
 def remarks(sentences: Iterable[str]) -> list[Line]:
-    """A line for each sentence."""
-    return [Line(("! ", "yellow"), sentence) for sentence in sentences]
+    """A line for each sentence; those on how a file was read are the last."""
+    ordered = sorted(sentences, key=lambda sentence: isinstance(sentence, ReadingNote))
+    return [Line(("! ", "yellow"), sentence) for sentence in ordered]
 
 
 def limit_style(share: float) -> str:
@@ -196,6 +198,11 @@ def plain(block: str | Line | Branch | Any) -> str:
 def is_remark(block: Block) -> bool:
     """True if the block is one of :func:`remarks`."""
     return isinstance(block, Line) and block.pieces[:1] == [("! ", "yellow")]
+
+
+def is_reading_note(block: Block) -> bool:
+    """True if the block is the remark of a note on how a file was read."""
+    return isinstance(block, Line) and is_remark(block) and isinstance(block.pieces[1], ReadingNote)
 
 
 def is_bar(text: str) -> bool:

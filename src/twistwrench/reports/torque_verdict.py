@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.gravity import STRENGTH
 from ..core.numbers import deviation, number, percent, percent_of_limit, seconds, torque
-from ..core.text import listed
+from ..core.text import ReadingNote, listed
 from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt, doubt_table
@@ -449,7 +449,8 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     what = " and ".join(x for x in ("velocities" if d.derives_velocities else "", derived) if x)
     if what:
         smoothed = ", after smoothing to the noise found" if d.smooths else ""
-        yield f"The file has no {what.split(' (')[0]}: derived by a quintic spline{smoothed}."
+        derivation = f"The file has no {what.split(' (')[0]}: derived by a quintic spline{smoothed}."
+        yield derivation if d.smooths else ReadingNote(derivation)  # smoothing changes figures
         yield from _quality_notes(report)
     if report.gaps.count:
         times = "time" if report.gaps.count == 1 else "times"
