@@ -45,7 +45,7 @@ class ContactWrench:
     wrench: Array
     """(6,): (m, f) by the world on the robot; the smallest of all best fits, zero on unselected rows [N m, N]."""
     blind: Array
-    """(k - rank, 6), for k selected rows: orthonormal wrenches on them without joint torques; any multiple fits."""
+    """(k - rank, 6), for k selected rows: orthonormal wrenches on them that need no joint torques."""
     unexplained: Array
     """(nv,): r - J'F, the part of r that no wrench at this frame explains; large if the contact is elsewhere."""
     frame: str
@@ -214,7 +214,7 @@ class MomentumObserver:
 
         Parameters
         ----------
-        rows : str or iterable, optional, nonzero rows of the wrench; ``"vx vy vz"`` is a pure force at the origin;
+        rows : str or iterable, optional, nonzero rows of the wrench; ``"vx vy vz"`` is a pure force at its origin;
             fewer rows need fewer joints
         residual : (nv,) array_like, optional, in place of :attr:`residual` [N m, sliding joints: N]
 

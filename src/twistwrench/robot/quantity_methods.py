@@ -140,8 +140,8 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Acceleration of a frame: time derivative dV/dt of its twist, without gravity.
 
-        The derivative is that of the twist's six components. The acceleration of a body point has the additional term ω
-        × v, except for ``kind="world_aligned"``.
+        The derivative is that of the twist's six components. Except for ``kind="world_aligned"``, the acceleration of a
+        body point has the additional term ω × v.
 
         Returns
         -------
@@ -455,8 +455,7 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        frame : "base": at the base origin; "com": about the centre of mass (centroidal momentum); both in the base's
-            axes
+        frame : "base": at the base origin; "com": about the centre of mass (centroidal momentum), in base axes
 
         Returns
         -------

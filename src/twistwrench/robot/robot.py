@@ -253,8 +253,8 @@ class Robot(
 
         A failed simulation is in the batch up to its failure: ``batch.completed`` is False for it, and ``.stopped`` of
         its result gives the reason. With constant torques and wrenches, fixed steps are evaluated side by side.
-        Functions are called by one simulation after the other, so a stateful controller receives the start of the next
-        one after the end of the last. For states only of many more samples, use :meth:`rollout`.
+        Functions are called by one simulation after the other, so the internal state of a controller carries over from
+        one to the next. For states only of many more samples, use :meth:`rollout`.
 
         Parameters
         ----------

@@ -276,7 +276,7 @@ class ActuationMethods:
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> PowerBalance:
-        """Power balance of one state under torques τ by source; positive powers are supplied, and the sum is zero.
+        """Power balance of one state under torques τ by source; positive values are supplied power; the sum is zero.
 
         Constraints do no work. For a closed robot, friction is that of the joints under τ, as in its forward dynamics.
 

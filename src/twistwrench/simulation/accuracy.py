@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _DRIFT = 0.01
 """Energy drift that triggers a remark, as a fraction of the energy exchanged."""
 _ERROR = 0.05
-"""Error that is reported, as a fraction of the motion. Errors are added without sign, so smaller values mean little."""
+"""Smallest error reported, as a fraction of the motion. Errors are added without sign; smaller values mean little."""
 _REST = 1e-9
 """rad or m: smaller displacements count as rest."""
 _MANY = 1e4
@@ -305,8 +305,8 @@ class StepDoubling:
         """Error of a step for a method whose velocities lag by h/2, and by h/4 in half steps.
 
         Taken as errors, these lags would add up over a run, although they cancel. Velocities are therefore shifted in
-        time before and after the half steps, using accelerations over half a step; those after the whole step are then
-        known. A shifted velocity violates constraints by the amount they turn, which is not an error and is removed.
+        time before and after the half steps, using accelerations over half a step. A shifted velocity violates
+        constraints because their directions change; this violation is not an error and is removed.
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
         start[v] += 0.5 * half * step.begun

@@ -228,7 +228,7 @@ class RobotContact(ABC):
             rest = [(name, x.shape[-1:]) for name, x in self.parts.items()]
             inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), *rest]
             program = trace(partial(self.traced, robot.model), inputs, ["tau", "depths"])
-            return compiled(program, "contact", f"What a contact does to {robot.name}, compiled.")
+            return compiled(program, "contact", f"Contact torques of {robot.name}, compiled.")
 
         return robot.engine.cached(("contact", *self.key), build)
 

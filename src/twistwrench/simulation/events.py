@@ -90,7 +90,7 @@ class PositionLimits:
         return f"joint {self.names[k]!r} {'reaches' if before > self.tolerances[k] else 'moves beyond'} {self.limit(k)}"
 
     def leaving(self, q: Array, dq: Array, later: Array, h: float) -> int | None:
-        """Limit that a joint at it leaves through immediately; the joint with the largest speed if there are several.
+        """Limit through which a joint at that limit leaves immediately; of several joints, the fastest one.
 
         A joint leaves if it moves outward, or if it is at rest and moves outward ``h`` s later, at the velocities
         ``later`` (nv). Its speed or acceleration must take it past the tolerance within a second.

@@ -255,9 +255,7 @@ class EasedFriction:
 
         def build() -> Any:
             program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
-            return compiled(
-                program, "eased friction", f"What eased friction of {robot.name} leaves of torques, compiled."
-            )
+            return compiled(program, "eased friction", f"Torques minus smoothed friction of {robot.name}, compiled.")
 
         return robot.engine.cached("eased friction", build)
 

@@ -179,9 +179,6 @@ class Tableau:
 class Partitioned:
     """Partitioned Runge–Kutta method: separate tableaus for two parts of a state, such as velocities and positions."""
 
-    """
-    """
-
     name: str
     """Name of the method."""
     order: int
