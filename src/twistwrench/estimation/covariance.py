@@ -1,4 +1,4 @@
-"""Covariance of weighted least squares with correlated rows: sandwiches over clusters and blocks of time; whiteness tests."""
+"""Covariance of weighted least squares with correlated rows: sandwich estimators and whiteness tests."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ import numpy as np
 from ..typing import Array
 from .least_squares import Prior
 
-_MANY = 1000  # clusters; more are told in groups of neighbours
-_WHOLE = 1.0 - 1e-6  # share of an unknown that one cluster tells; from there on nothing checks it
-_LEAST_KNOWN = 2 / 3  # of its degrees of freedom, what a weight counts with at least; else two or three say nothing
-_RATE = 1e-4  # of false alarms, at which tails of a sum of two estimated variances are matched
+_MANY = 1000  # number of clusters above which neighbours are grouped
+_WHOLE = 1.0 - 1e-6  # share of an unknown determined by one cluster, above which no other cluster checks it
+_LEAST_KNOWN = 2 / 3  # minimum of a weight's degrees of freedom relative to the variance's, for small ones
+_RATE = 1e-4  # false-alarm rate at which the tails of a sum of two estimated variances are matched
 _WIDEST, _NODES, _MATCHES = 24.0, 25, 4
-_LEAST_FREEDOM = 2.1  # of an unknown in a block; the mean of F has no value at 2
+_LEAST_FREEDOM = 2.1  # lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2
 
 
 def weight_freedom(freedom: Array) -> Array:
-    """Degrees of freedom of variances, as those of the weights 1 / s² made from them: ν - 2.
+    """Degrees of freedom ν - 2 of the weights 1 / s² of variances with ν.
 
-    E(σ² / s²) = ν / (ν - 2) for s² of ν degrees of freedom: inverses of estimated variances are too large in the mean, and
+    E(σ² / s²) = ν / (ν - 2) for s² with ν degrees of freedom: inverses of estimated variances are biased upwards, and
     vary more than the variances. Source: Meier, "Variance of a weighted mean", Biometrics 9, 1953.
     """
     return np.maximum(freedom - 2.0, _LEAST_KNOWN * freedom)
 
 
 def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Array:
-    """Covariance (p, p) of whitened unknowns that estimated variances add, for orthonormal columns Q (n, 6, p).
+    """Covariance (p, p) of whitened unknowns due to estimated variances, for orthonormal columns Q (n, 6, p).
 
-    With N_c = Σ_g q_gc q_gc' the share of the channels c of one variance, and ν_c its degrees of freedom,
-    Σ_c (4 / (ν_c - 2)) (N_c - N_c N_c). Source: Kenward and Roger, "Small sample inference for fixed effects from
-    restricted maximum likelihood", Biometrics 53, 1997, eq. 3 with one variance for each channel, and ν - 2 for ν since
-    few degrees of freedom make weights vary more than to first order.
+    Σ_c (4 / (ν_c - 2)) (N_c - N_c N_c), with N_c = Σ_g q_gc q_gc' over the channels c of one variance, and ν_c its
+    degrees of freedom. Source: Kenward and Roger, "Small sample inference for fixed effects from restricted maximum
+    likelihood", Biometrics 53, 1997, eq. 3 with one variance for each channel. ν - 2 replaces ν, as few degrees of
+    freedom make weights vary more than to first order.
     """
     freedom = weight_freedom(freedom)
     added = np.zeros((Q.shape[-1], Q.shape[-1]))
@@ -46,9 +46,9 @@ def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Arr
 
 
 def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> tuple[Array, Array]:
-    """Covariance (k, k) half half' and degrees of freedom (k,) by Satterthwaite, where all rows are independent.
+    """Covariance (k, k) half half' and Satterthwaite's degrees of freedom (k,), for independent rows.
 
-    ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c with s_kc the part of unknown k's variance that channel c brings; ``half`` (k, p)
+    ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c, with s_kc the part of unknown k's variance due to channel c; ``half`` (k, p)
     may have any rows.
     """
     parts = np.stack([((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)], axis=1)
@@ -64,19 +64,20 @@ def f_test_freedom(freedom: Array) -> float:
 
     With E = Σ ν_k / (ν_k - 2), ν = 2 E / (E - k). Source: Fai and Cornelius, "Approximate F-tests of multiple degree of
     freedom hypotheses in generalized least squares analyses of unbalanced split-plot experiments", J. Statistical
-    Computation and Simulation 54, 1996, with the unknowns in place of axes of their ellipsoid, which is less exact.
+        Computation and Simulation 54, 1996, applied to the unknowns in place of the axes of their ellipsoid (less
+        exact).
     """
     more = float((2.0 / (np.maximum(freedom, _LEAST_FREEDOM) - 2.0)).sum())  # E - k
     return 2.0 * (len(freedom) + more) / more if more else np.inf
 
 
 def sum_freedom(variances: Array, freedom: Array) -> Array:
-    """Degrees of freedom (k,) of sums of two estimated variances (2, k), of ``freedom`` (2, k) each, as tests need them.
+    """Degrees of freedom (k,) of sums of two estimated variances (2, k) with degrees of freedom (2, k), for tests.
 
-    Satterthwaite's number comes from the estimates themselves, so it is too large just where the uncertain part of the sum
-    is underestimated. Instead Student's distribution with ν has the tails of N(0, Σ ν_i s_i² / χ²_i), fiducial in both
-    variances, where they hold 1e-4; at other rates from 1e-2 to 1e-6 they differ by less than ten times.
-    Source: Fisher, "The comparison of samples with possibly unequal variances", Ann. Eugenics 9, 1939.
+    Satterthwaite's formula uses the estimates, so it is too large if the uncertain part of the sum is underestimated.
+    Here, Student's distribution with ν has the tails of N(0, Σ ν_i s_i² / χ²_i), fiducial in both variances, at
+    probability 1e-4; between 1e-2 and 1e-6 the tails differ by less than a factor of ten. Source: Fisher, "The
+    comparison of samples with possibly unequal variances", Ann. Eugenics 9, 1939.
     """
     from scipy import special
 
@@ -104,10 +105,10 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
 
 
 def cluster_robust_covariance(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
-    """Covariance (k, k) by the sandwich CR2 and degrees of freedom (k,); None if one cluster alone determines an unknown.
+    """CR2 sandwich covariance (k, k) and degrees of freedom (k,); None if one cluster alone determines an unknown.
 
-    Q (n, 6, p) are the orthonormal columns of the whitened design, ``left`` (n, 6) the whitened residuals e, half (k, p)
-    takes whitened unknowns to k unknowns or sums of them, label (n,) is the cluster of each row. With
+    Q (n, 6, p) are the orthonormal columns of the whitened design, ``left`` (n, 6) the whitened residuals e, ``half``
+    (k, p) maps whitened unknowns to k unknowns or sums of them, and ``label`` (n,) is the cluster of each row. With
     M_g = Q_g' Q_g:
 
     s_g = (1 - M_g)^(-1/2) Q_g' e_g,   C = half Σ_g s_g s_g' half',   ν_k = (tr Ω)² / tr Ω²,
@@ -120,7 +121,7 @@ def cluster_robust_covariance(Q: Array, left: Array, half: Array, label: Array) 
 
 
 def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array) -> tuple[Array, Array]:
-    """Q_g'Q_g (g, p, p) and Q_g'e_g (g, p) of each cluster; ``columns`` are those of Q in some rows, all their entries."""
+    """Q_g'Q_g (g, p, p) and Q_g'e_g (g, p) of each cluster; ``columns`` returns all columns of Q in the given rows."""
     place = cluster_numbers(label)
     order = np.argsort(place, kind="stable")
     parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
@@ -134,20 +135,20 @@ def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array
 
 
 def cluster_numbers(label: Array) -> Array:
-    """(n,) numbers 0, 1, … of the clusters with these labels; of more than a thousand, neighbours are one."""
+    """Cluster numbers (n,) 0, 1, … for the labels; more than a thousand clusters are grouped with neighbours."""
     place = np.unique(label, return_inverse=True)[1]
     return np.asarray(place * _MANY // (place.max() + 1) if place.max() >= _MANY else place)
 
 
 def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
-    """The same of what clusters add up to: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
+    """Same from sums over clusters: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
     values, U = np.linalg.eigh(M)
     if values.max() > _WHOLE:
         return None
     B = (U / np.sqrt(1.0 - values)[:, None, :]) @ np.swapaxes(U, 1, 2)
     s = (B @ s[..., None])[..., 0]
     C = half @ (s.T @ s) @ half.T
-    Bl = B @ half.T  # (G, p, k): B_g l for every unknown
+    Bl = B @ half.T  # (G, p, k): B_g l for each unknown
     a = M @ Bl
     d = (Bl * a).sum(axis=1)  # (G, k)
     size = (a * a).sum(axis=1)
@@ -159,31 +160,32 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
 
 # ── Covariance of groups of parameters: the sandwich over blocks of time
 
-# Rows of a block of time count as one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear models",
-# Biometrika 73, 1986), with the correction for few clusters of Bell and McCaffrey that the sensors' fits have as well. The
-# textbook's s² (W'W)^-1 takes every row for a cluster, and is several times too small.
+# Rows of a block of time are one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear
+# models", Biometrika 73, 1986), with Bell and McCaffrey's correction for few clusters, as in the fits of sensors. The
+# textbook formula s² (W'W)^-1 treats every row as a cluster, and is several times too small.
 #
-# A wrong law leaves residuals that are alike wherever the state is, and cancel within a block of time. Rows of one cell of
-# state count as one cluster as well, and of both sandwiches C and D the larger variances are taken, with the correlations of C:
+# An incorrect law, of friction for instance, gives residuals that depend on the state and cancel within a block of time.
+# So rows in the same cell of state are also one cluster. The result takes the larger variances of both sandwiches C and
+# D, with the correlations of C:
 #
 #     S C S,   S = diag max(1, √(D_kk / C_kk)).
 
 _MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
-_SECONDS = 1.0  # s, that a block lasts at least, where the logs have enough of them
-_LENGTHS = 10.0  # length of a block, in autocorrelation lengths of the residuals
-_PORTION = 1000  # rows that are factored at a time
-_CELLS, _PARTS = 32, 8  # of state; and parts of a coordinate in which its residuals are compared
+_SECONDS = 1.0  # minimum duration of a block [s], if the logs are long enough
+_LENGTHS = 10.0  # length of a block in autocorrelation lengths of the residuals
+_PORTION = 1000  # rows per factorisation
+_CELLS, _PARTS = 32, 8  # number of cells; and parts of each coordinate for the comparison of residuals
 
 
 @dataclass(frozen=True, eq=False)
 class StateCells:
-    """Cells of state: parts of a position, and directions of up to two joints.
+    """Cells of the state space: parts of a position range, and directions of up to two joints.
 
     Attributes
     ----------
-    position : int, number of the coordinate
-    edges : (k,) array, between its parts
-    velocities : tuple of int, numbers of the joints
+    position : int, index of the coordinate
+    edges : (k,) array, limits between its parts
+    velocities : tuple of int, indices of the joints
     """
 
     position: int
@@ -192,9 +194,9 @@ class StateCells:
 
     @classmethod
     def from_residuals(cls, q: Array, dq: Array, left: Array) -> StateCells:
-        """About 30 cells of the coordinates that the residuals (n, nv) depend on most, as many rows in each part.
+        """About 30 cells of the coordinates that affect residuals (n, nv) most, with equally many rows in each part.
 
-        Coordinates are compared by the squares of the mean residuals in eight parts of each.
+        Coordinates are ranked by the squared mean residuals in eight parts of each.
         """
         shares = []
         for x in (*q.T, *dq.T):
@@ -211,7 +213,7 @@ class StateCells:
         return (len(self.edges) + 1) << len(self.velocities)
 
     def numbers(self, q: Array, dq: Array) -> Array:
-        """(n,) numbers of the cells of states."""
+        """Cell numbers (n,) of states."""
         found = np.searchsorted(self.edges, q[:, self.position])
         for k in self.velocities:
             found = 2 * found + (dq[:, k] > 0)
@@ -219,7 +221,7 @@ class StateCells:
 
 
 def _edges(x: Array, parts: int) -> Array:
-    """(parts - 1,) edges between as many values each."""
+    """Limits (parts - 1,) between parts with equally many values."""
     return np.asarray(np.quantile(x, np.arange(1, parts) / parts))
 
 
@@ -232,9 +234,9 @@ class GroupCovariance:
     matrix : (r, r) array
     freedom : (r,) array, degrees of freedom of each group's variance
     textbook : (r,) array, standard deviations as if every row were independent
-    block : float, how long a block is [s]
-    cells : StateCells, that the second sandwich was taken over; one cell without it
-    changes : (k, r) array or None, of the groups, with laws that were left out; the matrix holds them
+    block : float, duration of a block [s]
+    cells : StateCells of the second sandwich; one cell without it
+    changes : (k, r) array or None, changes of the groups with omitted laws; included in the matrix
     """
 
     matrix: Array
@@ -245,11 +247,11 @@ class GroupCovariance:
     changes: Array | None = None
 
     def widened(self, changes: Array) -> GroupCovariance:
-        """Covariance with the errors of other laws, Σ_k δ_k δ_k', added.
+        """Covariance including errors due to other laws, Σ_k δ_k δ_k'.
 
         Parameters
         ----------
-        changes : (k, r) array, δ_k: by how much a law changes each group
+        changes : (k, r) array, changes δ_k of the groups due to each law
 
         Returns
         -------
@@ -264,11 +266,11 @@ class GroupCovariance:
 
     @property
     def deviations(self) -> Array:
-        """(r,) standard deviations."""
-        return np.sqrt(np.maximum(self.matrix.diagonal(), 0.0))  # of what is known, rounding is left
+        """Standard deviations (r,) of the groups."""
+        return np.sqrt(np.maximum(self.matrix.diagonal(), 0.0))  # rounding may make small ones negative
 
     def of_first(self, count: int) -> GroupCovariance:
-        """Covariance of the first groups alone.
+        """Covariance of the first groups.
 
         Parameters
         ----------
@@ -289,7 +291,7 @@ class GroupCovariance:
         )
 
     def half_width(self, level: float = 0.95) -> Array:
-        """(r,) half the width of intervals that hold the truth with that chance.
+        """Half-widths (r,) of confidence intervals.
 
         Parameters
         ----------
@@ -308,7 +310,7 @@ class GroupCovariance:
 
 
 def student_quantile(freedom: Array | float, level: float) -> Array:
-    """Half the width of Student's intervals, in standard deviations."""
+    """Half-width of Student's interval, in standard deviations."""
     from scipy.special import stdtrit
 
     return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.5 + 0.5 * level))
@@ -326,11 +328,11 @@ def group_covariance(
     states: tuple[Array, Array],
     chosen: Array,
 ) -> GroupCovariance:
-    """Covariance of a fit: W (n, nv, r), τ (n, nv), at x (r,), with its residuals' sizes (nv,) and weights (n, nv).
+    """Covariance of a fit: W (n, nv, r), τ (n, nv), at x (r,), with residual sizes (nv,) and weights (n, nv).
 
-    ``time`` and ``log`` (n,) are those of each row, ``states`` its q and dq. ``chosen`` (n, nv, k) are the changes of the
-    predicted torques with each setting that was chosen on the same rows, such as the offset of the clock: the fit is not surer
-    than they are.
+    ``time`` and ``log`` (n,) belong to each row, ``states`` are its q and dq. ``chosen`` (n, nv, k) are the changes of
+    the predicted torques with each setting selected on the same rows, such as the clock offset; their uncertainty is
+    included.
     """
     r, left, root = W.shape[2], tau - W @ x, np.sqrt(weights) / sigma
     change = np.sqrt((chosen**2).mean(axis=(0, 1)))
@@ -338,7 +340,7 @@ def group_covariance(
     sizes = np.concatenate([prior.size, np.full(beside.shape[2], sigma.max() * 1e3)])
 
     def whitened(rows: Array | slice) -> Array:
-        """All columns (m nv, r + k) of some rows."""
+        """All columns (m nv, r + k) of the given rows."""
         A = np.concatenate([W[rows], beside[rows]], axis=2)
         A *= root[rows][..., None]
         return A.reshape(-1, len(sizes))
@@ -350,10 +352,10 @@ def group_covariance(
 
 
 def _huber_factor(left: Array, weights: Array) -> float:
-    """Factor by which weights of large residuals make the equations seem too steep: mean weight over mean slope.
+    """Correction factor for Huber weights: mean weight over mean slope.
 
-    Huber's residuals count with ψ(u) = w u, whose slope is 1 up to k and 0 beyond. Source: Huber, "Robust Statistics", 1981,
-    section 7.6.
+    Huber's residuals count with ψ(u) = w u, whose slope is 1 up to k and 0 beyond. Source: Huber, "Robust Statistics",
+    1981, section 7.6.
     """
     live = (left != 0).any(axis=0)
     if not live.any() or (weights == 1.0).all():
@@ -362,7 +364,7 @@ def _huber_factor(left: Array, weights: Array) -> float:
 
 
 def larger_covariance(found: tuple[Array, Array], other: tuple[Array, Array] | None) -> tuple[Array, Array]:
-    """Covariance and degrees of freedom with the larger variances of two, and the correlations of the first."""
+    """Covariance and degrees of freedom with the larger variances of two estimates and correlations of the first."""
     if other is None:
         return found
     (C, freedom), (D, others) = found, other
@@ -374,9 +376,9 @@ def larger_covariance(found: tuple[Array, Array], other: tuple[Array, Array] | N
 def _covariance(
     whitened: Callable[[Array | slice], Array], left: Array, sizes: Array, time: Array, log: Array, cell: Array
 ) -> GroupCovariance:
-    """The sandwiches of all columns, ``left`` (n, nv) the whitened residuals, under priors of those ``sizes`` about zero."""
+    """Sandwiches of all columns, with whitened residuals ``left`` (n, nv) and zero-mean priors of these ``sizes``."""
     n, nv = left.shape
-    R: Array = np.eye(len(sizes))  # R'R = 1 + A'A of columns in units of their sizes
+    R: Array = np.eye(len(sizes))  # R'R = 1 + A'A for columns in units of their sizes
     for begin in range(0, n, _PORTION):
         R = np.asarray(np.linalg.qr(np.concatenate([R, whitened(slice(begin, begin + _PORTION)) * sizes]), mode="r"))
     half = sizes[:, None] * np.linalg.inv(R)
@@ -401,11 +403,11 @@ def _covariance(
     return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
 
 
-# ── Residuals in the order of the log: their autocorrelation, and tests of it
+# ── Autocorrelation of residuals in the order of the log, and tests of it
 
-_CHANCE = 1e-3  # that white residuals are called otherwise, in any channel
-_LAGS = 20  # of Ljung and Box's test
-_LONG = 100  # rows from which that test is made
+_CHANCE = 1e-3  # probability of a false alarm for white residuals, over all channels
+_LAGS = 20  # lags of the Ljung-Box test
+_LONG = 100  # minimum rows for the Ljung-Box test
 
 
 def autocorrelation(e: Array, lags: int) -> Array:
@@ -415,7 +417,7 @@ def autocorrelation(e: Array, lags: int) -> Array:
 
 
 def autocorrelation_length(left: Array) -> float:
-    """Integrated autocorrelation time of residuals (n, nv) in rows: 1 + 2 Σ ρ until ρ is lost in noise; the largest joint's."""
+    """Integrated autocorrelation time of residuals (n, nv) in rows, 1 + 2 Σ ρ above the noise; largest of joints."""
     n, longest = len(left), 1.0
     lags = min(n // 4, 400)
     for column in left.T:
@@ -428,27 +430,27 @@ def autocorrelation_length(left: Array) -> float:
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Whiteness of residuals: the result of the tests, of the channel that is least white."""
+    """Whiteness of residuals: test result of the least white channel."""
 
     axis: str
     lag1: float  # autocorrelation of neighbouring rows
-    chance: float  # probability that white noise has as much in any channel
-    length: int  # rows over which residuals are correlated; 1 if they are white
+    chance: float  # p-value over all channels
+    length: int  # correlation length of the residuals in rows; 1 if they are white
     test: str
 
     @property
     def white(self) -> bool:
-        """True if noise alone may cause it."""
+        """True if noise alone may be the cause."""
         return self.chance > _CHANCE
 
     @classmethod
     def from_residuals(cls, e: Array, Q: Array, names: Sequence[str]) -> Whiteness:
         """Test whitened residuals e (n, c) of a fit with the orthonormal columns Q (n, c, p).
 
-        For each channel c, e_c' D e_c with D the mean of the two shifts by one row: the numerator of the lag-1
-        autocorrelation, as in Durbin and Watson's test, against its mean and variance under white noise, -tr Q_c' D Q_c and
-        2 (tr D² - 2 tr Q_c' D² Q_c + tr (Q_c' D Q_c)²). From 100 rows on also Ljung and Box's test, of 20 lags.
-        Sources: Durbin and Watson, Biometrika 37, 1950; Ljung and Box, Biometrika 65, 1978.
+        The statistic of each channel c is e_c' D e_c, with D the mean of the two shifts by one row: the numerator of
+        the lag-1 autocorrelation, as in the Durbin-Watson test. Under white noise its mean is -tr Q_c' D Q_c and its
+        variance 2 (tr D² - 2 tr Q_c' D² Q_c + tr (Q_c' D Q_c)²). From 100 rows on, the Ljung-Box test of 20 lags is
+        added. Sources: Durbin and Watson, Biometrika 37, 1950; Ljung and Box, Biometrika 65, 1978.
         """
         from scipy import special
 
@@ -473,7 +475,7 @@ class Whiteness:
 
 
 def _neighbours(x: Array) -> Array:
-    """D x: half the row before and half the row after."""
+    """D x: mean of the neighbouring rows."""
     out = np.zeros_like(x)
     out[1:] += 0.5 * x[:-1]
     out[:-1] += 0.5 * x[1:]

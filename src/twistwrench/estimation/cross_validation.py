@@ -1,4 +1,4 @@
-"""Cross-validation: residuals of rows that a fit has not seen, beside those of other predictions."""
+"""Cross-validation: residuals of held-out rows, compared with those of other predictions."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from ..typing import Array
 
 FOLDS = 5
-"""Blocks of time that are left out in turn."""
+"""Number of blocks of time, left out in turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutRows:
-    """Rows that were predicted by a fit that has not seen them.
+    """Held-out rows and their predictions.
 
     Attributes
     ----------
-    time : (n,) array [s], of their own log
-    log : (n,) array, number of that log
+    time : (n,) array [s], time within the log
+    log : (n,) array, index of the log
     measured : (n, nv) array, low-passed torques
     predicted : (n, nv) array
     """
@@ -33,14 +33,14 @@ class HeldOutRows:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Residuals of rows that a fit has not seen, as |τ - τ̂| / |τ|.
+    """Relative residuals |τ - τ̂| / |τ| of held-out rows.
 
     Attributes
     ----------
-    kind : str, ``test`` for logs of their own, ``five-fold`` for fifths of the training logs in time
-    squares : (nv,) array, of residuals
-    sizes : (nv,) array, squares of the torques
-    names : sequence of str, of the joints
+    kind : str, ``test`` for separate logs, ``five-fold`` for fifths of the training logs
+    squares : (nv,) array, sums of squared residuals
+    sizes : (nv,) array, sums of squared torques
+    names : sequence of str, joint names
     rows : tuple of HeldOutRows
     """
 
@@ -52,7 +52,7 @@ class HeldOut:
 
     @classmethod
     def from_rows(cls, kind: str, rows: HeldOutRows, names: Sequence[str]) -> HeldOut:
-        """From rows and what they were predicted to be.
+        """Residuals from rows with predictions.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class HeldOut:
         return cls(kind, (left**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
 
     def __str__(self) -> str:
-        """Return a table: the residual of each joint, and of all."""
+        """Return a table of the residuals of each joint, and of all joints."""
         shares = {**self.joints, "all": self.all}
         width = max(map(len, shares))
         return "\n".join(f"{name:<{width}}  {100 * share:6.3g} %" for name, share in shares.items())

@@ -1,12 +1,12 @@
-"""Low-pass filters and cubic splines of samples on a steady clock, by matrix products.
+"""Low-pass filters and cubic splines for uniformly sampled signals, by matrix products.
 
 A Butterworth low-pass of order 4, after the bilinear transform with K = tan(π f_c / f_s), has the poles
 
     p_k = (1 + s_k) / (1 - s_k),   s_k = K exp(jπ (2k + 5) / 8),   k = 0 … 3,
 
-and in partial fractions the impulse response h_n = d δ_n + Σ_k r_k p_k^n. Blocks of N samples are products with the Toeplitz
-matrix of h_0 … h_{N-1}; what is before a block acts on it by one number for each pole, Σ_i p_k^{N-1-i} u_i, carried over by
-p_k^N. Oppenheim and Schafer, "Discrete-Time Signal Processing", sections 6.3 and 7.1.
+and in partial fractions the impulse response h_n = d δ_n + Σ_k r_k p_k^n. Blocks of N samples are multiplied by the
+Toeplitz matrix of h_0 … h_{N-1}. Earlier samples act on a block by one number for each pole, Σ_i p_k^{N-1-i} u_i,
+multiplied by p_k^N from block to block. Oppenheim and Schafer, "Discrete-Time Signal Processing", sections 6.3 and 7.1.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from ..typing import Array
 
 _CACHED = 1 << 16
 _BLOCK, _FADED = 64, 1e-20
-"""Samples of a block, and share of a state that counts as none."""
+"""Block size in samples, and relative size below which a state is negligible."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Recursion:
-    """Recursive filter y_n = d u_n + Re Σ_k r_k s_k, with s_k ← p_k s_k + u_n; its matrices for rows of samples.
+    """Recursive filter y_n = d u_n + Re Σ_k r_k s_k, with s_k ← p_k s_k + u_n, as matrices for blocks of samples.
 
-    States are real parts, then imaginary parts.
+    State vectors contain real parts, then imaginary parts.
     """
 
     within: Array
-    """(N, N + 2 k) samples of a block to its response, and to its states at the end."""
+    """(N, N + 2 k) map from a block's samples to its response and its final states."""
     carried: Array
-    """(2 k, 2 k) states over a block."""
+    """(2 k, 2 k) map of states over a block."""
     after: Array
-    """(2 k, N) states at the end of the block before to a block's response."""
+    """(2 k, N) map from the previous block's final states to a block's response."""
 
     @classmethod
     def from_modes(cls, poles: Array, residues: Array, direct: float) -> _Recursion:
@@ -52,7 +52,7 @@ class _Recursion:
         )
 
     def __call__(self, u: Array) -> Array:
-        """Response (c, n) to samples u (c, n), steady before them."""
+        """Response (c, n) to samples u (c, n), with a constant signal before them."""
         first, (columns, n) = u[:, :1], u.shape
         blocks = np.zeros((columns, -(-n // _BLOCK), _BLOCK))
         np.subtract(u, first, out=blocks.reshape(columns, -1)[:, :n])
@@ -67,7 +67,7 @@ class _Recursion:
 
 @lru_cache(maxsize=32)
 def _butterworth(ratio: float) -> _Recursion:
-    """Butterworth's filter of order 4 with a cut-off of that share of the sampling rate."""
+    """Butterworth filter of order 4; ``ratio`` is the cut-off over the sampling rate."""
     s = np.tan(np.pi * ratio) * np.exp(1j * np.pi * (2 * np.arange(4) + 5) / 8)
     p, far = (1 + s) / (1 - s), -2 * s / (1 - s)  # 1 - p without cancellation
     others = 2 * (s[:, None] - s) / ((1 - s[:, None]) * (1 - s) * p[:, None]) + np.eye(4)  # 1 - p_j / p_k
@@ -77,10 +77,10 @@ def _butterworth(ratio: float) -> _Recursion:
 
 
 def low_pass(x: Array, cutoff: float, rate: float) -> Array:
-    """Samples (n, ...) below a cut-off [Hz], without delay: filtered forward, then backward.
+    """Zero-phase low-pass of samples (n, ...) with a cut-off [Hz]: filtered forward, then backward.
 
-    Both ends are continued by the odd reflection of three periods of the cut-off. Samples stay as they are where the
-    cut-off is above what they can show.
+    Both ends are extended by odd reflection over three periods of the cut-off. Samples are unchanged if the cut-off
+    exceeds the Nyquist frequency.
     """
     if cutoff >= 0.45 * rate:
         return x
@@ -96,7 +96,7 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
 
 
 def lagged(x: Array, steps: float) -> Array:
-    """Samples (n, ...) behind a first-order low-pass with a time constant of so many steps, steady before them."""
+    """First-order low-pass of samples (n, ...), time constant ``steps`` steps, with a constant signal before them."""
     a = np.exp(-1.0 / steps)
     filtered = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
     return filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
@@ -104,7 +104,7 @@ def lagged(x: Array, steps: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class UniformSpline:
-    """Cubic spline through samples (n, ...) on a steady clock, at least four, with not-a-knot ends.
+    """Cubic spline through at least four uniform samples (n, ...), with not-a-knot ends.
 
     Its second derivatives M solve M_{i-1} + 4 M_i + M_{i+1} = 6 (y_{i-1} - 2 y_i + y_{i+1}) / h², with M_0 = 2 M_1 - M_2 and
     likewise at the end (de Boor, "A Practical Guide to Splines", chapter IV).
@@ -148,7 +148,7 @@ class UniformSpline:
         return np.asarray((y[k + 1] - y[k]) / h + ((1 - 3 * a**2) * M[k] + (3 * b**2 - 1) * M[k + 1]) * (h / 6))
 
     def _places(self, t: Array) -> tuple[Array, Array, Array]:
-        """Samples before times (m,), and the shares of those and of the next ones."""
+        """Indices of the samples before times (m,), and the weights of these and the next samples."""
         at = (t - self.start) / self.step
         k = np.clip(at.astype(int), 0, len(self.y) - 2)
         b = (at - k).reshape(-1, *[1] * (self.y.ndim - 1))

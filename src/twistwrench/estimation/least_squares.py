@@ -4,8 +4,8 @@ For joint j, W_j (n, r) and τ_j (n): N_j = W_j' W_j, c_j = W_j' τ_j, y_j = |τ
 
     (Σ_j N_j / σ_j² + D^-2) (x - x_0) = Σ_j (c_j - N_j x_0) / σ_j²,      σ_j² = |τ_j - W_j x|² / n
 
-with a weak prior: D the largest plausible size of each group, x_0 the file's values. Directions that a log does not determine
-keep the file's values.
+with a weak prior: D the largest plausible size of each group, x_0 the file's values. Directions that a log does not
+determine keep the file's values.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ..typing import Array
 _ROUNDS = 6
 _LEAST_SHARE = 1e-12
 _LEAST_VARIANCE = 1e-7
-"""Least variance of residuals, as a share of the torques' squares: weights of rows without noise stay finite."""
+"""Smallest variance of residuals relative to the squared torques; keeps the weights of noise-free rows finite."""
 _ROUNDING = 1e-13
 _NO_INFORMATION = 1e-6
-"""Share of the largest singular value, below which another one is rounding of the rows, not information."""
+"""Singular values below this share of the largest are rounding errors."""
 
 Information = tuple[Array, Array, float]
 """N, c and |τ|² of weighted rows."""
 
 
 def sum_of(parts: Sequence[Information]) -> Information:
-    """Sum of the information of several parts."""
+    """Add the information of several parts."""
     N, c, y = parts[0]
     for other in parts[1:]:
         N, c, y = N + other[0], c + other[1], y + other[2]
@@ -39,7 +39,7 @@ def sum_of(parts: Sequence[Information]) -> Information:
 
 
 def left_out(parts: Sequence[Information]) -> Iterator[tuple[Information, Information]]:
-    """Each part with the sum of the others; a single one with itself."""
+    """Yield each part with the sum of the others; a single part with itself."""
     for k, part in enumerate(parts):
         yield part, sum_of([p for j, p in enumerate(parts) if j != k] or [part])
 
@@ -52,10 +52,10 @@ def squares_of(part: Information, x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of some rows, and how many rows of each joint; they add up.
+    """Normal equations of some rows, with the number of rows; sums of them are normal equations too.
 
-    Packed, they are the lower triangles of [N c; c' y] of each joint one after another, without the columns that are zero in
-    its rows: ``active`` (nv, r) marks the others.
+    The packed form consists of the lower triangles of [N c; c' y] of the joints, one after another, without the columns
+    that are zero in a joint's rows: ``active`` (nv, r) marks the others.
     """
 
     N: Array  # (nv, r, r)
@@ -72,7 +72,7 @@ class NormalEquations:
         root: Array | None = None,
         rows: Array | slice | None = None,
     ) -> NormalEquations:
-        """Normal equations of rows W (n, nv, r) and τ (n, nv), joint by joint, so that W is not copied."""
+        """Normal equations of rows W (n, nv, r) and τ (n, nv), computed by joint to avoid a copy of W."""
         nv, r = W.shape[1:]
         N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
         mine = slice(None) if rows is None else rows
@@ -88,7 +88,7 @@ class NormalEquations:
 
     @classmethod
     def unpacked(cls, packed: Array, active: Array, rows: float) -> NormalEquations:
-        """From packed numbers (f,)."""
+        """Normal equations from their packed form (f,)."""
         nv, r = active.shape
         N, c, y, begin = np.zeros((nv, r, r)), np.zeros((nv, r)), np.zeros(nv), 0
         for j, mine in enumerate(active):
@@ -107,11 +107,11 @@ class NormalEquations:
         return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
 
     def together(self) -> tuple[Array, Array, float]:
-        """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals."""
+        """N (r, r), c (r,) and |τ|² summed over joints, for equations in units of their residuals."""
         return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
     def whitened(self, sigma: Array) -> tuple[Array, Array]:
-        """N (r, r) and c (r,) of all joints, of equations in units of residuals of these sizes (nv,)."""
+        """N (r, r) and c (r,) summed over joints, with equations scaled by residual sizes (nv,)."""
         return np.einsum("jkl,j->kl", self.N, sigma**-2), (self.c / sigma[:, None] ** 2).sum(axis=0)
 
     def squares(self, x: Array) -> Array:
@@ -120,7 +120,7 @@ class NormalEquations:
         return np.asarray(np.maximum(found, _LEAST_SHARE * self.y))
 
     def solve(self, prior: Prior) -> tuple[Array, Array]:
-        """Weighted least squares."""
+        """Weighted least-squares solution and residual sizes."""
         variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
         x = prior.mean
         for _ in range(_ROUNDS):
@@ -137,13 +137,13 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Weak prior: values (r,) of groups that the rows do not determine, and their largest plausible sizes (r,), above 0."""
+    """Weak prior: values (r,) of undetermined groups, and their largest plausible sizes (r,), above 0."""
 
     mean: Array
     size: Array
 
     def solve(self, A: Array, b: Array) -> Array:
-        """x of (A + size⁻²) x = b + size⁻² mean, in units in which sizes are 1."""
+        """Solve (A + size⁻²) x = b + size⁻² mean, scaled to unit sizes."""
         S = self.size
         scaled = A * S[:, None] * S[None, :]
         scaled[np.diag_indices_from(scaled)] += 1.0
@@ -152,7 +152,7 @@ class Prior:
 
 
 def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
-    """``units`` times x of A x = b for positive definite A, by Cholesky's factors in units in which its diagonal is 1."""
+    """Solve A x = b for positive definite A by Cholesky factors, scaled to unit diagonal; returns ``units`` times x."""
     import scipy.linalg
 
     size = np.sqrt(A.diagonal())
@@ -166,23 +166,23 @@ def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
 
 HUBER, MAD = 1.345, 1.4826
-"""k; and the standard deviation of normal noise, in units of its median absolute deviation."""
+"""Huber's k, and the ratio of the standard deviation to the median absolute deviation of normal noise."""
 _REWEIGHTINGS = 12
 Method = Literal["irls", "wls", "ols"]
 
 
 def huber_weights(distance: Array, k: float = HUBER) -> Array:
-    """Weights of residuals whose sizes, in units of their deviation, are ``distance``."""
+    """Huber weights of residuals; ``distance`` is their size over the standard deviation."""
     return np.asarray(np.minimum(1.0, k / np.maximum(distance, 1e-300)))
 
 
 def weighted_fit(
     W: Array, tau: Array, prior: Prior, method: Method, active: Array | None = None, rows: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
+    """Parameters (r,), residual sizes by joint (nv,), and weights (n, nv) of the rows, 1 for full weight.
 
-    ``W`` is (n, nv, r), ``tau`` (n, nv); ``active`` (nv, r) marks the columns that are not zero, ``rows`` (n,) bool
-    the rows that count: weights of the others are meaningless.
+    ``W`` is (n, nv, r), ``tau`` (n, nv). ``active`` (nv, r) marks nonzero columns, ``rows`` (n,) the rows that are
+    used; weights of other rows are meaningless.
     """
     mine = slice(None) if rows is None else rows
     plain = NormalEquations.from_rows(W, tau, active, rows=mine)
@@ -207,14 +207,14 @@ def weighted_fit(
     return x, sigma, weights
 
 
-# ── Least squares by orthogonal columns, and what rows cannot tell
+# ── Least squares by orthogonal columns, and null space
 
 
 def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array, Array, Array]:
-    """Weighted least squares: estimate (p,), half its covariance (p, p), orthonormal columns Q (n, c, p).
+    """Weighted least squares: estimate (p,), square root of its covariance (p, p), orthonormal columns Q (n, c, p).
 
-    A (n, c, p) W^(1/2) = Q U,  x = U⁻¹ Q' W^(1/2) y,  C = U⁻¹ U⁻ᵀ, with ``root`` (n, c) the roots of the weights and
-    ``sizes`` (p,) of the unknowns. Unknowns whose columns are zero are zero.
+    A (n, c, p) W^(1/2) = Q U,  x = U⁻¹ Q' W^(1/2) y,  C = U⁻¹ U⁻ᵀ, with ``root`` (n, c) the square roots of the weights
+    and ``sizes`` (p,) of the unknowns. Unknowns with zero columns are zero.
     """
     p = A.shape[-1]
     free = A.any(axis=(0, 1))
@@ -228,9 +228,9 @@ def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array
 
 
 def null_combinations(A: Array) -> Array:
-    """Combinations (k, p) of the columns of A (n, p) that are zero, in reduced echelon form: few entries, leading ones."""
+    """Basis (k, p) of the null space of A (n, p) in reduced echelon form: few nonzero entries, leading ones."""
     if len(A) > A.shape[1]:
-        A = np.asarray(np.linalg.qr(A)[1])  # the same singular values and rows, of a small matrix
+        A = np.asarray(np.linalg.qr(A)[1])  # same singular values and row space, smaller matrix
     _, values, rows = np.linalg.svd(A)
     rank = int((values > _NO_INFORMATION * values[0]).sum()) if values.size else 0
     rows, lead = rows[rank:].copy(), 0

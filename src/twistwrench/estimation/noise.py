@@ -1,4 +1,4 @@
-"""Quality of a log, judged from excerpts: time step, grid of its numbers, noise and late stamps."""
+"""Quality of a log, estimated from excerpts: time step, rounding grid, noise and late stamps."""
 
 from __future__ import annotations
 
@@ -14,54 +14,55 @@ ORDERS = range(3, 9)
 """Orders of the differences that separate noise from motion."""
 _FINEST_DECIMAL = 11
 _ROUND_OFF = 4e-16
-"""Noise below this share of the values is arithmetic, not measurement."""
+"""Ratio of noise to values below which noise is rounding error."""
 _LEAST_SEEN = 0.02
-"""Share of q/√12, the error of rounding to a grid q, that shows as noise at least: a motion that keeps to each point of the
-grid for hundreds of samples shows only so much of it."""
+"""Smallest noise, as a share of the rounding error q/√12 of a grid q: slow motions stay on each grid point for
+hundreds of samples, which hides most of the error.
+"""
 _GRID_STEPS = 1.5
-"""Most that rounding by half a grid step makes of a difference whose weights have unit norm: √(m+1)/2, order m ≤ 8."""
+"""Largest effect of rounding by half a grid step on a difference with unit-norm weights: √(m+1)/2, order m ≤ 8."""
 _FEW, _TWO_GLITCHES, _ROUNDS = 0.02, 18, 20
-"""Residuals that may be left out: a share of many, of few those that two glitches spoil at the highest order."""
+"""Residuals that may be left out: a share of many; of few, those affected by two glitches at the highest order."""
 _FEWEST_MARKS = 30
-"""Places where a column must not move as a parabola does for its grid to be one: kinks of planned motions are fewer."""
+"""Minimum number of places without parabolic motion for a grid; kinks of planned motions are fewer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Quality of some columns of a log, in the file's own units."""
+    """Quality of some columns of a log, in the file's units."""
 
     step: float
-    """Median time step [s]; nan if there is but one row."""
+    """Median time step [s]; nan for a single row."""
     quantum: Array
-    """(columns,) grid the values lie on; 0 where none shows."""
+    """Grid of the values (columns,); 0 if not detected."""
     noise: Array
-    """(columns,) standard deviation of what is not smooth motion; 0 where that is round-off or nothing moves."""
+    """Standard deviation (columns,) from smooth motion; 0 for rounding errors and constant columns."""
 
     @property
     def error(self) -> Array:
-        """(columns,) standard deviation with what is too slow to show as noise: that of rounding, where a grid shows."""
+        """Standard deviation (columns,) including slow errors: at least the rounding error of a grid."""
         return np.maximum(self.noise, self.quantum / math.sqrt(12.0))
 
 
 def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Array] | None = None) -> Survey:
-    """Judge excerpts of consecutive rows: their times (n,) and the columns in question (n, columns), as written.
+    """Assess excerpts of consecutive rows: times (n,) and columns (n, columns), as in the file.
 
-    ``curves`` are the same columns without the jumps of wrapped angles and turned quaternions: those are not noise, and
-    2π lies on no grid.
+    ``curves`` are the same columns without jumps of wrapped angles and sign changes of quaternions. These jumps are not
+    noise, and 2π is not on a grid.
     """
     steps = np.concatenate([np.diff(t) for t in times])
     quanta = np.array([quantum([x[:, k] for x in parts]) for k in range(parts[0].shape[1])])
     moves = np.any([np.ptp(x, axis=0) > 0 for x in parts if len(x)], axis=0)
     found = np.where(moves, noise(times, parts if curves is None else curves, quanta), 0.0)
-    # Rounding makes noise. Without it the steps are the motion's own, as those of a steady speed are.
+    # Rounding causes noise. Without noise, equal steps come from the motion, such as a constant speed.
     quanta = np.where(found > _LEAST_SEEN * quanta / math.sqrt(12.0), quanta, 0.0)
     return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, found)
 
 
 def quantum(parts: Sequence[Array]) -> float:
-    """Grid of a column's values, 0 if none shows: a power of ten, or the smallest step of an encoder.
+    """Grid of a column's values, 0 if not detected: a power of ten, or the smallest step of an encoder.
 
-    At a steady speed, or a steady acceleration, all increments are multiples of one, too: those are not a grid.
+    At constant speed or acceleration, all increments are multiples of one value too; this is not a grid.
     """
     values = np.concatenate(parts)
     size = float(np.abs(values).max(initial=0.0))
@@ -81,7 +82,7 @@ def _on_grid(values: Array, scale: float, size: float) -> bool:
 
 
 def _common_step(increments: Array) -> float:
-    """The smallest increment, if enough small ones are there and are its multiples, as good as exactly; else 0."""
+    """Smallest increment, if there are enough small ones and nearly all are multiples of it; else 0."""
     smallest = float(increments.min())
     ratios = increments[increments < 20 * smallest] / smallest
     regular = np.abs(ratios - np.round(ratios)) < 0.05
@@ -93,9 +94,9 @@ def _common_step(increments: Array) -> float:
 def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float = 0.0) -> Array:
     """Standard deviation of white noise on smooth motion, from high divided differences; excerpts (n, k) → (k,).
 
-    A difference of order m annihilates polynomials below degree m and, with weights of unit norm, keeps the variance of
-    white noise. What smooth motion leaves in it shrinks with the order, so the least over several orders is taken. A few
-    glitches are not noise; ``quanta`` (k,) are the grids of the columns, whose steps are.
+    A difference of order m annihilates polynomials below degree m. With unit-norm weights it keeps the variance of
+    white noise. The contribution of smooth motion decreases with the order, so the minimum over several orders is used.
+    A few glitches do not count as noise, but steps of the columns' grids ``quanta`` (k,) do.
     """
     size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)
     least = np.full(parts[0].shape[1], np.inf)
@@ -107,7 +108,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
 
 
 def deviation(residuals: Array, floor: Array) -> Array:
-    """Standard deviation (k,) of residuals (n, k), without the few beyond 5 of them and ``floor``, over and over."""
+    """Standard deviation (k,) of residuals (n, k), with iterative rejection beyond 5 deviations and ``floor``."""
     squares = residuals**2
     found = whole = np.mean(squares, axis=0)
     many = np.zeros(found.shape, bool)
@@ -117,14 +118,14 @@ def deviation(residuals: Array, floor: Array) -> Array:
         if kept.all():
             break
         found = np.where(kept, squares, 0.0).sum(axis=0) / np.maximum(1, kept.sum(axis=0))
-        # Where many would go they are not glitches: the noise is of two sizes, and the motion's accuracy that of both.
+        # Many large residuals are not glitches but a second, larger noise; the accuracy follows from both.
         many |= (~kept).sum(axis=0) > few
         found = np.where(many, whole, found)
     return np.asarray(np.sqrt(found))
 
 
 def differences(t: Array, x: Array, order: int) -> Array:
-    """Divided differences of x at times t, their weights scaled to unit norm; (n,), (n, k) → (n - order, k)."""
+    """Divided differences of x at times t, with weights of unit norm; (n,), (n, k) → (n - order, k)."""
     t = np.lib.stride_tricks.sliding_window_view(t, order + 1) - t[: len(t) - order, None]
     t = t / t[:, -1:]
     gaps = t[:, :, None] - t[:, None, :]
@@ -135,42 +136,42 @@ def differences(t: Array, x: Array, order: int) -> Array:
     return np.asarray(sum(weights[:, j, None] * x[j : j + n] for j in range(order + 1)))
 
 
-# ── Errors of samples: noise, rounding, and the timing of stamps
+# ── Errors of samples: noise, rounding, and stamps
 
 _GROUPS, _FEWEST = 16, 60
-"""Rows are grouped by speed: this many groups, of at least so many rows."""
+"""Number of groups of rows by speed, and minimum rows in each."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleErrors:
-    """The errors of some columns, (k,) each, in the columns' units.
+    """Errors of some columns, (k,) each, in the columns' units.
 
-    A sample at time t reads ``round(x(t + e) + n)``: n is white noise, e what its stamp is off by, one for all columns
-    of a row, and the rounding is to a grid.
+    Model of a sample at time t: ``round(x(t + e) + n)`` with white noise n, an error e of the stamp (common to all
+    columns of a row), and rounding to a grid.
     """
 
     white: Array
     """Standard deviation of n."""
     grid: Array
-    """Step of the grid; 0 where there is none."""
+    """Grid step; 0 without a grid."""
     stamp: Array
-    """Standard deviation of e [s], as that column shows it."""
+    """Standard deviation of e [s], as estimated from that column."""
 
     def scaled(self, factors: Array) -> SampleErrors:
-        """The same in units of which a column's own are ``factors`` (k,)."""
+        """Convert units: ``factors`` (k,) are the columns' units in the new ones."""
         return SampleErrors(self.white * factors, self.grid * factors, self.stamp)
 
     @property
     def at_rest(self) -> Array:
-        """(k,) standard deviation of a sample that does not move."""
+        """Standard deviation (k,) of a sample at rest."""
         return np.sqrt(self.white**2 + self.grid**2 / 12.0)
 
     def deviation(self, speed: Array) -> Array:
-        """(n, k) standard deviation of samples that move at a speed (n, k)."""
+        """Standard deviation (n, k) of samples that move at a speed (n, k)."""
         return np.asarray(np.sqrt(self.at_rest**2 + (self.stamp * speed) ** 2))
 
     def drawn(self, rng: np.random.Generator, curve: Array, speed: Array, count: int) -> Array:
-        """Samples (n, k, count) that a log of this curve (n, k) could hold; ``speed`` (n, k) is the curve's."""
+        """Random samples (n, k, count) of a log of this curve (n, k), which has the speed ``speed`` (n, k)."""
         n = len(curve)
         found = np.repeat(curve[:, :, None], count, axis=2)
         if self.stamp.any():
@@ -179,16 +180,16 @@ class SampleErrors:
             found[:, column] += self.white[column] * rng.normal(size=(n, count))
         for column in np.flatnonzero(self.grid).tolist():
             step = self.grid[column]
-            place = step * rng.uniform(-0.5, 0.5, count)  # where the grid lies under the curve is unknown
+            place = step * rng.uniform(-0.5, 0.5, count)  # random position of the grid relative to the curve
             found[:, column] = np.round((found[:, column] + place) / step) * step - place
         return found
 
 
 def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Survey) -> SampleErrors:
-    """The errors of columns (n, k) that lie on smooth curves, from excerpts of consecutive rows.
+    """Errors of columns (n, k) on smooth curves, from excerpts of consecutive rows.
 
-    Differences of a high order leave the errors alone. Their variance over the speed, a + b speed², splits them into
-    noise and stamps.
+    High-order differences isolate the errors. Their variance as a function of speed, a + b speed², separates noise and
+    errors of stamps.
     """
     columns = len(survey.noise)
     white, stamp = np.zeros(columns), np.zeros(columns)
@@ -204,7 +205,7 @@ def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Surve
 
 
 def _of_least_order(times: Sequence[Array], parts: Sequence[Array], grid: float) -> tuple[Array, Array] | None:
-    """Differences (n,), scaled to the samples' deviation, and speeds (n,), of the order that motion shows least in."""
+    """Differences (n,), scaled to the samples' deviation, and speeds (n,), of the order least affected by motion."""
     best, least = None, math.inf
     for order in ORDERS:
         pairs = [(t, x) for t, x in zip(times, parts, strict=True) if len(t) > order]
@@ -219,7 +220,7 @@ def _of_least_order(times: Sequence[Array], parts: Sequence[Array], grid: float)
 
 
 def _split(off: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
-    """a and b, neither negative, of the variance a + rounding + b speed² of differences."""
+    """Nonnegative a and b of the variance a + rounding + b speed² of differences."""
     from scipy.optimize import nnls
 
     groups = np.array_split(np.argsort(np.abs(speed), kind="stable"), max(1, min(_GROUPS, len(off) // _FEWEST)))
@@ -228,10 +229,10 @@ def _split(off: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
     square = np.array([float(np.mean(speed[rows] ** 2)) for rows in groups])
     top = float(square.max()) or 1.0
     table = np.stack([np.ones(len(groups)), square / top], axis=1)
-    least = 0.02 * float(variance.mean()) + 1e-300  # rest without any noise at all must not outweigh motion
+    least = 0.02 * float(variance.mean()) + 1e-300  # noise-free rest must not outweigh motion
     target, scale = np.maximum(variance - rounding, 0.0), np.maximum(variance, least)
     found = np.zeros(2)
-    for _ in range(3):  # a variance is uncertain in proportion to itself
+    for _ in range(3):  # the error of a variance is proportional to it
         found = nnls(table / scale[:, None], target / scale)[0]
         scale = np.maximum(np.maximum(table @ found + rounding, 0.1 * variance), least)
     return float(found[0]), float(found[1] / top)

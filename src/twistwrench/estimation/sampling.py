@@ -1,13 +1,13 @@
-"""Sampling of a log: repeated rows, delays, rows cut out, spikes, single wrong rows, and rates beside the slopes of positions.
+"""Sampling of a log: repeated rows, delays, omitted rows, spikes, single wrong rows, and scale of rates.
 
-The path of joint j over step i departs from the mean of the speeds on either side by
+The displacement of joint j in step i differs from the mean of the neighbouring speeds by
 
     e_ij = q_j(t_{i+1}) - q_j(t_i) - h_i v_ij.
 
-Positions that begin to be late by s, or rows that were cut out, make e_i = -s v_i or e_i = s v_i in all joints at once, and the
-path goes on beside the step. With d_i how far q_i is from the straight line between its neighbours, a corner of a path is one
-large d; a single wrong row of size d is (-d/2, d, -d/2), beyond all that the rest of the log has. A stamp that is wrong by s
-makes d = -s dq/dt in every joint.
+Positions that become late by s, or omitted rows, give e_i = -s v_i or e_i = s v_i in all joints at once, and the path
+continues beside the step. Let d_i be the deviation of q_i from the straight line between its neighbours. A corner of a
+path is one large d. A single wrong row of size d is (-d/2, d, -d/2), larger than elsewhere in the log. A stamp that is
+wrong by s gives d = -s dq/dt in every joint.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from ..typing import Array
 from .least_squares import MAD
 
 GAP = 5.0
-"""Usual steps of time from which a step is a pause."""
+"""Ratio to the typical time step above which a step is a pause."""
 _EVENTS, _RUN, _REGULAR = 20, 3, 0.8
-"""Changes of the positions, rows from one to the next, and share of them that are as far apart, of a log with repeated rows."""
+"""Criteria of repeated rows: minimum changes of the positions, rows between changes, and share of equal intervals."""
 _ROUND = 1e-9
 _COUNTS = 2.0
-"""Least steps of a column that it moves by from run to run: an encoder that counts one by one repeats numbers too."""
+"""Smallest displacement between runs in least steps of the column; slow encoder counts repeat numbers too."""
 
 
 class Gap(NamedTuple):
-    """A step that joints go farther in than their speeds take them."""
+    """Step in which joints move further than their speeds imply."""
 
     time: float
     late: float
-    """Seconds by which positions are late from there on, if all joints are off in proportion to their speeds; else nan."""
+    """Delay [s] of positions after the step, if all joints deviate in proportion to their speeds; else nan."""
 
 
 def pauses(time: Array, least: float = 0.0) -> Array:
-    """Numbers of the steps that are longer than five usual ones, and than ``least`` seconds."""
+    """Indices of steps longer than five typical ones and than ``least`` seconds."""
     steps = np.diff(time)
     return np.flatnonzero(steps > max(least, GAP * float(np.median(steps)))) if len(steps) else np.zeros(0, int)
 
 
 def new_rows(q: Array) -> Array | None:
-    """(n,) bool: rows of positions (n, k) that are new, where all others repeat them or lie on lines between them; else None.
+    """Mask (n,) of new rows of positions (n, k), if all others repeat or interpolate them; else None.
 
-    New rows are at least three apart, and always as many.
+    New rows are at least three rows apart, at equal intervals.
     """
     moved = np.abs(np.diff(q, axis=0))
     if len(moved) < _EVENTS * _RUN:
@@ -68,22 +68,22 @@ def new_rows(q: Array) -> Array | None:
 
 
 def moves(x: Array) -> Array:
-    """(k,) bool: columns (n, k) whose variance is far above that of their white noise, by second differences."""
+    """Mask (k,) of columns (n, k) whose variance is far above that of their white noise, by second differences."""
     noise = (np.diff(x, 2, axis=0) ** 2).mean(axis=0) / 6.0 if len(x) > 2 else np.zeros(x.shape[1])
     return np.asarray(x.var(axis=0) > np.maximum(_ABOVE_NOISE * noise, _ROUND**2))
 
 
 _ABOVE_NOISE = 10.0
 _FAR, _MADS = 3.0, 8.0
-"""Usual steps of a joint, and deviations of e, from which it departs from its path."""
+"""Minimum departure from the path, in typical steps of a joint and in deviations of e."""
 _ALONE, _BESIDE = 5, 0.5
-"""Rows on either side, and share of a departure that others there may have: a single wrong row makes two alike."""
+"""Rows on either side, and largest relative departure of others there; a single wrong row makes two departures."""
 _ALIKE = 0.35
-"""Share of |e| that is left where the departure is in proportion to the speeds."""
+"""Largest share of |e| that is not proportional to the speeds."""
 
 
 def gaps(time: Array, q: Array) -> list[Gap]:
-    """Steps at which all moving joints depart from their paths at once; q (n, k) without omitted turns."""
+    """Steps in which all moving joints leave their paths at once; q (n, k) without omitted turns."""
     if len(time) < 2 * _ALONE or not q.size:
         return []
     h = np.diff(time)
@@ -109,7 +109,7 @@ def gaps(time: Array, q: Array) -> list[Gap]:
 
 
 def late_by_turns(found: Sequence[Gap], begin: float, end: float) -> tuple[float, float] | None:
-    """Delay [s] and share of the time of positions that are late and on time by turns; None of others."""
+    """Delay [s], and fraction of time late, of positions that alternate between late and on time; otherwise None."""
     late = np.array([gap.late for gap in found])
     if not ((late > 0).any() and (late < 0).any()):
         return None
@@ -122,7 +122,7 @@ def late_by_turns(found: Sequence[Gap], begin: float, end: float) -> tuple[float
 
 
 def spikes(x: Array) -> Array:
-    """(n, k) bool: numbers beyond both neighbours by eight deviations of the steps, and by the column's own deviation."""
+    """Mask (n, k) of values beyond both neighbours by eight deviations of the steps and by the column's deviation."""
     steps = np.diff(x, axis=0)
     usual = [MAD * float(np.median(np.abs(s[s != 0]))) if (s != 0).any() else np.inf for s in steps.T]
     least = np.maximum(_MADS * np.array(usual), x.std(axis=0))
@@ -132,15 +132,16 @@ def spikes(x: Array) -> Array:
 
 
 _STANDS_FOR, _NEW, _SOME, _ALONE_SHARE = 0.3, 0.8, 0.02, 0.5
-"""Seconds for which a torque is one number where it drops out, share of the other rows in which it changes, share of a joint's
-range that the joint moves by meanwhile, and share of these rows in which all torques are, as of motors without power."""
+"""Criteria of dropouts: minimum duration [s] of a constant torque, share of other rows with changes, share of the
+joint's range moved meanwhile, and share of rows with all torques constant, as for unpowered motors.
+"""
 
 
 def dropouts(time: Array, tau: Array, q: Array) -> Array:
-    """(n, k) bool: rows in which torques (n, k) are one number, while positions (n, k) move and torques change elsewhere.
+    """Mask (n, k) of rows with constant torques (n, k) while positions (n, k) move and torques change elsewhere.
 
-    Rows at the least or largest torque, unless it is zero, are those of a torque that is cut off. Where all torques are one
-    number at once, the motors were switched off.
+    Constant torques at the extremes, except zero, are saturated. If all torques are constant at once, the motors were
+    off.
     """
     found, off = np.zeros(tau.shape, bool), (np.diff(tau, axis=0, append=np.inf) == 0).all(axis=1)
     for k, x in enumerate(tau.T):
@@ -157,11 +158,11 @@ def dropouts(time: Array, tau: Array, q: Array) -> Array:
 
 
 _CUT, _CUT_ROWS, _NEXT = 0.02, 30, 3.0
-"""Share of the rows, and rows, that are exactly at an extreme where a column is cut off, and times those at the next number."""
+"""Criteria of saturation: share and number of rows exactly at an extreme, and their ratio to rows at the next value."""
 
 
 def cut_off(x: Array) -> tuple[float, float] | None:
-    """Extreme at which numbers (n,) are cut off, and the share of the rows there; None if they are not."""
+    """Saturation level of values (n,), and the share of rows at it; None without saturation."""
     for extreme, beside in (
         (x.max(), x[x < x.max()].max(initial=-np.inf)),
         (x.min(), x[x > x.min()].min(initial=np.inf)),
@@ -172,42 +173,42 @@ def cut_off(x: Array) -> tuple[float, float] | None:
     return None
 
 
-# ── Rows at which one joint leaves its path and is back in the next row: no motion does that, whatever the noise
+# ── Single rows in which one joint leaves its path: not a motion, at any noise level
 
 _BEYOND = 5.0
-"""Times the largest e of the rest of the log, from which the wrong row explains itself."""
+"""Minimum ratio to the largest e in the rest of the log."""
 _LIKE_HALF = 0.25
-"""Deviation of the neighbours' e from -d/2, as a share of d: the path goes on beside the glitch."""
+"""Largest deviation of the neighbours' e from -d/2, as a share of d: the path continues beside the glitch."""
 _LEAST_SIZE, _NO_COUNT = 1e-6, 1e-2
-"""Sizes [rad, m]: smaller is rounding; larger is not a count of an encoder that flickers."""
+"""Sizes [rad, m] below which a glitch is rounding, and above which it is not a flickering encoder count."""
 _LEAST_COUNTS = 3.0
-"""Multiples of the least step of the log from which it is not such a count."""
+"""Minimum size in least steps of the log, above which it is not a flickering count."""
 _MOST = 50
-"""Candidates that are kept for a joint; with more the log is rough, and not one row wrong."""
+"""Largest number of candidates of a joint; with more, the whole log is rough."""
 OVERLAP = 6
-"""Rows that each portion shares with the one before, so that each row is looked at once, with two e on either side."""
+"""Rows shared by consecutive portions, so that each row is tested once, with two e on either side."""
 _OF_CLOCK = 0.25
-"""Share of the largest d of a row that is left where the stamp is wrong."""
+"""Largest remainder of d, relative to a row's largest d, for a wrong stamp."""
 _MOVING = 0.05
-"""Share of the fastest joint's speed from which a joint moves: one moving joint does not separate stamp and position."""
+"""Smallest relative speed of a moving joint; a single moving joint cannot separate stamp and position errors."""
 
 
 @dataclass(frozen=True)
 class Glitch:
-    """A wrong row of one joint."""
+    """Wrong row of one joint."""
 
     size: float
     """|d| [rad, m]."""
     time: float
     late: float
-    """Delay of its stamp [s], if every joint leaves its path in proportion to its speed; else 0."""
+    """Delay of the stamp [s], if every joint leaves its path in proportion to its speed; else 0."""
 
 
 class SingleRowGlitches:
-    """A tally over the rows of a motion, which come in portions that overlap by :data:`OVERLAP`."""
+    """Running search for wrong rows, over portions that overlap by :data:`OVERLAP` rows."""
 
     def __init__(self, count: int, turns: Array) -> None:
-        """``count`` joints, of which those that turn (k,) bool may step by a full turn."""
+        """Create for ``count`` joints; joints in the mask ``turns`` (k,) may step by a full turn."""
         self.turns = turns
         self._usual = 0.0
         self._largest, self._least_step = np.zeros(count), np.full(count, np.inf)
@@ -215,7 +216,7 @@ class SingleRowGlitches:
         """Candidates of each joint."""
 
     def add(self, t: Array, q: Array) -> None:
-        """Take in consecutive rows, (n,) and (n, k), the first of which are the last ones of those before."""
+        """Add consecutive rows, (n,) and (n, k), starting with the last rows of the previous portion."""
         if len(t) <= OVERLAP:
             return
         curves = q.copy()
@@ -225,7 +226,7 @@ class SingleRowGlitches:
         steps_of_time = np.diff(t)
         self._usual = self._usual or float(np.median(steps_of_time))
         pause = steps_of_time > GAP * self._usual
-        bridged = (pause[1:] | pause[:-1])[:, None]  # over a pause, the path says nothing
+        bridged = (pause[1:] | pause[:-1])[:, None]  # the path across a pause is unknown
         share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
         e = curves[1:-1] - curves[:-2] - share * (curves[2:] - curves[:-2])
         e = np.where(bridged, 0.0, e)
@@ -240,7 +241,7 @@ class SingleRowGlitches:
             self._found[k] = sorted([*self._found[k], found], key=lambda g: -g.size)[:_MOST]
 
     def result(self) -> list[tuple[int, list[Glitch]]]:
-        """Each joint that has such rows, with these, the largest first."""
+        """Joints with wrong rows and these rows, largest first."""
         found = []
         for k, candidates in enumerate(self._found):
             bound = max(_BEYOND * float(self._largest[k]), min(_LEAST_COUNTS * float(self._least_step[k]), _NO_COUNT))
@@ -250,43 +251,44 @@ class SingleRowGlitches:
         return found
 
     def times(self) -> Array:
-        """Times of all such rows, whatever is wrong in them."""
+        """Times of all wrong rows, whether position or stamp is wrong."""
         return np.array(sorted({g.time for _, wrong in self.result() for g in wrong}))
 
     def stamps(self) -> dict[float, float]:
-        """Times of the rows whose stamp is wrong, and by how much it is late [s]."""
+        """Delay [s] by time of the rows with a wrong stamp."""
         return {g.time: g.late for _, wrong in self.result() for g in wrong if g.late}
 
 
 def _late(d: Array, speed: Array) -> float:
-    """Delay of a row's stamp [s] if joints of speeds (k,) leave their paths by d (k,) in proportion; else 0."""
+    """Delay of a row's stamp [s] if joints with speeds (k,) leave their paths by d (k,) in proportion; else 0."""
     if (np.abs(speed) > _MOVING * np.abs(speed).max(initial=0.0)).sum() < 2:
         return 0.0
     found = float(d @ speed) / float(speed @ speed)
     return -found if np.abs(d - found * speed).max() < _OF_CLOCK * np.abs(d).max() else 0.0
 
 
-# ── Scale of logged rates over the slopes of what they belong to
+# ── Scale of logged rates relative to the slopes of their curves
 
 _ROWS = 512
-"""Most rows over which a rate is summed up: its own bias adds up to little over so few."""
+"""Largest number of rows for integrating a rate, so that its bias adds up to little."""
 _FEWEST = 8
 _OVER_NOISE, _STEPS = 100.0, 30.0
-"""A curve moves for certain if its variance is that many times that of its white noise, and its range that many of its
-smallest steps: an encoder at rest that flickers by a count or two does not."""
+"""A curve moves if its variance exceeds that of its white noise, and its range its least step, by these factors. An
+encoder at rest that flickers by a count or two does not move.
+"""
 _ROUNDING = (1e-10, 1e-9)
-"""A range [rad, m, 1/s of them], or a share of the largest one, that may be rounding."""
+"""Range [rad, m, 1/s of them], and share of the largest range, that may be rounding."""
 _ALIASED = 0.05
-"""Share of the squares of a summed rate by which leaving out every other row may change it."""
+"""Largest relative change of a summed rate's squares when every other row is left out."""
 _SLOW = 0.02
-"""Share of the fastest curve's speed below which a curve's rate matters to nobody."""
+"""Share of the fastest curve's speed below which a curve's rate is irrelevant."""
 _MOVES = 0.2
-"""Range [rad, m] that a rate must sum up to, to contradict a curve that stands."""
+"""Minimum range [rad, m] of an integrated rate that contradicts a curve at rest."""
 _STANDS = 0.02
 
 
 def segments(time: Array) -> list[slice]:
-    """Runs of at most 512 rows without gaps in time, of at least eight."""
+    """Runs of 8 to 512 rows without gaps in time."""
     if len(time) < _FEWEST:
         return []
     edges = sorted({*(pauses(time) + 1).tolist(), *range(0, len(time), _ROWS), len(time)})
@@ -294,10 +296,10 @@ def segments(time: Array) -> list[slice]:
 
 
 def rate_scales(runs: Sequence[tuple[Array, Array, Array]], alike: Array) -> Array:
-    """Scale (k,) of rates y over the slope of curves x by least squares on ∫y dt, in runs of time (n,), x (n, k) and y (n, k).
+    """Scale (k,) of rates y over the slopes of curves x, by least squares on ∫y dt; runs of (n,), (n, k) and (n, k).
 
-    It is 1 if they agree or it is undetermined, inf if y moves and x does not. ``alike`` (k,) tells curves of different units
-    apart: speeds are compared among those of one kind.
+    It is 1 if they agree or it is undetermined, inf if y moves and x does not. Speeds are compared among curves of one
+    kind, as given by ``alike`` (k,), because units differ.
     """
     parts = [_sums(t[s], x[s], y[s]) for t, x, y in runs for s in segments(t)]
     if not parts:
@@ -319,7 +321,7 @@ def rate_scales(runs: Sequence[tuple[Array, Array, Array]], alike: Array) -> Arr
 def _sums(time: Array, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Sums (5, k), largest numbers (3, k) and least steps (k,) of one segment."""
     integral, extent, moved = _integral(time, y), np.ptp(x, axis=0), np.abs(np.diff(x, axis=0))
-    # Summed up over every other row too: a rate that changes from row to row is not told by its samples.
+    # Also sum every other row: samples do not determine a rate that changes from row to row.
     coarser = _integral(time[::2], y[::2]) - integral[::2]
     a, b = x - x.mean(axis=0), integral - integral.mean(axis=0)
     noise = np.sum(np.diff(x, 2, axis=0) ** 2, axis=0) / 6.0
@@ -331,33 +333,34 @@ def _sums(time: Array, x: Array, y: Array) -> tuple[Array, Array, Array]:
 
 
 def _integral(time: Array, y: Array) -> Array:
-    """∫y dt by trapezia, 0 at first."""
+    """∫y dt by the trapezoidal rule, starting at 0."""
     summed = np.cumsum(0.5 * np.diff(time)[:, None] * (y[1:] + y[:-1]), axis=0)
     return np.concatenate([np.zeros((1, y.shape[1])), summed])
 
 
-# ── Delay of a column that claims to be the rate of a curve
+# ── Delay of a logged rate relative to its curve
 
 _LAGS = np.linspace(-0.6, 0.6, 97)
-"""Delays that are tried [s]."""
+"""Delays to be tested [s]."""
 _STEP, _SHORTEST = 0.005, 1.5
-"""Between the rows that are compared, and shortest length of a run of them [s]."""
+"""Time between compared rows, and shortest length of a run [s]."""
 _LEAST, _LEAST_STEPS = 0.04, 2.0
-"""A delay to speak of: [s], and in steps of time. Filters of drives and stamps of one cycle cost less."""
+"""Smallest reported delay [s], and in time steps; filters of drives and stamps of one cycle cause less."""
 _LEFT, _MATTERS = 0.25, 2e-4
-"""Share of the squares that a delay leaves, to be believed, and share of the curve's own from which they matter."""
+"""Largest share of the squares left by a valid delay, and smallest relevant share of the curve's squares."""
 _AS_GOOD = 1e-3
-"""Share of the squares by which the error of one delay may exceed the least, and be as good: of motions that repeat, several
-are, and the shortest is meant."""
+"""Tolerance, as a share of the squares, for equally good delays. The shortest of them is used; repeating motions have
+several.
+"""
 _SOME_MOVE = 0.05
-"""Range [rad, m] of a curve about its trend from which there is anything to compare."""
+"""Smallest range [rad, m] of a curve about its trend for a comparison."""
 
 
 def rate_delays(runs: Sequence[tuple[Array, Array, Array]], count: int) -> Array:
-    """Delay d (k,) [s] of rates y of curves x with y(t) = x'(t - d), by least squares on ∫y dt; 0 if it is not determined.
+    """Delay d (k,) [s] of rates y of curves x with y(t) = x'(t - d), by least squares on ∫y dt; 0 if undetermined.
 
-    Runs are time (n,), x (n, k) without jumps and y (n, k). Means and trends of both are taken off in each run without gaps, so
-    that a bias of y says nothing.
+    Runs are time (n,), x (n, k) without jumps and y (n, k). Mean and trend of both are removed in each run without
+    gaps, so that a bias of y has no effect.
     """
     errors, squares, extent, longest = np.zeros((len(_LAGS), count)), np.zeros(count), np.zeros(count), 0.0
     for t, x, y in runs:
@@ -390,7 +393,7 @@ def rate_delays(runs: Sequence[tuple[Array, Array, Array]], count: int) -> Array
 
 
 def _left_by_lags(t: Array, x: Array, integral: Array) -> tuple[Array, Array] | None:
-    """Curves (n, k) of one run without means and trends, and the squares (lags, k) that lags leave; None if it is short."""
+    """Curves (n, k) of one run without mean and trend, and residual squares (lags, k) by lag; None for short runs."""
     used = (t >= t[0] - _LAGS[0]) & (t <= t[-1] - _LAGS[-1])
     if t[-1] - t[0] < _SHORTEST or used.sum() < len(_LAGS):
         return None

@@ -1,4 +1,4 @@
-"""Motions: how files of them are read, how rates come from samples and how noisy those are, and what contradicts itself."""
+"""Motions: readers of motion files, differentiation of samples with noise estimates, and consistency checks."""
 
 from .motion_log import LogRows, MotionLog
 

@@ -1,8 +1,8 @@
 """Motions in files of arrays and tables (npz, npy, MAT, HDF5, parquet, feather) and in archives of simulations.
 
-An array (n,) is a column called by its name; of one (n, k) the columns are numbered, ``q1`` to ``qk``. Other
-arrays, and columns of another length than most, are ignored. Rows are decoded in portions, but for formats that can only be
-read whole.
+An array (n,) is a column with the array's name; the columns of an array (n, k) are numbered, ``q1`` to ``qk``. Other
+arrays are ignored, as are columns whose length differs from that of most. Rows are decoded in portions if the format
+allows it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .column_names import PART_OF, SUFFIX, time_column
 from .log_table import slices, table_of
 
 MOST_UNPACKED = 1 << 30
-"""Bytes that what is read whole may unpack to."""
+"""Largest unpacked size [bytes] of data that must be read whole."""
 
 
 # ── Columns of a file whose header has been read
@@ -39,20 +39,20 @@ MOST_UNPACKED = 1 << 30
 
 @dataclass(frozen=True, eq=False)
 class ArrayFile:
-    """File of columns whose header has been read."""
+    """Columnar file whose header has been read."""
 
     path: Path
     header: tuple[str, ...]
     size: int
-    """Bytes."""
+    """Size [bytes]."""
     read: Callable[[Sequence[int]], Iterator[Array]]
-    """Portions (n, k) of the rows of some columns."""
+    """Function that yields portions (n, k) of the rows of some columns."""
     notes: tuple[str, ...] = ()
-    """A sentence for each thing in the file that is not read."""
+    """Sentences about ignored content of the file."""
     advice: str = "remove the row"
-    """Remedy of numbers that are not finite."""
+    """Remedy for non-finite numbers."""
     epoch: int = 0
-    """Stamp of time 0 of a ROS recording [ns]."""
+    """Stamp [ns] of time 0 of a ROS recording."""
     dataset: str = ""
     """Unit of a LeRobot dataset's positions by its metadata: ``degrees``, ``radians``, ``range`` or ``unknown``."""
 
@@ -60,19 +60,19 @@ class ArrayFile:
     def from_table(
         cls, path: Path, header: Sequence[str], table: Array, size: int, notes: Sequence[str] = ()
     ) -> ArrayFile:
-        """File whose columns (n, k) are in memory."""
+        """File with columns (n, k) in memory."""
         return cls(path, tuple(header), size, lambda used: iter([table[:, list(used)]]), tuple(notes))
 
     def table(self, used: Sequence[int]) -> Array:
-        """Table (n, len(used)) of those columns; raises TrajectoryError for numbers that are not finite."""
+        """Table (n, len(used)) of the given columns; raises TrajectoryError for non-finite numbers."""
         return table_of(self._portions(used), len(used), self.path)
 
     def first(self, column: int) -> Array:
-        """First numbers of a column, as many as a portion has."""
+        """First portion of a column."""
         return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
 
     def place(self, row: int) -> str:
-        """Place of a row, ``row 3``."""
+        """Description of a row's place, ``row 3``."""
         return f"row {row + 1}"
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
@@ -102,29 +102,29 @@ class ArrayFile:
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
-    """Array in a file, or in memory where the file had to be read whole."""
+    """Array in a file, or in memory if the file had to be read whole."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     portions: Callable[[], Iterator[Array]]
-    """Consecutive rows, as many at a time as those of :func:`.slices`."""
+    """Function that yields consecutive rows, split as by :func:`.slices`."""
     names: tuple[str, ...] = ()
-    """Names of the columns of an array (n, k); empty: they are numbered."""
+    """Names of the columns of an array (n, k); if empty, columns are numbered."""
 
     @classmethod
     def from_array(cls, given: Any) -> StoredArray:
-        """Array in memory; rows and columns (1, n) and (n, 1) become (n,)."""
+        """Array in memory; (1, n) and (n, 1) become (n,)."""
         x = np.asarray(given)
         x = x.ravel() if x.ndim == 2 and 1 in x.shape else x
         return cls(x.shape, x.dtype, lambda: (x[s] for s in slices(len(x))))
 
 
 Reader = Callable[[Path], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
-"""Arrays of a file by their names, and a sentence for each thing that is not read."""
+"""Function that returns the arrays of a file by name, and sentences about ignored content."""
 
 
 def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
-    """The file of arrays, or one ``episode`` of it, None for other files.
+    """Open a file of arrays, or one ``episode`` of it; None for other files.
 
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
@@ -156,7 +156,7 @@ def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
             begin += len(portions[0])
             found = [parts[column.array][column.part][here] for column in chosen]
             for k, x in enumerate(found):
-                if x.dtype.kind in "mM":  # dates and spans, in seconds since the first
+                if x.dtype.kind in "mM":  # dates and durations: seconds since the first
                     found[k] = (x - begins.setdefault(k, x[:1])) / np.timedelta64(1, "s")
             yield np.stack(found, axis=1).astype(float, copy=False)[:, : len(used)]
 
@@ -170,11 +170,11 @@ class _Column:
     label: str
     array: str
     part: Any
-    """Index of the column in portions of the array."""
+    """Index of the column within a portion."""
 
 
 def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
-    """Columns of numbers that are as long as most."""
+    """Numeric columns of the most frequent length."""
     found: list[tuple[int, _Column]] = []
     for name, array in arrays.items():
         shape, fields = array.shape, array.dtype.names
@@ -192,11 +192,11 @@ def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
 
 
 _NUMBERS = "iufbmM"
-"""Kinds of NumPy's types that hold numbers, dates and spans."""
+"""NumPy kinds of numbers, dates and durations."""
 
 
 def check_unpacked(path: Path, size: int) -> None:
-    """Refuse what would take more memory than may be read whole; ``size`` in bytes."""
+    """Raise TrajectoryError if ``size`` [bytes] exceeds the limit for data read whole."""
     if size > MOST_UNPACKED:
         raise TrajectoryError(
             f"{path}: takes {number(size / 2**30)} GiB once unpacked, and such a file is read whole up to "
@@ -205,11 +205,11 @@ def check_unpacked(path: Path, size: int) -> None:
         )
 
 
-# ── NumPy's files
+# ── NumPy files
 
 
 def array_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether columns come first, and type of an array in NumPy's format; the file is at its first number then."""
+    """Shape, column-major flag and type of an array in NumPy's format; leaves the file at the first number."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, columns_first, dtype = read(file)
@@ -219,7 +219,7 @@ def array_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
 
 
 def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArray:
-    """An array in NumPy's format, in rows; one (n, k) whose columns come first is read whole."""
+    """Array in NumPy's format, by rows; a column-major array (n, k) is read whole."""
     with open_file() as file:
         shape, columns_first, dtype = array_header(file)
         offset = file.tell()
@@ -264,16 +264,16 @@ def _npz(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     return {name.removesuffix(".npy"): _in_numpy_format(path, partial(member, name)) for name in names}, ()
 
 
-# ── Archives that simulate --npz wrote
+# ── Archives written by simulate --npz
 
 _MARK = "twistwrench simulation"
 _MARK_BYTES = 1 << 12
 
 
 def is_archive(path: Path) -> bool:
-    """True if the file begins as archives of NumPy do; False if it cannot be read."""
+    """True if the file starts like a NumPy archive; False if it cannot be read."""
     try:
-        if not path.is_file():  # a pipe would lose what is read of it here
+        if not path.is_file():  # reading a pipe here would consume its data
             return False
         with path.open("rb") as file:
             return file.read(2) == b"PK"
@@ -282,7 +282,7 @@ def is_archive(path: Path) -> bool:
 
 
 def is_simulation(path: Path) -> bool:
-    """True if ``simulate --npz`` wrote the archive; also if it cannot be read."""
+    """True if ``simulate --npz`` wrote the archive; also True if the archive cannot be read."""
     try:
         with zipfile.ZipFile(path) as archive:
             if "format.npy" not in archive.namelist():
@@ -292,12 +292,12 @@ def is_simulation(path: Path) -> bool:
                 said = file.read(min(_MARK_BYTES, dtype.itemsize))
             coding = "utf-32-be" if dtype.byteorder == ">" else "utf-32-le"
             return shape == () and dtype.kind == "U" and said.decode(coding).startswith(_MARK)
-    except Exception:  # whatever NumPy raises: reading it says what is wrong
+    except Exception:  # any NumPy error: the later read reports it
         return True
 
 
 def simulation_file(path: Path) -> ArrayFile:
-    """Motion of a simulation that ``simulate --npz`` wrote; raises TrajectoryError."""
+    """Motion from an archive of ``simulate --npz``; raises TrajectoryError."""
     advice = "Give one that simulate --npz wrote, whole, or a CSV file."
     unreadable = f"{path}: an archive that cannot be read as a motion"
     with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
@@ -314,11 +314,11 @@ def simulation_file(path: Path) -> ArrayFile:
     return ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), path.stat().st_size)
 
 
-# ── HDF5, and MATLAB's files from version 7.3 on, which are that
+# ── HDF5, and MATLAB files since version 7.3, which are HDF5
 
 
 def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
-    """Arrays of an HDF5 file; with ``columns_first`` they are stored transposed, as MATLAB does."""
+    """Arrays of an HDF5 file; ``columns_first`` for arrays stored transposed, as by MATLAB."""
     try:
         import h5py
     except ImportError:
@@ -345,7 +345,7 @@ def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, Stor
     return found, ()
 
 
-# ── MATLAB's files
+# ── MATLAB files
 
 
 def _mat(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
@@ -359,10 +359,10 @@ def _mat(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
 
 
 _SAVED_AS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""Types of numbers by their codes in MAT files of version 5."""
+"""Number types by their codes in MAT files of version 5."""
 _MATRIX, _COMPRESSED, _COMPLEX = 14, 15, 0x800
 _NUMERIC = range(6, 16)
-"""Classes of arrays of real numbers, in full, in MAT files of version 5."""
+"""Classes of dense real arrays in MAT files of version 5."""
 
 
 def _damaged(path: Path, what: str) -> TrajectoryError:
@@ -370,21 +370,21 @@ def _damaged(path: Path, what: str) -> TrajectoryError:
 
 
 def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
-    """Arrays of real numbers of a MAT file of version 5, 6 or 7, whose sizes are checked before they are unpacked.
+    """Real arrays of a MAT file of version 5, 6 or 7; sizes are checked before unpacking.
 
-    SciPy's reader trusts the sizes, and ends the process where they are wrong.
+    SciPy's reader does not check the sizes and crashes the process if they are wrong.
     """
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
     if order is None:
         raise _damaged(path, "its first 128 bytes are not those of a MAT file")
 
     def element(of: memoryview, at: int) -> tuple[int, memoryview, int]:
-        """Type and bytes of the element there, and the place behind it."""
+        """Type, data and end offset of the element at offset ``at``."""
         if len(of) < at + 8:
             raise _damaged(path, "an array ends before its numbers")
         kind, size = struct.unpack_from(f"{order}II", of, at)
         begin, behind = at + 8, at + 8 + size + (-size % 8 if kind != _COMPRESSED else 0)
-        if kind >> 16:  # up to four bytes in the tag itself
+        if kind >> 16:  # small element: up to four bytes within the tag
             kind, size, begin, behind = kind & 0xFFFF, kind >> 16, at + 4, at + 8
         if size > (4 if begin == at + 4 else len(of) - begin):
             raise _damaged(path, f"an element of {size} bytes does not fit into the {len(of) - begin} that are left")
@@ -435,7 +435,7 @@ def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
 
 
 def _mat_4(path: Path, data: memoryview) -> dict[str, Any]:
-    """Arrays of real numbers of a MAT file of version 4."""
+    """Real arrays of a MAT file of version 4."""
     found: dict[str, Any] = {}
     at = 0
     while at < len(data):
@@ -455,7 +455,7 @@ def _mat_4(path: Path, data: memoryview) -> dict[str, Any]:
     return found
 
 
-# ── Tables of Arrow: parquet and feather
+# ── Arrow tables: parquet and feather
 
 
 def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
@@ -477,7 +477,7 @@ def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
                     yield batch.column(0).to_numpy(zero_copy_only=False)
     else:
         with path.open("rb") as source:
-            if source.read(6) == b"ARROW1":  # the first version is not compressed
+            if source.read(6) == b"ARROW1":  # version 1 of the format has no compression
                 file = pyarrow.dataset.dataset(path, format="feather")
                 check_unpacked(path, 8 * file.count_rows() * len(file.schema))
         table = pyarrow.feather.read_table(path, use_threads=False)
@@ -507,7 +507,7 @@ def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
 def _lists(
     path: Path, name: str, rows: int, portions: Callable[[], Iterator[Array]], names: Sequence[str]
 ) -> StoredArray:
-    """Array (n, k) of a column of lists; without a shape if they are not numbers, or of several lengths at first."""
+    """Array (n, k) of a column of lists; without a shape unless they are numeric and the first ones equally long."""
     first = next(portions(), np.zeros(0))
     width = np.asarray(first[0]).size if len(first) else 0
     alike = all(cell is not None and np.size(cell) == width for cell in first)
@@ -530,16 +530,16 @@ def _lists(
     return StoredArray((rows, width), np.dtype(float), stacked, tuple(names) if len(names) == width else ())
 
 
-# ── LeRobot's datasets: parquet beside meta/info.json
+# ── LeRobot datasets: parquet with meta/info.json
 
 _EPISODES = "episode_index"
 """Column of the episodes of a LeRobot dataset."""
 _STATE = "observation.state"
-"""Its column of positions."""
+"""Column of the positions of a LeRobot dataset."""
 
 
 def _lerobot(path: Path) -> tuple[dict[str, list[str]], str]:
-    """Names in the lists of a dataset's columns, and the unit of its positions, by the nearest ``meta/info.json`` above."""
+    """Element names of a dataset's list columns and unit of positions, from the nearest ``meta/info.json`` above."""
     info = next(
         (file for folder in path.absolute().parents[:4] if (file := folder / "meta" / "info.json").is_file()), None
     )
@@ -566,7 +566,7 @@ def _lerobot(path: Path) -> tuple[dict[str, list[str]], str]:
 
 
 def _rows_of(path: Path, episodes: StoredArray | None, episode: int | None) -> Array | None:
-    """(n,) bool: rows of an episode; None: all. Raises TrajectoryError for episodes that are not there or not chosen."""
+    """Mask (n,) of the rows of an episode; None for all. Raises TrajectoryError if the episode is missing."""
     if episodes is None:
         if episode is not None:
             raise TrajectoryError(f"{path}: --episode is for datasets with a column {_EPISODES!r}, and none is here.")

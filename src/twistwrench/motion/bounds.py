@@ -1,4 +1,4 @@
-"""Limits of a motion and the check against them: those passed, by how much, and the time of the worst excess."""
+"""Limits of a motion, and limit check: violations with their excess and the time of the largest excess."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def bounds_or_own(robot: Robot, bounds: Limits | None) -> Limits:
-    """The bounds, or the robot's own limits for None. Raises ValueRangeError for what is neither."""
+    """Return the given bounds, or the robot's limits for None; raises ValueRangeError for other types."""
     if bounds is None:
         return robot.limits
     if not isinstance(bounds, Limits):
@@ -44,12 +44,12 @@ def bounds_of(
     deceleration: ArrayLike | None = None,
     jerk: ArrayLike | None = None,
 ) -> Limits:
-    """Limits of a robot with the given ones in their places.
+    """Limits of a robot, with some replaced.
 
     Parameters
     ----------
     velocity : (nv,) array_like or float, optional [rad/s, m/s]
-    acceleration : (nv,) array_like or float, optional; without ``deceleration`` also of joints that slow down [rad/s², m/s²]
+    acceleration : (nv,) array_like or float, optional; also the default of ``deceleration`` [rad/s², m/s²]
     effort : (nv,) array_like or float, optional [N m, sliding joints: N]
     deceleration : (nv,) array_like or float, optional [rad/s², m/s²]
     jerk : (nv,) array_like or float, optional [rad/s³, m/s³]
@@ -87,29 +87,29 @@ def bounds_of(
     return replace(robot.limits, **found)
 
 
-# ── The check of a motion against its limits
+# ── Limit check of a motion
 
 KINDS = ("position", "velocity", "acceleration", "jerk", "torque")
 
 
 @dataclass(frozen=True)
 class Violation:
-    """A limit that a motion passes, and where it does so most."""
+    """Violation of a limit, at the time of its largest excess."""
 
     joint: str
     """Name of the joint."""
     kind: str
     """``position``, ``velocity``, ``acceleration``, ``jerk`` or ``torque``."""
     value: float
-    """The value, in the unit of the limit."""
+    """Value [unit of the limit]."""
     limit: float
-    """With the sign of the value, where it limits a magnitude."""
+    """Limit; if it bounds a magnitude, with the sign of the value."""
     time: float
-    """s."""
+    """Time of the largest excess [s]."""
 
     @property
     def by(self) -> float:
-        """Excess over the limit, above zero, in the unit of the limit."""
+        """Excess over the limit, positive [unit of the limit]."""
         return abs(self.value - self.limit)
 
     def __str__(self) -> str:
@@ -119,18 +119,18 @@ class Violation:
 
 
 class RunningExtrema:
-    """The greatest value of each column so far, when it occurred, and what it is of."""
+    """Running maximum of each column, with its time and the signed value behind it."""
 
     def __init__(self, columns: int) -> None:
         self.value = np.full(columns, -np.inf)
         self.time = np.full(columns, np.nan)
         self.signed = np.zeros(columns)
-        """The number whose magnitude, or excess over a limit, is greatest."""
+        """Signed value whose magnitude or excess is the maximum."""
 
     def add(self, time: Array, values: Array, signed: Array | None = None) -> list[tuple[int, int]]:
-        """Take in times (n,) and values (n, columns); the (column, row) pairs of columns with a new greatest value.
+        """Update with values (n, columns) at times (n,); returns the (column, row) pairs of new maxima.
 
-        ``signed`` (n, columns) are the numbers of which these are the magnitudes or excesses.
+        ``signed`` (n, columns) are the numbers whose magnitudes or excesses are in ``values``.
         """
         rows = np.argmax(values, axis=0)
         greatest = values[rows, np.arange(values.shape[1])]
@@ -145,8 +145,7 @@ class RunningExtrema:
 class LimitCheck:
     """Running check of states against limits.
 
-    Joints of several coordinates have no limits of position: theirs are infinite. Values past a limit by less than its
-    tolerance are at it.
+    Joints with several coordinates have infinite position limits. An excess below the tolerance is not a violation.
     """
 
     def __init__(self, model: Model, bounds: Limits) -> None:
@@ -156,7 +155,7 @@ class LimitCheck:
         self._borne = RunningExtrema(len(self._followers))
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
-        """States at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
+        """Check states at times (n,): q (n, nq), dq, ddq and torques (n, nv); None is skipped."""
         b, x = self.bounds, self.model.positions(q)
         self._worst["position"].add(time, np.maximum(x - b.upper, b.lower - x), x)
         largest = {"velocity": b.velocity, "torque": b.effort}
@@ -168,7 +167,7 @@ class LimitCheck:
                 self._worst[kind].add(time, np.abs(values) - largest[kind], values)
 
     def add_jerk(self, time: Array, ddq: Array) -> None:
-        """Take in the slopes of accelerations (n, nv), n ≥ 3, of a motion that begins and ends at rest, even if by a jump."""
+        """Check the slopes of accelerations (n, nv), n ≥ 3, of a motion from rest to rest, with jumps at its ends."""
         jerk = np.gradient(ddq, time, axis=0, edge_order=2)
         jumps = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
         for end, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
@@ -176,16 +175,16 @@ class LimitCheck:
         self._worst["jerk"].add(time, np.abs(jerk) - self.bounds.jerk, jerk)
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
-        """Take in what mimic joints with a limit of effort bear in these states, friction left out."""
+        """Check the torques of mimic joints with an effort limit in the given states, without friction."""
         if self._followers:
             self.add_borne(time, follower_torques(self.model, np.asarray(robot.joint_wrenches(q, dq, ddq))))
 
     def add_borne(self, time: Array, borne: Array) -> None:
-        """Take in what those joints bear (n, k) at times (n,)."""
+        """Check the torques (n, k) of these mimic joints at times (n,)."""
         self._borne.add(time, np.abs(borne), borne)
 
     def violations(self) -> tuple[Violation, ...]:
-        """The limits passed, worst first by their share of the limit."""
+        """Violations, sorted by their ratio to the tolerance, largest first."""
         found = []
         for kind, worst in self._worst.items():
             for k, value in enumerate(worst.signed.tolist()):
@@ -206,7 +205,7 @@ class LimitCheck:
         return tuple(v for _, v in sorted(found, key=lambda item: -item[0]))
 
     def _limit(self, kind: str, k: int, value: float, beyond: float) -> float:
-        """Limit that a value is beyond."""
+        """Limit that the value exceeds."""
         b = self.bounds
         if kind == "position":
             return float(b.upper[k] if value > b.upper[k] else b.lower[k])

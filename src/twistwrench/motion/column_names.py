@@ -1,4 +1,4 @@
-"""Names and units of log columns: suffixes of results, names that loggers use, units in brackets, and the header of a file."""
+"""Names and units of log columns: suffixes of results, names used by loggers, and units in brackets."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ..lie.labelled import WRENCH
 from ..typing import Array
 
 SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque"}
-"""Suffixes of a joint's name in files written here, for each part of a motion."""
+"""Suffixes of a joint's name in written files, for each part of a motion."""
 
 READ = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort")}
-"""Suffixes that are read, the shortest first."""
+"""Accepted suffixes, shortest first."""
 
 DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2"}
-"""Units in brackets of columns with angles in degrees."""
+"""Bracketed units of columns with angles in degrees."""
 
 ENERGIES = ("kinetic_energy", "potential_energy")
 WORK = "work."
 MOMENTUM = tuple(f"momentum.{x}" for x in WRENCH)
-"""Columns of simulations besides the motion: energies, the work of each cause, the momentum."""
+"""Result columns of simulations: energies, work by cause, momentum."""
 
 
 def is_result(name: str) -> bool:
-    """True if a column holds a result of simulations, and not a coordinate of the motion.
+    """True if a column is a result of a simulation and not a coordinate of the motion.
 
     >>> is_result("work.torques"), is_result("workpiece")
     (True, False)
@@ -36,13 +36,13 @@ def is_result(name: str) -> bool:
     return name in ENERGIES or name in MOMENTUM or name.startswith(WORK)
 
 
-# ── Names that loggers use: joint and quantity
+# ── Names used by loggers: joint and quantity
 
 PARTS = ("q", "dq", "ddq", "tau")
-"""Coordinates, velocities, accelerations and torques, as a motion names them."""
+"""Keys of coordinates, velocities, accelerations and torques."""
 
 CURRENT = "current"
-"""Word for a motor's current, which a gain takes to a torque."""
+"""Word for a motor current, which a gain converts to a torque."""
 _WORDS = {
     "q": ("q", "qpos", "pos", "position", "positions", "angle", "angles", "jointposition"),
     "dq": ("dq", "qd", "qdot", "qvel", "vel", "velocity", "velocities", "speed", "jointvelocity"),
@@ -51,27 +51,27 @@ _WORDS = {
     CURRENT: (CURRENT, "currents", "curr"),
 }
 PART_OF = {word: part for part, words in _WORDS.items() for word in words}
-"""Part of a motion that a word means."""
+"""Part of a motion denoted by each word."""
 NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
 NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
 NEUTRAL |= frozenset(("observation", "observations"))
-"""Words beside a quantity that change nothing."""
+"""Words that do not change the meaning of a name."""
 JOINT = frozenset(("joint", "joints", "axis", "j", "rax"))
-"""Words for any joint; ``rax`` is ABB's."""
+"""Words for a joint; ``rax`` is ABB's."""
 UNITS = frozenset(("rad", "deg"))
 ROS_TIME = "%time"
-"""Name of the time column of ``rostopic echo -p``, in whole nanoseconds; other programs write seconds under it."""
+"""Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""
 _TIMES = ("time", "t")
 _STAMPS = (
     "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", "seconds", "secs", "clock",
     "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
 )  # fmt: skip
 _DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
-"""Positions as KUKA and ABB name them, who write degrees."""
+"""Position names of KUKA and ABB, which are in degrees."""
 
 
 def time_meaning(text: str) -> tuple[int, str | None] | None:
-    """Rank of a name of time (0 is surest) and the unit at its end; None for other names.
+    """Rank of a name for time (0 is the most certain) and its unit suffix; None for other names.
 
     >>> time_meaning("Time"), time_meaning("timestamp_ns"), time_meaning("elbow")
     ((0, None), (1, 'ns'), None)
@@ -86,7 +86,7 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
 
 
 def are_in_degrees(names: Sequence[str]) -> bool:
-    """True if positions are named as by makers who write degrees, without a unit.
+    """True if positions without a unit have the names of makers who use degrees.
 
     >>> are_in_degrees(["A1", "A2"]), are_in_degrees(["joint1", "joint2"])
     (True, False)
@@ -95,7 +95,7 @@ def are_in_degrees(names: Sequence[str]) -> bool:
 
 
 def time_column(names: Sequence[str]) -> str:
-    """Name of the time column in files written here, beside columns of these names.
+    """Name of the time column in written files, given the other columns' names.
 
     >>> time_column(["elbow"]), time_column(["time", "elbow"])
     ('time', 'time [s]')
@@ -120,9 +120,9 @@ _SECONDS = {
     "min": 60.0,
 }
 _LAST_DATE = 2e11
-"""Year 8307 [s]."""
+"""Largest date [s], in the year 8307."""
 _DATE_NS, _STEP_NS = 1e17, 1e4
-"""1973 in ns, and 10 us: no log is as fast, and none in whole seconds or milliseconds has steps as long."""
+"""Stamp of 1973 [ns], and step of 10 µs [ns]. Logs have longer steps; steps in whole s or ms are smaller numbers."""
 _FACTORS: dict[tuple[str, bool], dict[str, float]] = {
     ("q", True): _ANGLES,
     ("q", False): _LENGTHS,
@@ -146,7 +146,7 @@ _SHOWN = {
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """A column's name without the unit in brackets at its end, and that unit; numbers in brackets are indices.
+    """Split a column's name into the name and the unit in brackets at its end; numbers in brackets are indices.
 
     >>> split_unit("elbow [deg]"), split_unit("Time (ms)"), split_unit("position[0]")
     (('elbow', 'deg'), ('Time', 'ms'), ('position[0]', None))
@@ -161,7 +161,7 @@ def split_unit(text: str) -> tuple[str, str | None]:
 
 
 def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
-    """Factor from a unit to SI units; ``part`` is q, dq, ddq or tau. TrajectoryError begins with ``where``."""
+    """Factor from a unit to SI units; ``part`` is q, dq, ddq or tau. Errors (TrajectoryError) start with ``where``."""
     known = _FACTORS[part, angular]
     factor = known.get(_plain(unit, products=part == "tau"))
     if factor is None:
@@ -188,11 +188,11 @@ def time_factor(unit: str) -> float | None:
 
 
 SINCE_1970 = 1e8
-"""Times from which they count from 1970 [s]: 1973; a log of three years is none."""
+"""Smallest time [s] that counts from 1970 (in 1973); a log of three years is implausible."""
 
 
 def date_note(begin: float) -> tuple[str, ...]:
-    """A sentence on the date from which time counts; none for times that do not count from 1970.
+    """Sentence about the date of the first time; empty unless times count from 1970.
 
     >>> date_note(1.7e9), date_note(12.5)
     (('Time counts from 2023-11-14 22:13:20 UTC.',), ())
@@ -203,9 +203,9 @@ def date_note(begin: float) -> tuple[str, ...]:
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
-    """True if stamps (n,) are nanoseconds: whole numbers as large as those of a date, or with steps of at least 10 us.
+    """True if stamps (n,) are nanoseconds: integers of the size of a date, or with steps of at least 10 µs.
 
-    Fractions are seconds, unless they are as large as only nanoseconds of a date are.
+    Non-integers are seconds, unless they are so large that only nanoseconds are plausible.
 
     >>> import numpy as np
     >>> ros_nanoseconds(np.array([1.7e18, 1.7e18 + 1e7])), ros_nanoseconds(np.array([1.7e9, 1.7e9 + 0.01]))

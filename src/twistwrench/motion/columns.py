@@ -1,4 +1,4 @@
-"""Assignment of log columns to coordinates, velocities, accelerations and torques, with units and errors for missing ones."""
+"""Assignment of log columns to coordinates, velocities, accelerations and torques, with units and error messages."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from .matching import RULES, NamedJoints, alike, candidates, most_by_prefix, ris
 
 _FEW = 4
 ORDER = "#"
-"""Begins the keys of columns that are listed in the order of the coordinates: ``#1``, ``#2`` …"""
+"""Prefix of keys for columns listed in the order of the coordinates: ``#1``, ``#2`` …"""
 
 
 def quoted(name: str) -> str:
-    """A column's name as ``--columns`` reads it: in quotes, as in CSV, if it has a comma, an equals sign or a quote.
+    """Quote a column's name for ``--columns`` as in CSV if it has a comma, an equals sign or a quote.
 
     >>> quoted("a"), quoted("a, b")
     ('a', '"a, b"')
@@ -49,7 +49,7 @@ def quoted(name: str) -> str:
 
 
 def columns_option(columns: Mapping[str, str]) -> str:
-    """The option ``--columns`` for the shell.
+    """Format the option ``--columns`` for the shell.
 
     >>> columns_option({"time": "Zeit", "joint_1": "A1"})
     "--columns 'time=Zeit,joint_1=A1'"
@@ -59,46 +59,46 @@ def columns_option(columns: Mapping[str, str]) -> str:
 
 
 def _joint(coordinate: str) -> str:
-    """The joint of a coordinate; those of planar and floating joints have a suffix."""
+    """Joint of a coordinate; coordinates of planar and floating joints have a suffix."""
     base, dot, suffix = coordinate.rpartition(".")
     return base if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz") else coordinate
 
 
-# ── Assignment of columns: as requested, by exact name, by logger names, by number
+# ── Assignment of columns: by request, by exact name, by logger names, by number
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Column of a file, and its unit if it is given."""
+    """Column of a file, with its unit if given."""
 
     column: int
     unit: str | None = None
     gain: float | None = None
-    """Torque per unit of a column that is a current."""
+    """Torque per unit of a current column."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Options by which a file is read."""
+    """Options for reading a file."""
 
     path: Path
     columns: Mapping[str, str] | None = None
-    """Columns by what they are (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``), others by their names.
+    """Columns by quantity (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``); others are found by name.
 
-    ``LOG:JOINT`` holds for the log of that path or name only.
+    ``LOG:JOINT`` applies only to the log with that path or name.
     """
     rate: float | None = None
-    """Takes the place of a column of time [Hz]."""
+    """Sampling rate [Hz] in place of a time column."""
     degrees: bool = False
-    """Angles without a unit are in degrees."""
+    """True if angles without a unit are in degrees."""
     gain: Mapping[str, float] | None = None
-    """Torque per ampere by joints; of ``joint.current`` only for a column that is a current by its name or unit."""
+    """Torque per ampere by joint; for ``joint.current``, only if the column is a current by name or unit."""
     locked: Sequence[str] = ()
     """Joints whose columns are ignored."""
 
 
 class Assignment:
-    """Columns of a header, given one after another to the coordinates of a robot; errors begin with ``where``."""
+    """Assignment of a header's columns to the coordinates of a robot; errors begin with ``where``."""
 
     def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
         self.cells, self.where, self.reading = cells, where, reading
@@ -108,23 +108,23 @@ class Assignment:
         keys = {f"{motor}{ending}" for motor in motors for ending in ("", f".{CURRENT}", *READ["tau"])}
         self.motors = motors
         self.of_motors = bool(motors) and any(name.rpartition(":")[2] in keys for name in named)
-        """True if torques of coupled joints are those of their motors, as the names of columns are."""
+        """True if torques of coupled joints are motor torques, according to the column names."""
         if self.of_motors:
             self.names["tau"] = coordinates.drive_names
         self.free = [k for k, cell in enumerate(cells) if cell]
-        """Columns that nothing has been given to."""
+        """Unassigned columns."""
         self.split = [(cell, None) if cell in coordinates.names else split_unit(cell) for cell in cells]
-        """Name and unit of each; names of joints are taken as they stand, brackets at their ends included."""
+        """Name and unit of each column; joint names that end in brackets are kept whole."""
         self.given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
-        """Columns of each part of the motion, by the number of the coordinate."""
+        """Columns of each part of the motion, by coordinate index."""
         self.notes: list[str] = []
         self.degrees = reading.degrees
         self.time: Choice | None = None
         self.mimic_joints: list[tuple[MimicJoint, Choice]] = []
         self.of_locked: list[str] = []
-        """Columns of joints that are held still."""
+        """Columns of locked joints."""
         self.extra: list[str] = []
-        """Columns of no meaning."""
+        """Columns without a known meaning."""
 
     @classmethod
     def from_header(
@@ -135,9 +135,9 @@ class Assignment:
         reading: Reading,
         look: Callable[[int], Array],
     ) -> Assignment:
-        """Give the header's columns to the robot's coordinates; raises TrajectoryError and UnknownNameError.
+        """Assign the header's columns to the robot's coordinates; raises TrajectoryError and UnknownNameError.
 
-        ``look`` gives the first numbers of a column.
+        ``look`` returns the first numbers of a column.
         """
         if all(is_number(cell) or not cell for cell in cells):
             raise TrajectoryError(
@@ -159,7 +159,7 @@ class Assignment:
         mimic = [choice.column for _, choice in found.mimic_joints]
         of_locked = [k for k in found.free if _belongs(found.split[k][0], reading.locked)]
         if len(found.given["tau"]) < len(found.names["tau"]):
-            # Torques are for comparison only, and may be those of some joints.
+            # Torques are only compared with others, so some joints may lack them.
             found.free += [choice.column for choice in found.given["tau"].values()]
             found.given["tau"] = {}
         unread = [k for k in sorted(found.free) if k not in of_locked and k not in mimic]
@@ -171,7 +171,7 @@ class Assignment:
         return found
 
     def factor(self, choice: Choice, part: str, angular: bool) -> float:
-        """Factor from a column to SI units: by its unit or gain, else by the angles' common unit."""
+        """Factor from a column to SI units: by its unit or gain, otherwise by the common unit of angles."""
         if choice.gain is not None:
             return choice.gain
         if choice.unit is not None:
@@ -179,11 +179,11 @@ class Assignment:
         return math.radians(1.0) if self.degrees and angular and part != "tau" else 1.0
 
     def found(self) -> str:
-        """The names, as they end an error."""
+        """List of the column names, for the end of an error message."""
         return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
 
     def column(self, name: str, option: str) -> Choice:
-        """Column of that name, with or without its unit; ``option`` is named in errors."""
+        """Column by name, with or without its unit; errors name ``option``."""
         base, unit = split_unit(name)
         exact = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         alike = exact or [k for k, (text, _) in enumerate(self.split) if text == base]
@@ -196,16 +196,16 @@ class Assignment:
         return Choice(alike[0], unit or self.split[alike[0]][1])
 
     def repeated(self, name: str, count: int) -> TrajectoryError:
-        """The error of a column that is there more than once."""
+        """Error for a column that occurs more than once."""
         return TrajectoryError(f"{self.where}: column {name!r} is there {count} times. Keep one of them.")
 
     def assign(self, part: str, k: int, choice: Choice) -> None:
-        """Give a column to a coordinate."""
+        """Assign a column to a coordinate."""
         self.given[part][k] = choice
         self.free = [c for c in self.free if c != choice.column]
 
     def requested(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
-        """Columns of the option ``columns``, by part and number of the coordinate."""
+        """Columns of the option ``columns``, by part and coordinate index."""
         suffixes = {
             ".pos": "q",
             f".{CURRENT}": "tau",
@@ -224,7 +224,7 @@ class Assignment:
         return found
 
     def in_order(self, columns: Mapping[str, str]) -> dict[str, str]:
-        """Entries of ``columns`` with the joints' names in place of ``#1``, ``#2`` …, by which a list numbers them."""
+        """Replace ``#1``, ``#2`` … in ``columns`` by the joints' names."""
         names, listing = self.names["q"], [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
         if listing and len(listing) != len(names):
             raise TrajectoryError(
@@ -234,7 +234,7 @@ class Assignment:
         return {names[int(key[1:]) - 1] if key in listing else key: column for key, column in columns.items()}
 
     def of_this_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
-        """Entries of ``columns`` for this log: those of all logs, and over them those that begin with its path or name."""
+        """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
         found, own = dict[str, str](), dict[str, str]()
         for key, column in columns.items():
             rest = max((name for name in known if key.endswith(f":{name}")), key=len, default="")
@@ -245,7 +245,7 @@ class Assignment:
         return found | own
 
     def take_currents(self) -> None:
-        """Give torques that are currents their gain; raises TrajectoryError if the unit is that of a torque."""
+        """Convert currents in torque columns by the gains; raises TrajectoryError if the unit is that of a torque."""
         names, gains = self.names["tau"], self.reading.gain or {}
         for name in gains:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
@@ -263,10 +263,10 @@ class Assignment:
                 self.given["tau"][k] = replace(choice, gain=gain * ampere)
 
     def assign_time(self, requested: Choice | None, rate: float | None, look: Callable[[int], Array]) -> Choice | None:
-        """The column of time by its name or unit, None without one and where there is a ``rate``."""
+        """Time column by name or unit; None if there is none, or if ``rate`` is given."""
         ranked = sorted((rank[0], k) for k in self.free if (rank := time_meaning(self.split[k][0])) is not None)
         if others := [(rank, k) for rank, k in ranked if self.cells[k] not in self.names["q"]]:
-            ranked = others  # a joint may be called t
+            ranked = others  # a joint may be named t
         first = [k for rank, k in ranked if rank == ranked[0][0]]
         if rate is not None:
             if requested or first:
@@ -306,7 +306,7 @@ class Assignment:
         return choice
 
     def assign_by_exact_name(self) -> None:
-        """Give columns whose names are those that files written here have."""
+        """Assign columns with the names used in written files."""
         by_text: dict[str, list[int]] = {}
         for k in self.free:
             by_text.setdefault(self.split[k][0], []).append(k)
@@ -320,7 +320,7 @@ class Assignment:
                         self.assign(part, k, Choice(columns[0], self.split[columns[0]][1]))
 
     def assign_by_words(self) -> None:
-        """Give columns whose names contain a joint's and words for a quantity."""
+        """Assign columns whose names contain a joint's name and words for a quantity."""
         readers = {part: NamedJoints(self.names[part]) for part in ("q", "dq")}
         driven = NamedJoints(self.names["tau"])
         found: dict[tuple[str, int], list[int]] = {}
@@ -355,7 +355,7 @@ class Assignment:
             self.notes.append(f"Column {assigned[0][0]!r} is taken to be {assigned[0][1]}{others}.")
 
     def assign_by_rules(self, others: Sequence[str]) -> None:
-        """Give columns by the first rule that has one for every joint; ``others`` are joints without a coordinate."""
+        """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
         texts = {k: self.split[k][0] for k in self.free}
         for meant, found in candidates(texts).items():
             part, names = ("tau", self.names["tau"]) if meant == CURRENT else (meant, self.names[meant])
@@ -378,7 +378,7 @@ class Assignment:
                 self.notes.append(f"Columns named {cells[0]} … {cells[-1]} are in degrees, as their maker writes them.")
 
     def rising_time(self, look: Callable[[int], Array]) -> Choice | None:
-        """The only column of no other meaning that rises in every row; None where there is a rate, none or several."""
+        """The only unassigned column that increases in every row; None if a rate is given, or without a unique one."""
         if self.reading.rate is not None:
             return None
         rising = rising_columns({k: self.cells[k] for k in self.free}, look)
@@ -391,11 +391,11 @@ class Assignment:
         return Choice(rising[0], self.split[rising[0]][1])
 
     def usual_rate(self) -> str:
-        """Usual rate of recordings without a time column, as an addition to the message."""
+        """Hint for the error message: usual sampling rate of recordings without a time column."""
         return " (ALOHA records 50: --rate 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
 
     def without_columns(self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool) -> str:
-        """Error for coordinates without a column, with the options to copy that assign them."""
+        """Error message for coordinates without a column, with options to copy."""
         all_missing = len(missing) == len(self.names["q"])
         may_be = [cell for cell in self.extra if cell in varying_columns(self.cells, self.extra, look)]
         in_order = series(may_be, len(missing)) if all_missing else []
@@ -432,7 +432,7 @@ class Assignment:
         )
 
     def check_complete(self, look: Callable[[int], Array]) -> None:
-        """Raise TrajectoryError for a lack of time, of coordinates, or of some rates; ``look`` gives a column's numbers."""
+        """Raise TrajectoryError if time, coordinates or rates are missing; ``look`` returns a column's numbers."""
         missing = [name for k, name in enumerate(self.names["q"]) if k not in self.given["q"]]
         timeless = self.time is None and self.reading.rate is None
         if missing:
@@ -465,7 +465,7 @@ def absent_joints(
     columns: Mapping[str, str],
     path: Path,
 ) -> tuple[str, ...]:
-    """Joints without a column of their position in this header, by their names or by ``columns``."""
+    """Joints without a position column in this header, by name or by ``columns``."""
     found = Assignment(cells, "", coordinates, Reading(path))
     names = list(found.names["q"])
     for key in found.of_this_log(columns, {*names, *(f"{name}.pos" for name in names)}):
@@ -481,55 +481,55 @@ def absent_joints(
     return tuple(j for j in joints if not any(n == j or n.startswith(f"{j}.") for n in present))
 
 
-# ── The columns of a motion file and their factors
+# ── Columns of a motion file and their factors
 
 
 class MimicJointColumn(NamedTuple):
-    """A column of a mimic joint."""
+    """Column of a mimic joint."""
 
     follower: MimicJoint
     column: int
-    """Column of the table."""
+    """Index in the table."""
     factor: float
     """Factor to SI units."""
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Places of time, q, dq, ddq and torques in the table of a log, which has the used columns only."""
+    """Indices of time, q, dq, ddq and torques in the table of a log, which contains only the used columns."""
 
     header: tuple[str, ...]
     """Header of the table."""
     used: tuple[int, ...]
-    """Columns of the file; without a time column the table begins with one more, the row's number."""
+    """Indices in the file; without a time column, the table starts with the row number as an additional column."""
     time: int
-    """The column of time [s]."""
+    """Index of the time column."""
     seconds: float
-    """Factor from the file's time, or from the row's number, to seconds."""
+    """Factor from the file's time, or from the row number, to seconds."""
     counted: bool
-    """True if time is the row's number, for want of a column."""
+    """True if the row number replaces a missing time column."""
     time_stated: bool
-    """True if the unit of time is given, by the file or the caller."""
+    """True if the file or the caller specifies the unit of time."""
     places: dict[str, Array | None]
-    """For ``q``, ``dq``, ``ddq``, ``tau``: the columns in the robot's order, or None where the file has none."""
+    """Columns of ``q``, ``dq``, ``ddq``, ``tau`` in the robot's order, or None if absent."""
     factors: dict[str, Array]
     """Factors to SI units."""
     angle: Array
-    """(nq,) what takes the file's angles to radians; 1 where the coordinate is none."""
+    """(nq,) factors from the file's angles to radians; 1 for other coordinates."""
     angle_stated: Array
-    """(nq,) bool: the unit is given, by the column's name or the caller."""
+    """(nq,) True if the column's name or the caller specifies the unit."""
     of_locked: tuple[str, ...] = ()
-    """Columns that belong to joints held still; they are ignored."""
+    """Ignored columns of locked joints."""
     extra: tuple[str, ...] = ()
-    """Columns that are nothing of this robot; they are ignored."""
+    """Ignored columns that are unrelated to this robot."""
     quaternions: tuple[Array, ...] = ()
-    """The columns of each quaternion."""
+    """Columns of each quaternion."""
     notes: tuple[str, ...] = ()
-    """A sentence for each thing that was taken to be meant."""
+    """Sentences about assumptions."""
     mimic_joints: tuple[MimicJointColumn, ...] = ()
     """Columns of mimic joints."""
     of_motors: bool = False
-    """True if the torques of coupled joints are those of their motors."""
+    """True if torques of coupled joints are motor torques."""
 
     @classmethod
     def from_header(
@@ -540,9 +540,9 @@ class Columns:
         reading: Reading,
         look: Callable[[int], Array],
     ) -> Columns:
-        """From the header's cells; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`).
+        """Columns from the header's cells; errors (:class:`~twistwrench.TrajectoryError`) begin with ``where``.
 
-        ``look`` gives the first numbers of a column, where its name alone does not say its unit.
+        ``look`` returns the first numbers of a column, used if its name does not specify the unit.
         """
         found = Assignment.from_header(header, coordinates, where, reading, look)
         parts = {part: [given[k] for k in sorted(given)] for part, given in found.given.items()}
@@ -588,6 +588,6 @@ class Columns:
         )
 
     def in_si(self, table: Array, part: str) -> Any:
-        """The columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns), in SI units; None if absent."""
+        """Columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns) in SI units; None if absent."""
         where = self.places[part]
         return None if where is None else table[:, where] * self.factors[part]

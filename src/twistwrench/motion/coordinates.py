@@ -1,4 +1,4 @@
-"""Coordinates of a motion: names, units, joint velocities from rates, and continuity of wrapped angles and quaternions."""
+"""Coordinates of a motion: names, units, joint velocities, and continuity of wrapped angles and quaternions."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .column_names import DEGREES, SUFFIX
 
 
 class MimicJoint(NamedTuple):
-    """A mimic joint, whose coordinate is ``ratio`` times that of its leader, plus ``offset``."""
+    """Mimic joint: its coordinate is ``ratio`` times the leader's, plus ``offset``."""
 
     name: str
     leader: int
-    """Index of its leader's coordinate in q."""
+    """Index of the leader's coordinate in q."""
     ratio: float
     offset: float
     angular: bool
@@ -42,35 +42,35 @@ class Coordinates:
     """
 
     names: tuple[str, ...]
-    """Entries of q: the joint's name, with a suffix where a joint has several."""
+    """Names of the entries of q: the joint's name, with a suffix for joints with several coordinates."""
     velocity_names: tuple[str, ...]
-    """Entries of dq, ddq and of the torques; the joint's name for one-degree joints."""
+    """Names of the entries of dq, ddq and torques; the joint's name for one-degree joints."""
     angular: Array
-    """(nq,) bool: an angle, as opposed to a length or a quaternion's entry."""
+    """(nq,) True for angles; False for lengths and quaternion entries."""
     angular_velocity: Array
-    """(nv,) bool: about an axis [rad/s, N m], as opposed to along it [m/s, N]."""
+    """(nv,) True for rotation about an axis [rad/s, N m]; False for translation along it [m/s, N]."""
     position_of: Array
-    """(nv,) which entry of q the velocity belongs to; -1 where none does (planar and floating joints)."""
+    """(nv,) index in q that belongs to each velocity; -1 if none does (planar and floating joints)."""
     endless: Array
-    """(nq,) bool: an angle that a log may wrap at ±π, a continuous joint's or a planar joint's theta."""
+    """(nq,) True for angles that a log may wrap at ±π: continuous joints and theta of planar joints."""
     quaternions: tuple[slice, ...]
-    """Places of the quaternions of floating joints in q."""
+    """Slices of the floating joints' quaternions in q."""
     mimic_joints: tuple[MimicJoint, ...]
-    """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
+    """Mimic joints, except those with a continuous leader, whose angle a log may wrap."""
     drive_names: tuple[str, ...] = ()
-    """Entries of the torques of drives, those of coupled motors in the places of their joints; empty if none are coupled."""
+    """Names of drive torques, with coupled motors in place of their joints; empty if none are coupled."""
     drive_turns: tuple[bool, ...] = ()
-    """True for entries of the torques of drives in N m, as opposed to N."""
+    """True for drive torques in N m, False for forces in N."""
     coupled: tuple[tuple[Array, Array, Array], ...] = ()
-    """Places of coupled joints, and the matrices of their motors, as :attr:`twistwrench.model.model.Model.coupled`."""
+    """Indices of coupled joints and matrices of their motors, see :attr:`twistwrench.model.model.Model.coupled`."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
-        """Names of the columns of a quantity in files written here.
+        """Column names of a quantity in written files.
 
         Parameters
         ----------
         part : "q", "dq", "ddq" or "tau"
-        degrees : bool, angles are in degrees there, and the names say so
+        degrees : bool, use degrees for angles and note them in the names
 
         Returns
         -------
@@ -119,12 +119,12 @@ class Coordinates:
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """``N m`` or ``N`` for each velocity."""
+        """Unit, ``N m`` or ``N``, for each velocity."""
         return units_of("tau", self.angular_velocity)
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
-    """Joint velocities and accelerations (n, nv) from rates of q (n, nq); planar and floating joints in the child's frame."""
+    """Joint velocities and accelerations (n, nv) from rates of q (n, nq); planar and floating joints: child's frame."""
     velocities, accelerations = [np.zeros((len(q), 0))], [np.zeros((len(q), 0))]
     for b in model.leaders:
         here = b.places[0]
@@ -135,33 +135,35 @@ def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[A
 
 
 _CACHE: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
-"""Coordinates of each model in use: simulations need them in every run."""
+"""Cache by model, as every simulation needs the coordinates."""
 
 
-# ── Continuous curves: unwrapped angles, quaternions of steady sign
+# ── Continuous curves: unwrapped angles, quaternions of constant sign
 
 _FULL = 0.75
-"""Share of a turn: least step of a bounded joint that counts as an omitted turn."""
+"""Smallest step, as a fraction of a turn, that counts as an omitted turn of a bounded joint."""
 _SPILL = 0.01
-"""Share of half a turn by which rounding to two decimals exceeds it (3.15 for π)."""
+"""Relative excess over half a turn due to rounding to two decimals (3.15 for π)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Continuity:
-    """Columns of q that jump without the robot jumping; decided once for a log, so that all its windows agree."""
+    """Columns of q with spurious jumps; determined once per log, so that all windows agree."""
 
     wrapped: Array
-    """(nq,) bool: endless angles that never leave one turn, within ±π or 0 to 2π. Others count turns, and steps of more
-    than π are meant."""
+    """(nq,) True for endless angles that stay within one turn, ±π or 0 to 2π. Other angles count turns; their steps
+    of more than π are real.
+    """
     quaternions: tuple[slice, ...]
-    """Places of quaternions: p and -p are one rotation, but not one curve."""
+    """Slices of quaternions; p and -p are the same rotation, but a sign change breaks the curve."""
     left_out: Array
-    """(nq,) bool: angles of bounded joints within one turn. There a step of nearly a full turn, and no other, is a turn that
-    the log left out."""
+    """(nq,) True for angles of bounded joints within one turn. Only a step of nearly a full turn counts as an omitted
+    turn.
+    """
 
     @classmethod
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
-        """Judge by excerpts of q (n, nq), with angles in units of which ``turn``, () or (nq,), make a full turn."""
+        """Find the jumps from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
         least = np.min([x.min(axis=0, initial=math.inf) for x in parts], axis=0)
         most = np.max([x.max(axis=0, initial=-math.inf) for x in parts], axis=0)
         half, spill = 0.5 * np.asarray(turn), _SPILL * 0.5 * np.asarray(turn)
@@ -172,12 +174,12 @@ class Continuity:
         return cls(coordinates.endless & within, coordinates.quaternions, bounded & within)
 
     def curves(self, q: Array, turn: float | Array = math.tau) -> Array:
-        """Consecutive rows of q (n, nq) without those jumps; each column begins where it did."""
+        """Consecutive rows of q (n, nq) without the jumps; each column keeps its first value."""
         found, turns = q.copy(), np.broadcast_to(np.asarray(turn, float), q.shape[1:])
         for k in np.flatnonzero(self.wrapped):
             found[:, k] = np.unwrap(q[:, k], period=turns[k])
         for k in np.flatnonzero(self.left_out):
-            # np.unwrap leaves steps below ``discont`` as they are.
+            # np.unwrap does not change steps below ``discont``.
             found[:, k] = np.unwrap(q[:, k], period=turns[k], discont=_FULL * turns[k])
         for place in self.quaternions:
             p = q[:, place]

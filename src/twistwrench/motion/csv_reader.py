@@ -1,4 +1,4 @@
-"""CSV files of numbers: dialects, a block reader of bounded memory, and errors that name the line."""
+"""CSV files of numbers: dialects, block reader with bounded memory, and errors with line numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
 
 
 def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
-    """True if a cell is a finite decimal number and nothing else.
+    """True if a cell is a finite decimal number.
 
     >>> is_number(" -1.5e3 "), is_number("1_000"), is_number("0,5"), is_number("0,5", decimal_comma=True)
     (True, False, False, True)
@@ -42,13 +42,13 @@ def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
 
 @dataclass(frozen=True)
 class Dialect:
-    """Separator of the cells of a line; None for blanks. Commas are decimal marks unless they separate."""
+    """Cell separator; None for blanks. Commas are decimal marks unless they are the separator."""
 
     separator: str | None = ","
 
     @classmethod
     def from_header(cls, header: str, row: str | None) -> Dialect:
-        """Dialect of a header and the row below it (None if there is none): it cuts both into as many cells."""
+        """Dialect for which the header and the row below it (None if absent) have the same number of cells."""
         cut = {s: cls(s).cells(header) for s in _SEPARATORS}
         many = {s: len(cells) for s, cells in cut.items() if len(cells) > 1}
         if not many:  # one column
@@ -61,7 +61,7 @@ class Dialect:
         return cls(next(s for s in (";", "\t", ",", None) if s in many))
 
     def cells(self, line: str) -> list[str]:
-        """The cells of one line without the blanks about them; a quote that never ends counts as a character."""
+        """Cells of a line, stripped of blanks; an unclosed quote is an ordinary character."""
         if self.separator is None:
             return [cell.strip('"') for cell in line.split()]
         try:
@@ -71,11 +71,11 @@ class Dialect:
         return [unescape_cell(cell.strip()) for cell in cells]
 
     def has_decimal_commas(self, text: str | bytes) -> bool:
-        """True if commas in a text are decimal marks."""
+        """True if a text contains decimal commas."""
         return self.separator != "," and ("," in text if isinstance(text, str) else b"," in text)
 
     def number(self, cell: str) -> float | None:
-        """The finite number of a cell, with a decimal comma where commas separate nothing; None for what is none.
+        """Finite number in a cell, with a decimal comma unless commas are the separator; None for other text.
 
         >>> Dialect(";").number("-0,5"), Dialect(";").number("0.5"), Dialect(",").number("1e3"), Dialect(",").number("x")
         (-0.5, 0.5, 1000.0, None)
@@ -86,20 +86,20 @@ class Dialect:
 
     @property
     def name(self) -> str:
-        """As it is called in a sentence."""
+        """Name for use in a sentence."""
         return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}[self.separator]
 
 
-# ── Errors of rows: the first line at fault
+# ── Errors of rows: the first faulty line
 
 _GAPS = ("nan", "inf", "infinity")
-"""Words for a missing number, with either sign."""
+"""Words for a missing number, with or without a sign."""
 
 
 def blame(
     text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
 ) -> TrajectoryError:
-    """The error of the first bad line of ``text``, whose first line has number ``line`` of the file."""
+    """Error for the first faulty line of ``text``; ``line`` is the file's line number at its start."""
     decimal_comma = dialect.has_decimal_commas(text)
     lines = text.decode("utf-8", "replace").split("\n")
 
@@ -135,7 +135,7 @@ def _passed_over(raw: str) -> bool:
 
 
 def _gap(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
-    """The first of these that is not finite, where all others are numbers; None where there is none."""
+    """First non-finite field, if all others are numbers; otherwise None."""
     found = None
     for name, field in zip(names, fields, strict=True):
         if field.lower().lstrip("+-") in _GAPS:
@@ -198,17 +198,17 @@ def _shown(raw: str) -> str:
     return repr(raw if len(raw) <= 60 else raw[:57] + "…")
 
 
-# ── Rows as numbers, a block of lines at a time
+# ── Parsing of rows, in blocks of lines
 
 _CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
 
 
 def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
-    """The ``used`` columns of lines that have ``columns`` cells each → (rows, len(used)); the same bits as ``float()``.
+    """Parse the ``used`` columns of lines with ``columns`` cells → (rows, len(used)), with the values of ``float()``.
 
-    Blank lines and lines that begin with # are passed over. None where a line has another number of cells, or a used cell is
-    not finite.
+    Blank lines and lines that begin with # are skipped. Returns None if a line has another number of cells, or a used
+    cell is not a finite number.
     """
     if text.translate(None, _CONTROL) != text:
         return None
@@ -223,7 +223,7 @@ def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]
 
 
 def normalise_newlines(text: bytes) -> bytes:
-    """Lines that end in a newline alone, the last one too; b"" if nothing but blanks is there."""
+    """Convert line ends to newlines, including the last; b"" for blank text."""
     if b"\r" in text:
         text = text.replace(b"\r\n", b"\n")
     if text.isspace() or not text:
@@ -252,7 +252,7 @@ def _by_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
 
 
 def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
-    """True if every line has that many cells, blank lines aside."""
+    """True if every line has ``columns`` cells, except blank lines."""
     if dialect.separator is None:
         return all(len(line.split()) in (0, columns) for line in text.split(b"\n"))
     raw = np.frombuffer(text, np.uint8)
@@ -262,7 +262,7 @@ def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
 
 
 def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
-    """Cell by cell: quotes, text in columns that are not used, decimal commas among points elsewhere."""
+    """Parse cell by cell: handles quotes, text in unused columns, and mixed decimal commas and points."""
     try:
         lines = text.decode("utf-8").split("\n")
     except UnicodeDecodeError:
@@ -283,9 +283,9 @@ def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
     return table if np.isfinite(table).all() else None
 
 
-# ── The file, decoded in blocks of lines
+# ── Decoding of a file in blocks of lines
 
-_BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
+_BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
 _LONGEST_LINE = 1 << 22
 _TAIL, _LINES_ABOVE = 1 << 14, 8
 
@@ -296,7 +296,7 @@ class EmptyTableError(TrajectoryError):
 
 @contextmanager
 def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
-    """Errors of a table of ``what`` in a ``form``: NotFoundError, and ValueRangeError in place of TrajectoryError."""
+    """Convert errors of a table of ``what`` in a ``form`` to NotFoundError or ValueRangeError."""
     try:
         yield
     except NotFoundError:
@@ -309,25 +309,26 @@ def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class CsvFile:
-    """A file whose header has been read; the rows stay in it."""
+    """CSV file whose header has been read; rows are read on demand."""
 
     source: TextSource
     header: tuple[str, ...]
     header_line: int
-    """Line of the header, counting from 1."""
+    """Line number of the header, from 1."""
     data_offset: int
     """Offset of the first row [bytes]."""
     dialect: Dialect
     seems_cut: bool = False
-    """True if the last line has no end, and its number fewer decimals than those above: 0.5 below 0.123."""
+    """True if the last line lacks a line end and its number has fewer decimals than those above: 0.5 below 0.123."""
 
     @classmethod
     def open(cls, path: str | Path) -> CsvFile:
-        r"""Read the header, and see from the row below it how cells are separated.
+        r"""Read the header and detect the cell separator from the row below it.
 
-        Commas, semicolons, tabs or blanks; decimal commas where commas separate nothing; UTF-8 or UTF-16; packed by gzip or
-        not. Lines that begin with # are comments, but for one right above rows without another header: it is theirs, as
-        ``numpy.savetxt`` writes it. Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`.
+        Supports commas, semicolons, tabs or blanks; decimal commas if commas are not the separator; UTF-8 or UTF-16;
+        plain or gzip. Lines that begin with # are comments. If there is no other header, the comment directly above the
+        rows is the header, as written by ``numpy.savetxt``. Raises :class:`~twistwrench.NotFoundError` and
+        :class:`~twistwrench.TrajectoryError`.
         """
         source = TextSource.from_path(as_path(path))
         with source.open() as file:
@@ -355,12 +356,12 @@ class CsvFile:
 
     @property
     def size(self) -> int:
-        """Size of its text [bytes]."""
+        """Size of the text [bytes]."""
         return self.source.size
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence where the file seems to be cut short."""
+        """Sentence for a file that seems to be truncated; else empty."""
         if not self.seems_cut:
             return ()
         return (
@@ -369,11 +370,11 @@ class CsvFile:
         )
 
     def table(self, used: Sequence[int]) -> Array:
-        """Table (n, len(used)) of those columns; raises TrajectoryError for cut rows and cells that are not finite numbers."""
+        """Table (n, len(used)) of the given columns; raises TrajectoryError for truncated rows and invalid numbers."""
         return table_of(self._portions(used), len(used), self.path)
 
     def first(self, column: int) -> Array:
-        """First numbers of a column, as many as a block has."""
+        """First numbers of a column, one block."""
         return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
@@ -389,7 +390,7 @@ class CsvFile:
                 line += lines.count(b"\n")
 
     def text_columns(self) -> tuple[int, ...]:
-        """Columns that hold words or nothing in the first rows: states such as RUN."""
+        """Columns with only words or blanks in the first rows, such as states (RUN)."""
         with self.source.open() as file:
             file.seek(self.data_offset)
             rows = [self.dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)]
@@ -397,7 +398,7 @@ class CsvFile:
         return tuple(k for k in range(len(self.header)) if whole and all(_is_word(row[k]) for row in whole))
 
     def place(self, row: int) -> str:
-        """Place of a row, ``line 12``."""
+        """Description of a row's place, ``line 12``."""
         line = self.header_line
         with self.source.open() as file:
             file.seek(self.data_offset)
@@ -409,9 +410,9 @@ class CsvFile:
         return f"line {line}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """The number of each line of a short file, counting from 1, and its cells; no blank lines and comments.
+        """Line numbers (from 1) and cells of the lines of a short file, without blank lines and comments.
 
-        Raises TrajectoryError for a line with another number of cells than the header, and for a long file.
+        Raises TrajectoryError for a line whose number of cells differs from the header's, and for a long file.
         """
         with self.source.open() as file:
             file.seek(self.data_offset)
@@ -436,9 +437,9 @@ def _numeric(cell: str) -> bool:
 
 
 def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, int] | None]:
-    """The first line that is neither blank nor a comment, its number, and where the next one begins.
+    """First line that is neither blank nor a comment, its number, and the offset of the next line.
 
-    The fourth is the comment before it: its text, its number, and where the next line begins; None without one.
+    The fourth value is the preceding comment: text, line number and offset of the next line; None without one.
     """
     comment, number = None, 0
     while raw := file.readline(_LONGEST_LINE):
@@ -455,7 +456,7 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
 
 
 def _rows(file: BinaryIO) -> Iterator[str]:
-    """Lines that are neither blank nor comments."""
+    """Yield lines that are neither blank nor comments."""
     while raw := file.readline(_LONGEST_LINE):
         text = raw.decode("utf-8", "replace").strip(" \r\n")
         if text.strip() and not text.lstrip().startswith("#"):
@@ -464,11 +465,11 @@ def _rows(file: BinaryIO) -> Iterator[str]:
 
 _ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
 _LOOKED_AT = 1000
-"""Rows in which the joints' names must be those of the first, and columns of text have only words."""
+"""Number of rows inspected for constant joint names and for columns of text."""
 
 
 def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:
-    """Header of ``rostopic echo -p`` with the joints' names, which stand in the cells of ``field.nameN``."""
+    """Replace the columns ``field.nameN`` of ``rostopic echo -p`` by a header with the joint names in their cells."""
     at = {found[1]: k for k, cell in enumerate(cells) if (found := _ROS_NAME.fullmatch(cell))}
     whole = [row for row in rows if len(row) == len(cells)]
     names = {number: whole[0][k] for number, k in at.items()} if whole else {}
@@ -507,7 +508,7 @@ def _is_row(raw: bytes) -> bool:
 
 
 def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Blocks of whole lines."""
+    """Yield blocks of whole lines."""
     rest = b""
     while text := file.read(_BLOCK):
         text = rest + text

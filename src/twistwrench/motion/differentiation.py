@@ -1,4 +1,4 @@
-"""Velocities and accelerations of a log by a quintic smoothing spline, with outliers, stationary joints and error bounds."""
+"""Velocities and accelerations of a log by a quintic smoothing spline, with outliers and error estimates."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .motion_log import LogRows, MotionLog
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
 SURE = 5.0
-"""Standard deviations from which a velocity's sign is believed: of ten million rows at rest, six would be taken to move."""
+"""Standard deviations above which a velocity's sign is significant: false positives at rest are six in ten million."""
 _ROUND_OFFS = 16.0
-"""Units in the last place of q that rounding of the samples and of the spline moves its slope by, over a step of time."""
+"""Error of the spline's slope times the time step, in units in the last place of q."""
 
 
 def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
-    """Mask (n, nv) of derived velocities within their uncertainty, that of noise and that of arithmetic."""
+    """Mask (n, nv) of derived velocities within their uncertainty due to noise and rounding."""
     steps = np.diff(t)
     step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
-    # A joint whose samples repeat stands, although the spline still rings there from where it moved; on a grid, where
-    # slow joints repeat samples too, the noise decides.
+    # A joint with repeated samples is at rest, although the spline may still oscillate. On a grid, where slow joints
+    # also repeat samples, noise is the criterion.
     repeats = np.zeros((len(t), q.shape[1]), bool)
     repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
     repeats &= quality.quantum == 0
@@ -45,15 +45,15 @@ def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: 
 
 
 def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, factors: Array) -> Array:
-    """Mask (n, nv) of ringing: the spline moves a joint and the samples on either side do not, or the other way.
+    """Mask (n, nv) of ringing: the spline's velocity contradicts the displacement between the neighbouring samples.
 
-    Only where the step it claims is one that the samples would show. ``factors`` take the columns of q to SI units.
+    Only steps large enough to appear in the samples count. ``factors`` convert the columns of q to SI units.
     """
     claimed = np.zeros(dq.shape, bool)
     if len(t) < 3:
         return claimed
     span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
-    beside = np.zeros(len(span), bool)  # beside a pause the samples do not show the steps between them
+    beside = np.zeros(len(span), bool)  # next to a pause: samples do not resolve the steps
     for edge in stretch_edges(t)[1:-1]:
         beside[[edge - 2, edge - 1]] = True
     shown = np.maximum(quality.quantum, SURE * quality.noise)
@@ -65,38 +65,39 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
     return claimed
 
 
-# ── Complete samples of a motion, with the evidence of their origin
+# ── Complete samples of a motion, with the source of their rates
 
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """Consecutive samples of a motion with everything inverse dynamics needs; (n,), (n, nq), (n, nv), (n, nv)."""
+    """Consecutive samples of a motion with all inputs of inverse dynamics; (n,), (n, nq), (n, nv), (n, nv)."""
 
     time: Array
-    """(n,) s."""
+    """Times (n,) [s]."""
     q: Array
-    """Coordinates as differentiated: smoothed if requested, without jumps of wrapped angles."""
+    """Differentiated coordinates: smoothed if requested, without jumps of wrapped angles."""
     dq: Array
-    """Velocities (n, nv), rad/s or m/s."""
+    """Velocities (n, nv) [rad/s, m/s]."""
     ddq: Array
-    """Accelerations (n, nv), rad/s² or m/s²."""
+    """Accelerations (n, nv) [rad/s², m/s²]."""
     measured: Array
-    """(n, nq) q as the file has it, in SI units: what position limits are about."""
+    """Coordinates (n, nq) of the file in SI units, for position limits."""
     stationary: Array
-    """(n, nv) bool: the velocity is derived and within its own uncertainty, so that its sign means nothing."""
+    """(n, nv) True if a velocity is derived and within its uncertainty, so that its sign is not significant."""
     outlier: Array
-    """(n, k, 2) how far samples lie from the smoothed curve, in standard deviations and in SI units; 0 but at samples that
-    belong to no noise. (n, 0) if nothing was smoothed."""
+    """Residuals (n, k, 2) of outliers in standard deviations and SI units; 0 for other samples. (n, 0) without
+    smoothing.
+    """
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, rows: Any) -> MotionSamples:
-        """Some of the rows, by a slice, a mask or indices."""
+        """Select rows by a slice, a mask or indices."""
         return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-# ── Outliers: samples far from the smoothed curve for their column
+# ── Outliers: samples far from the smoothed curve of their column
 
 _FAR = 6.0
 
@@ -106,26 +107,26 @@ class Outlier:
     """Outliers of one column."""
 
     column: int
-    """Number among the smoothed columns."""
+    """Index among the smoothed columns."""
     count: int
     time: float
-    """Time of the farthest [s]."""
+    """Time of the largest outlier [s]."""
     sigmas: float
-    """Distance of the farthest from the curve in standard deviations, with its sign."""
+    """Largest signed residual in standard deviations."""
     off: float
-    """The same in SI units."""
+    """Largest signed residual in SI units."""
     matters: bool = True
-    """True if any of them could be a torque beyond a limit."""
+    """True if any outlier may be a torque beyond a limit."""
 
 
 class RunningOutliers:
-    """Running count of them, from rows that come in any portions."""
+    """Running count of outliers over consecutive portions of rows."""
 
     def __init__(self) -> None:
         self._found: dict[int, Outlier] = {}
 
     def add(self, time: Array, outlier: Array, matters: Array) -> None:
-        """Take in times (n,) and distances (n, k, 2) as :func:`outliers` gives them, or (n, 0), and which (n, k) matter."""
+        """Add times (n,), residuals (n, k, 2) of :func:`outlier_residuals` or (n, 0), and their relevance (n, k)."""
         if not outlier.any():
             return
         for k in np.flatnonzero(outlier[:, :, 0].any(axis=0)).tolist():
@@ -146,12 +147,12 @@ class RunningOutliers:
             self._found[k] = new
 
     def result(self) -> tuple[Outlier, ...]:
-        """The farthest first."""
+        """Outliers by column, largest first."""
         return tuple(sorted(self._found.values(), key=lambda s: -abs(s.sigmas)))
 
 
 def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
-    """Residuals over their spread, and as they are, (n, k, 2); 0 but where beyond 6 of it and the farthest near by."""
+    """Residuals (n, k, 2) over their spread, and in SI units; nonzero only for local maxima beyond 6 deviations."""
     from scipy.ndimage import maximum_filter1d
 
     found = np.zeros((*residual.shape, 2))
@@ -160,7 +161,7 @@ def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array
         size = np.abs(off)
         if not (size > _FAR).any():
             continue
-        # A glitch pulls the curve towards itself, and so its neighbours away from the curve, by less than half as much.
+        # A glitch attracts the curve, so its neighbours also deviate from the curve, by less than half as much.
         reach = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
         far = (size > _FAR) & (size > 0.5 * maximum_filter1d(size, reach, mode="nearest"))
         found[far, k, 0], found[far, k, 1] = off[far], residual[far, k]
@@ -170,7 +171,7 @@ def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array
 def residual_spread(
     times: Sequence[Array], parts: Sequence[Array], strengths: Array, step: float, least: Array
 ) -> Array:
-    """Robust standard deviation (k,) of the samples about the smoothed curve, at least ``least``; 0 where none is smoothed."""
+    """Robust standard deviation (k,) of samples about the smoothed curve, at least ``least``; 0 without smoothing."""
     found = np.zeros(len(strengths))
     for k in np.flatnonzero(strengths).tolist():
         off = [x[:, k] - smooth(t, x[:, k], float(strengths[k]), step) for t, x in zip(times, parts, strict=True)]
@@ -181,17 +182,19 @@ def residual_spread(
 # ── The spline, its derivatives and their noise
 
 _SPLINE_MARGIN = 64
-"""Samples. The pull of a sample on a quintic spline falls by 0.43 a sample: by 4e-24 over the margin."""
+"""Number of samples. A sample's influence on a quintic spline falls by 0.43 per sample: by 4e-24 over the margin."""
 _EXCERPTS, _EXCERPT_ROWS = 8, 2048
 _UNDERSMOOTHED = 10.0**-0.5
-"""Share of the strength that is best for positions which a log is smoothed with. The best balances the smoothing's bias
-against noise, and of the bias a smoothed log shows only part; with less strength the noise outweighs it. Source: Hall,
-The Bootstrap and Edgeworth Expansion, 1992, section 4.5."""
+"""Smoothing strength relative to the optimum for positions.
+
+The optimum balances bias and noise, but a smoothed log shows only part of the bias; with less strength the noise
+exceeds the bias. Source: Hall, The Bootstrap and Edgeworth Expansion, 1992, section 4.5.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Differentiation:
-    """Plan of differentiation of a log, and the uncertainty of its results."""
+    """Differentiation settings of a log, and the uncertainty of the results."""
 
     trajectory: MotionLog
     model: Model
@@ -201,19 +204,19 @@ class Differentiation:
     """Source of accelerations: ``given``, ``velocities`` or ``positions``."""
     derives_velocities: bool
     places: Array
-    """(k,) the columns that are differentiated."""
+    """Indices (k,) of the differentiated columns."""
     strengths: Array
-    """(k,) smoothing strengths of those; 0 for none."""
+    """Smoothing strengths (k,) of these columns; 0 without smoothing."""
     continuity: Continuity
     """Continuity of the columns of q."""
     sigma_ddq: Array
-    """(nv,) standard deviation of the accelerations that follows from the noise of the log; 0 where they are given."""
+    """Standard deviation (nv,) of the accelerations due to the log's noise; 0 for given accelerations."""
     sigma_dq: Array
-    """(nv,) that of the velocities; 0 where they are given."""
+    """Standard deviation (nv,) of the velocities; 0 for given velocities."""
     spread: Array
-    """(k,) standard deviation of the samples about the smoothed curve, in SI units, outliers aside; 0 for none."""
+    """Standard deviation (k,) of inliers about the smoothed curve in SI units; 0 without smoothing."""
     ends: Array
-    """Times at which the log, or a stretch of it between pauses, begins or ends [s]."""
+    """Times at which the log, or a stretch between pauses, begins or ends [s]."""
     errors: SampleErrors
     """Errors of the differentiated columns, in SI units."""
 
@@ -226,10 +229,10 @@ class Differentiation:
         smoothing: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> Differentiation:
-        """Look at excerpts of the file and decide.
+        """Determine the settings from excerpts of the file.
 
-        ``smoothing`` fits its strength to the noise found, a little less than is best for positions. ``progress`` is told the
-        share of the work that is done, from 0 to 1.
+        ``smoothing`` adapts the strength to the estimated noise, slightly below the optimum for positions. ``progress``
+        is called with the completed fraction of the work, from 0 to 1.
         """
         has = trajectory.columns.places
         source = "given" if has["ddq"] is not None else "velocities" if has["dq"] is not None else "positions"
@@ -242,7 +245,7 @@ class Differentiation:
         runs = excerpts(trajectory.table, _EXCERPTS, _EXCERPT_ROWS)
         times = [table[:, trajectory.columns.time] for table in runs]
         parts = curves = [table[:, places] for table in runs]
-        longest = max(map(len, times))  # runs of a large file have so many rows of different times
+        longest = max(map(len, times))  # runs of a large file have this length
         if derives and longest < FEWEST:
             raise _too_few(trajectory, longest, "accelerations" if source != "given" else "velocities")
         coordinates, turn = Coordinates.from_model(model), math.tau / trajectory.columns.angle
@@ -283,12 +286,12 @@ class Differentiation:
         )
 
     def smoothed(self, progress: Callable[[float], None] | None = None) -> Differentiation:
-        """The plan of the same file, smoothed."""
+        """Settings for the same file, with smoothing."""
         return Differentiation.plan(self.trajectory, self.model, smoothing=True, progress=progress)
 
     @property
     def smooths(self) -> bool:
-        """True if some column is smoothed."""
+        """True if any column is smoothed."""
         return bool(self.strengths.any())
 
     @property
@@ -297,7 +300,7 @@ class Differentiation:
         return self.source != "given" or self.derives_velocities
 
     def sigma_at(self, s: MotionSamples) -> Array:
-        """As :attr:`sigma_ddq`, (n, nv), in each of the states: late stamps matter the more the faster a joint moves."""
+        """Standard deviation (n, nv) as :attr:`sigma_ddq`, by state: errors of late stamps grow with the speed."""
         of_velocities = self.source == "velocities"
         speeds = s.ddq if of_velocities else s.dq
         found = np.broadcast_to(self.sigma_ddq, s.dq.shape).copy()
@@ -310,17 +313,17 @@ class Differentiation:
         return found
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
-        """Samples of the motion in runs of about ``core`` rows; values do not depend on ``core``, to round-off."""
+        """Samples of the motion in runs of about ``core`` rows; up to rounding, values do not depend on ``core``."""
         for states, _, inner in self.surrounded_states(core, progress):
             yield states[inner]
 
     def surrounded_states(
         self, core: int, progress: Callable[[int], None] | None = None
     ) -> Iterator[tuple[MotionSamples, LogRows, slice]]:
-        """Samples in overlapping runs, the rows of the log there, and the slice that is new in each.
+        """Samples in overlapping runs, the rows of the log there, and the slice of new rows in each run.
 
-        Around that slice are up to :attr:`margin` rows, on which its values depend. ``progress`` is called with the number of
-        new rows.
+        The values of the new rows depend on up to :attr:`margin` rows on either side. ``progress`` is called with the
+        number of new rows.
         """
         table = self.trajectory.table
         for rows, inner in windows(len(table), max(core, self.margin), self.margin):
@@ -331,13 +334,13 @@ class Differentiation:
 
     @property
     def margin(self) -> int:
-        """Rows on either side that a row's derived values depend on."""
+        """Number of rows on either side that affect a row's derived values."""
         return (
             max([_SPLINE_MARGIN, *(margin_of(s) + _SPLINE_MARGIN for s in self.strengths if s)]) if self.derives else 0
         )
 
     def complete(self, motion: LogRows) -> MotionSamples:
-        """Consecutive rows with what the file does not give."""
+        """Consecutive rows, with missing rates derived."""
         t, q, dq, ddq = motion.time, motion.q, motion.dq, motion.ddq
         stationary = np.zeros((len(t), self.model.nv), bool)
         outlier = np.zeros((len(t), 0))
@@ -358,7 +361,7 @@ class Differentiation:
         return MotionSamples(t, q, dq, ddq, motion.q, stationary, outlier)
 
     def curves(self, motion: LogRows) -> Array:
-        """(n, k) the columns that are differentiated, without the jumps of wrapped angles."""
+        """Differentiated columns (n, k), without the jumps of wrapped angles."""
         return self.continuity.curves(motion.q) if motion.dq is None else motion.dq
 
     def _outliers(self, residual: Array, speed: Array) -> Array:
@@ -367,7 +370,7 @@ class Differentiation:
         return outlier_residuals(residual, np.maximum(self.spread, self.errors.deviation(speed)), self.strengths)
 
     def smooth(self, t: Array, x: Array) -> Array:
-        """The columns (n, k), or (n, k, ...) for many logs at the same times, each smoothed by its strength."""
+        """Smooth each column (n, k) by its strength, or (n, k, ...) for several logs with common times."""
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
         return np.stack(columns, axis=1) if columns else x
 
@@ -375,16 +378,17 @@ class Differentiation:
 def _strengths(
     times: Sequence[Array], curves: Sequence[Array], quality: Survey, progress: Callable[[float], None] | None
 ) -> tuple[Array, Array]:
-    """Smoothing strengths (k,) of the columns, and the deviations (k,) of what each smooths.
+    """Smoothing strengths (k,) of the columns, and the standard deviations (k,) of the errors that are smoothed.
 
-    Differentiating brings out the noise; smoothing leaves what is slow, and so has to know the whole error.
+    Differentiation amplifies fast errors. Smoothing passes slow ones, so it needs the standard deviation of all errors.
     """
     strengths, deviation = np.zeros(len(quality.noise)), quality.error
     for k, (grid, error) in enumerate(zip(quality.quantum.tolist(), quality.error.tolist(), strict=True)):
         parts = [x[:, k] for x in curves]
         strengths[k] = _UNDERSMOOTHED * best_strength(times, parts, error, quality.step, grid)
         if strengths[k] > 0:
-            # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
+            # Rounding errors equal for m consecutive samples have m times the power at low frequencies, which smoothing
+            # passes.
             deviation[k] *= math.sqrt(alike_samples(parts, grid, error))
         if progress is not None:
             progress((k + 1) / len(strengths))
@@ -405,7 +409,7 @@ def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
 
 
 def noise_gain(order: int, strength: float, step: float) -> float:
-    """Standard deviation of the spline's derivative of that ``order`` for white unit noise: the norm of its pulse response."""
+    """Standard deviation of the spline's derivative of this order for white unit noise: norm of the pulse response."""
     half = _SPLINE_MARGIN + (margin_of(strength) if strength else 0)
     t = np.arange(2 * half + 1) * step
     pulse = np.zeros(len(t))
@@ -415,7 +419,7 @@ def noise_gain(order: int, strength: float, step: float) -> float:
 
 
 def pulse_peak(order: int, step: float) -> float:
-    """Largest derivative of that ``order`` that one sample off by 1 makes of the spline, at an end of a log or within it."""
+    """Largest derivative of this ``order`` for a unit error of one sample, at the end of a log or within it."""
     t = np.arange(2 * _SPLINE_MARGIN) * step
     pulses = np.zeros((len(t), 2))
     pulses[0, 0] = pulses[_SPLINE_MARGIN, 1] = 1.0
@@ -423,7 +427,7 @@ def pulse_peak(order: int, step: float) -> float:
 
 
 def _to_joints(model: Model, spread: Array) -> Array:
-    """Standard deviations of second derivatives of q (nq,) as those of ddq (nv,)."""
+    """Convert standard deviations of second derivatives of q (nq,) to those of ddq (nv,)."""
     found = np.zeros(model.nv)
     for b in model.leaders:
         place, here = b.places

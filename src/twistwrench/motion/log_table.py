@@ -1,6 +1,6 @@
-"""Storage of a log: its text as UTF-8 that can be read from any place, and its rows decoded once into a table of float64.
+"""Storage of a log: its text as seekable UTF-8, and its rows, decoded once into a table of float64.
 
-What is not plain text on disk, and a table above 32 MiB, is in a nameless temporary file.
+A temporary file without a name holds text that is not plain on disk, and tables above 32 MiB.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from ..errors import NotFoundError, TrajectoryError
 from ..typing import Array
 
 LARGE = 1 << 25
-"""Bytes of a table in memory; larger ones are in a temporary file, whose pages the system evicts."""
+"""Largest table in memory [bytes]; larger ones are in a temporary file, whose pages the system can evict."""
 ROWS = 1 << 14
-"""Rows that passes over a table work on at a time."""
+"""Rows per block in passes over a table."""
 
 
 def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
-    """Table (n, columns) of consecutive portions of rows, writable; raises TrajectoryError if the disk is full.
+    """Writable table (n, columns) of consecutive portions of rows; raises TrajectoryError if the disk is full.
 
     >>> table_of([np.ones((2, 3)), np.zeros((1, 3))], 3, Path("log.csv")).shape
     (3, 3)
     """
-    with contextlib.ExitStack() as closing:  # a map outlives its file
+    with contextlib.ExitStack() as closing:  # a memory map outlives its file
         parts, rows, file = list[Array](), 0, None
         try:
             for portion in portions:
@@ -60,13 +60,13 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
 
 
 def slices(count: int, rows: int = 0) -> Iterator[slice]:
-    """Consecutive slices of so many rows each."""
+    """Consecutive slices of ``rows`` rows each."""
     rows = rows or ROWS
     return (slice(k, min(k + rows, count)) for k in range(0, count, rows))
 
 
 def without_times(table: Array, times: Iterable[float]) -> Array:
-    """Table without the rows of those times, its first column; the others are moved up in place."""
+    """Remove the rows with the given times (first column), in place."""
     end, wrong = 0, list(times)
     for s in slices(len(table)):
         rows = table[s][~np.isin(table[s, 0], wrong)]
@@ -76,7 +76,7 @@ def without_times(table: Array, times: Iterable[float]) -> Array:
 
 
 def excerpts(table: Array, count: int, rows: int) -> list[Array]:
-    """Up to ``count`` runs of ``rows`` rows evenly spread over the table, its ends included; a short table whole.
+    """Up to ``count`` runs of ``rows`` rows, evenly spread over the table including its ends; a short table whole.
 
     >>> [run[:, 0].tolist() for run in excerpts(np.arange(10.0)[:, None], 2, 3)]
     [[0.0, 1.0, 2.0], [7.0, 8.0, 9.0]]
@@ -85,7 +85,7 @@ def excerpts(table: Array, count: int, rows: int) -> list[Array]:
 
 
 def spread_rows(total: int, count: int, rows: int) -> list[slice]:
-    """Slices of up to ``count`` runs of ``rows`` rows, evenly spread over ``total`` rows; one slice of few."""
+    """Up to ``count`` slices of ``rows`` rows, evenly spread over ``total`` rows; one slice if these are few."""
     if total <= count * rows:
         return [slice(0, total)]
     firsts = [(total - rows) * k // max(1, count - 1) for k in range(count)]
@@ -93,9 +93,9 @@ def spread_rows(total: int, count: int, rows: int) -> list[slice]:
 
 
 def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]:
-    """Windows of ``core`` rows with up to ``margin`` more on either side, and the core's place in each.
+    """Windows of ``core`` rows with up to ``margin`` more on either side, and the slice of the core in each.
 
-    The last core is longer by fewer than ``margin`` rows if they alone would be left.
+    The last core includes the remaining rows if they are fewer than ``margin``.
 
     >>> [(a.start, a.stop, b.start, b.stop) for a, b in windows(9, 4, 2)]
     [(0, 6, 0, 4), (2, 9, 2, 7)]
@@ -108,7 +108,7 @@ def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]
         begin = end
 
 
-# ── Text, whatever it is on disk: plain, UTF-16, packed by gzip, or a pipe
+# ── Text in any form on disk: plain, UTF-16, gzip, or a pipe
 
 _GZIP = b"\x1f\x8b"
 _BOMS = (
@@ -124,7 +124,7 @@ _KEPT_IN_MEMORY = 1 << 24
 
 @dataclass(frozen=True, eq=False)
 class TextSource:
-    """A file readable from any place, any number of times; copied to memory or a temporary file where it is not plain text."""
+    """Seekable text of a file, readable repeatedly; copied to memory or a temporary file unless it is plain text."""
 
     path: Path
     size: int
@@ -133,8 +133,8 @@ class TextSource:
 
     @classmethod
     def from_path(cls, path: Path) -> TextSource:
-        """Look at the file; raises NotFoundError, and TrajectoryError where it cannot be read."""
-        if os.path.isdir(path):  # noqa: PTH112  False where the text is not a path at all
+        """Inspect the file; raises NotFoundError, and TrajectoryError if it cannot be read."""
+        if os.path.isdir(path):  # noqa: PTH112  False if the text cannot be a path
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
         try:
             with path.open("rb") as file:
@@ -166,7 +166,7 @@ class TextSource:
 
     @contextlib.contextmanager
     def open(self) -> Iterator[BinaryIO]:
-        """The text from its beginning."""
+        """Open the text at its beginning."""
         if self._copy is None:
             with self.path.open("rb") as file:
                 yield file
@@ -181,7 +181,7 @@ def _portions(file: BinaryIO) -> Iterator[bytes]:
 
 
 def _copied(portions: Iterator[bytes]) -> BinaryIO:
-    """A copy in memory, or in a nameless temporary file if it is long, at its beginning."""
+    """Copy in memory, or in a temporary file without a name if large, at its beginning."""
     copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_KEPT_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
     try:
         for portion in portions:
@@ -194,7 +194,7 @@ def _copied(portions: Iterator[bytes]) -> BinaryIO:
 
 
 def _plain(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:
-    """The text in portions, in UTF-8; ``old`` lines end in returns."""
+    """Portions of the text in UTF-8; ``old`` if lines end in carriage returns."""
     decoder = codecs.getincrementaldecoder(encoding)() if encoding else None
     for portion in _portions(file):
         text = decoder.decode(portion).encode("utf-8") if decoder else portion
@@ -204,7 +204,7 @@ def _plain(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes
 
 
 def _encoding(head: bytes) -> str | None:
-    """The encoding that the first bytes show, None if it may be UTF-8."""
+    """Encoding detected from the first bytes; None if it may be UTF-8."""
     for mark, name in _BOMS:
         if head.startswith(mark):
             return name

@@ -1,6 +1,6 @@
-"""Matching of a log's columns to joints by their names: as loggers write them, by prefix, by ending, or in order.
+"""Matching of a log's columns to joints by name: words of loggers, common prefix, ending, or order.
 
-Every rule but that of the loggers takes all joints or none, and nothing where other columns are named alike.
+Each rule, except that for loggers' words, matches all joints or none; it fails if other columns have similar names.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from .column_names import JOINT, NEUTRAL, PART_OF, UNITS, split_unit
 
 _FEW = 4
 _LIKE = 0.6
-"""Similarity of two names from which one may be meant by the other."""
+"""Smallest similarity of two names for a suggestion."""
 _STILL = 1e-6
-"""Share of its size that a column varies by where a joint moves."""
+"""Smallest relative variation of the column of a moving joint."""
 _ANGLES_AND_LENGTHS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
 _OTHER = re.compile(
     r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
     r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|action|target|desired|reference|setpoint"
 )
-"""Words in names of columns that are not positions of joints, or are commanded ones."""
+"""Words in names of columns that are not measured joint positions."""
 _COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|tick|batt|soc|charge")
-"""Words in names of columns that may rise in every row and are not the time."""
+"""Words in names of columns that may increase in every row and are not the time."""
 
 
 def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
-    """Columns of ``extra`` that may be positions of joints: numbers that vary, by name and unit of no other quantity."""
+    """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity."""
     found = []
     for k, cell in enumerate(cells):
         name, unit = split_unit(cell)
@@ -41,7 +41,7 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[
             continue
         try:
             numbers = look(k)
-        except TrajectoryError:  # words
+        except TrajectoryError:  # not numbers
             continue
         if numbers.size and np.isfinite(numbers).all() and np.ptp(numbers) > _STILL * (1 + np.abs(numbers).max()):
             found.append(cell)
@@ -49,7 +49,7 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[
 
 
 def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
-    """For names that are missing the columns most like them, each column once; in the order of the names.
+    """Map missing names to the most similar columns, each used once, in the order of the names.
 
     >>> alike(["shoulder", "elbow"], ["schoulder", "temperature"])
     {'shoulder': 'schoulder'}
@@ -67,14 +67,14 @@ def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
 
 
 def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> list[int]:
-    """Columns whose numbers rise in every row and do not merely count the rows; ``look`` gives the first numbers of one."""
+    """Columns that increase in every row and are not row numbers; ``look`` returns a column's first numbers."""
     found = []
     for k, cell in cells.items():
         if _COUNTED.search(cell.lower()):
             continue
         try:
             steps = np.diff(look(k))
-        except TrajectoryError:  # words
+        except TrajectoryError:  # not numbers
             continue
         if len(steps) and (steps > 0).all() and not (steps == 1).all():
             found.append(k)
@@ -82,7 +82,7 @@ def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> li
 
 
 def series(cells: Sequence[str], count: int) -> list[str]:
-    """The only columns that differ by a number alone, as many as ``count``, in its order; none without them.
+    """The only set of ``count`` columns that differ by a number, sorted by it; empty if not unique.
 
     >>> series(["A2", "A1", "E1"], 2)
     ['A1', 'A2']
@@ -95,7 +95,7 @@ def series(cells: Sequence[str], count: int) -> list[str]:
     return [cell for _, cell in fitting[0]] if len(fitting) == 1 else []
 
 
-# ── Names of joints beside words for quantities, as loggers write them
+# ── Joint names combined with words for quantities, as used by loggers
 
 
 @dataclass(frozen=True)
@@ -103,21 +103,21 @@ class Meaning:
     """Meaning of a column: joint, quantity and unit."""
 
     name: int
-    """Number of the joint's name."""
+    """Index of the joint's name."""
     part: str
     """One of :data:`PARTS`, or :data:`CURRENT`."""
     unit: str | None = None
-    """Unit at the end of the name, as in ``elbow_pos_deg``."""
+    """Unit suffix of the name, as in ``elbow_pos_deg``."""
 
 
 class NamedJoints:
-    """The names that columns may contain, each once; capitals count only where two names differ in nothing else."""
+    """Joint names that columns may contain once; case matters only if two names differ by nothing else."""
 
     def __init__(self, names: Sequence[str]) -> None:
         folded = [name.casefold() for name in names]
         self._fold = len(set(folded)) == len(folded)
         known = {self._key(name): k for k, name in enumerate(names)}
-        for k, name in enumerate(names):  # elbow for elbow_joint, where that is no other joint
+        for k, name in enumerate(names):  # elbow for elbow_joint, unless another joint has that name
             short = re.sub(r"(_joint$|^joint_)", "", name, flags=re.IGNORECASE)
             others = [
                 n for n in names if n != name and re.sub(r"(_joint$|^joint_)", "", n, flags=re.IGNORECASE) == short
@@ -127,7 +127,7 @@ class NamedJoints:
         self._known = sorted(known.items(), key=lambda item: -len(item[0]))
 
     def meaning(self, text: str) -> Meaning | None:
-        """Meaning of a column's name without its unit in brackets; None if it is not certain.
+        """Meaning of a column's name (without unit in brackets); None if uncertain.
 
         >>> joints = NamedJoints(["arm_1_joint", "arm_10_joint"])
         >>> joints.meaning("- arm_1_joint_position")
@@ -153,7 +153,7 @@ class NamedJoints:
 
 
 def _place(name: str, text: str) -> int | None:
-    """Position of the name in the text as a word of its own; None if it is not there."""
+    """Position of the name in the text as a separate word; None if absent."""
     at = text.find(name)
     while at >= 0:
         before, after = text[at - 1 : at] if at else "", text[at + len(name) : at + len(name) + 1]
@@ -168,7 +168,7 @@ def _words(text: str) -> list[str]:
 
 
 def _part_of(words: list[str]) -> tuple[str, str | None] | None:
-    """Quantity and unit of the words beside a joint's name; a position without any words."""
+    """Quantity and unit of the words beside a joint's name; no words mean a position."""
     units = [w for w in words if w in UNITS]
     kinds = [w for w in words if w not in UNITS and w not in NEUTRAL]
     if units and kinds[-1:] == ["s"]:  # deg_s
@@ -181,20 +181,20 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
     return PART_OF[kinds[0]], units[0] if units else None
 
 
-# ── Columns of one quantity, without the words for it
+# ── Columns of one quantity, without the words for the quantity
 
 
 class Candidate(NamedTuple):
-    """Column that may be a joint's."""
+    """Column that may belong to a joint."""
 
     column: int
     words: tuple[str, ...]
-    """Words of its name without those for the quantity and the unit, digits apart: ``fer, joint, 1``."""
+    """Words of the name without quantity and unit, digits separate: ``fer, joint, 1``."""
     unit: str | None
 
 
 def candidates(texts: Mapping[int, str]) -> dict[str, list[Candidate]]:
-    """Columns by the quantity that their names, given without units in brackets, have words for.
+    """Group columns by the quantity in their names, which are given without bracketed units.
 
     >>> candidates({3: "fer_joint1_velocity", 4: "actual_q_0"})
     {'dq': [Candidate(column=3, words=('fer', 'joint', '1'), unit=None)], 'q': [Candidate(column=4, words=('0',), unit=None)]}
@@ -220,19 +220,19 @@ def _pattern(words: Iterable[str]) -> tuple[str, ...]:
 def _left_over(
     taken: Iterable[Sequence[str]], all_words: Iterable[Sequence[str]], known: Iterable[Sequence[str]]
 ) -> bool:
-    """True if columns named as those taken, but for their numbers, belong to none of the ``known``."""
+    """True if columns with the names of those taken, but other numbers, are not among the ``known``."""
     patterns, own = {_pattern(w) for w in taken}, {tuple(w) for w in [*taken, *known]}
     return any(_pattern(w) in patterns and tuple(w) not in own for w in all_words)
 
 
-# ── Rules that take all joints or none
+# ── Rules that match all joints or none
 
 Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]
-"""Columns of the joints, given candidates, the joints' names, and names of joints that have no coordinate of their own."""
+"""Rule: candidates, joint names, and names of joints without a coordinate of their own → columns of the joints."""
 
 
 def by_prefix(found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()) -> list[Candidate] | None:
-    """Columns that have the joints' names, a prefix common to all aside: ``fer_joint1`` for ``panda_joint1``.
+    """Match columns with the joints' names up to a common prefix: ``fer_joint1`` for ``panda_joint1``.
 
     >>> fer = candidates(dict(enumerate(["fer_joint2", "fer_joint1", "fer_tool_temp"])))["q"]
     >>> [c.column for c in by_prefix(fer, ["panda_joint1", "panda_joint2"])]
@@ -248,7 +248,7 @@ def by_prefix(found: Sequence[Candidate], names: Sequence[str], others: Sequence
 
 
 def most_by_prefix(found: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
-    """Columns by a common prefix, None for joints without one; none at all where several prefixes have as many."""
+    """Columns by a common prefix, None for joints without one; all None if several prefixes match equally many."""
     ways = sorted(_prefix_ways(found, names, ()), key=lambda way: way.count(None))
     if (
         not ways
@@ -262,9 +262,9 @@ def most_by_prefix(found: Sequence[Candidate], names: Sequence[str]) -> Sequence
 def _prefix_ways(
     found: Sequence[Candidate], names: Sequence[str], others: Sequence[str]
 ) -> dict[tuple[Candidate | None, ...], bool]:
-    """Ways to replace one prefix of columns by one of the joints; None for joints without a column.
+    """Ways to replace a prefix of the columns by a prefix of the joints; None for joints without a column.
 
-    False for ways that leave columns of the same prefix and pattern over.
+    The value is False if other columns with the same prefix and pattern remain.
     """
     own, ways = [tuple(_words(name)) for name in names], dict[tuple[Candidate | None, ...], bool]()
     words_of = [tuple(_words(name)) for name in others]
@@ -285,7 +285,7 @@ def _prefix_ways(
 
 
 def by_ending(found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()) -> list[Candidate] | None:
-    """Columns whose names end the joints', or the other way round, each of one joint alone: ``A1`` for ``joint_a1``.
+    """Match columns by unique name endings, of the joint's or the column's name: ``A1`` for ``joint_a1``.
 
     >>> kuka = candidates(dict(enumerate(["A1", "A2", "E1"])))["q"]
     >>> [c.column for c in by_ending(kuka, ["joint_a1", "joint_a2"])]
@@ -310,7 +310,7 @@ def by_ending(found: Sequence[Candidate], names: Sequence[str], others: Sequence
 
 
 def _ends(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
-    """True if one of two names ends the other, and is more than a letter, a number or the word for a joint."""
+    """True if one name ends the other and is more than a letter, a number or the word for a joint."""
     short, long = sorted((column, joint), key=len)
     telling = [w for w in short if w not in JOINT and not w.isdigit()]
     if long[-len(short) :] != short or not telling or (len(short) == 1 and len(short[0]) < 3):
@@ -321,11 +321,11 @@ def _ends(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
 def by_number(
     found: Sequence[Candidate],
     names: Sequence[str],
-    others: Sequence[str] = (),  # noqa: ARG001  as the other rules
+    others: Sequence[str] = (),  # noqa: ARG001  signature of the rules
 ) -> list[Candidate] | None:
-    """Columns that count the joints from 0 or 1, as many as there are: ``pos1``, ``actual_q_0``, ``Joint_3``.
+    """Match columns that are numbered from 0 or 1, as many as joints: ``pos1``, ``actual_q_0``, ``Joint_3``.
 
-    Without a number that of the only joint.
+    For a single joint, a column without a number also matches.
 
     >>> ur = candidates(dict(enumerate(["actual_q_1", "actual_q_0", "target_q_0"])))["q"]
     >>> [c.column for c in by_number(ur, ["shoulder", "elbow"])]
@@ -350,4 +350,4 @@ RULES: Mapping[str, Rule] = {
     "by the ends of their names": by_ending,
     "in their order": by_number,
 }
-"""Rules in the order in which they are tried, and how a note calls them."""
+"""Rules by their description in notes, in the order of application."""

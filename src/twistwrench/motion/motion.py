@@ -1,6 +1,6 @@
 """Motion: states of a robot over time from any source, with torques, limits, interpolation and files.
 
-Logs, trajectories, simulations and rollouts give one; reports, pictures, the viewer, controllers and files take one.
+Logs, trajectories, simulations and rollouts produce motions; reports, plots, the viewer and controllers use them.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ class Motion:
     Parameters
     ----------
     time
-        (n,) s, increasing.
+        (n,) times [s], increasing.
     q
         (n, nq) coordinates.
     dq, ddq
-        (n, nv) velocities and accelerations; None: derived from q by a quintic spline.
+        (n, nv) velocities and accelerations; if None, derived from q by a quintic spline.
     tau
-        (n, nv) torques that were measured or applied [N m or N]; None where they are not known.
+        (n, nv) measured or applied torques [N m or N]; None if unknown.
     robot
-        The robot whose states they are.
+        Robot of these states.
 
     Raises
     ------
     ShapeError, ValueRangeError
-        For arrays of other shapes, times that do not increase, fewer than six samples without rates, and numbers that are
-        not finite. Times that seem to be milliseconds, and rates that are not the slopes of what they belong to, are a
-        ModelWarning, and in ``notes``.
+        Arrays have other shapes, times do not increase, numbers are not finite, or there are fewer than six samples
+        without rates. Times that look like milliseconds, and rates that differ from the slopes, give a ModelWarning and
+        an entry of ``notes``.
 
     Examples
     --------
@@ -88,11 +88,11 @@ class Motion:
     notes: tuple[str, ...] = ()
     """Notes on assumptions and contradictions of its source."""
     in_seconds: bool = False
-    """True if times are known to be seconds: long steps of time are then not doubted."""
+    """True if times are known to be seconds; long time steps then raise no doubt."""
     read: tuple[Doubt, ...] | None = None
-    """Doubts found while its file was read; None: those of :attr:`doubts` are found in its numbers."""
+    """Doubts found while the file was read; if None, :attr:`doubts` are found from the numbers."""
     epoch: int = 0
-    """Stamp of time 0 in recordings: nanoseconds since 1970, or of the clock of the recording that it was read from."""
+    """Stamp of time 0 in recordings [ns], since 1970 or on the clock of the original recording."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -129,7 +129,7 @@ class Motion:
         tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
         if not given:
             tally.add(t, q)
-        doubts = tally.of_rates() if given else tally.of_time(self.robot.limits)  # which takes little time
+        doubts = tally.of_rates() if given else tally.of_time(self.robot.limits)  # the latter is fast
         for doubt in doubts:
             warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
         if doubts:
@@ -148,21 +148,21 @@ class Motion:
         topic: str | None = None,
         episode: int | None = None,
     ) -> Motion:
-        """Read a log, a plan or an archive of ``simulate --npz``, as the command ``torques`` reads it.
+        """Read a log, a plan or an archive of ``simulate --npz``, like the command ``torques``.
 
         Parameters
         ----------
         columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, ``.current``
-            Where names do not say it; ``{"log.csv:joint": column}`` holds for that file only.
-        rate : float, optional, samples a second of a file without a column of time [Hz]
-        gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
-        topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the plan of a controller's state
+            Columns that cannot be found by name; ``{"log.csv:joint": column}`` applies only to that file.
+        rate : float, optional, sampling rate of a file without a time column [Hz]
+        gain : {joint: float}, optional, torque per ampere, for torque columns that are currents [N m/A]
+        topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
         episode : int, optional, episode of a LeRobot dataset
 
         Raises
         ------
         NotFoundError, TrajectoryError
-            The file cannot be read. What contradicts itself is in ``notes``, after ``LOOK AGAIN``.
+            The file cannot be read. Contradictions in its data are in ``notes``, after ``LOOK AGAIN``.
 
         Examples
         --------
@@ -188,20 +188,20 @@ class Motion:
         degrees: bool = False,
         gain: Mapping[str, float] | None = None,
     ) -> Motion:
-        """Read a pandas DataFrame, whose columns are named as those of a file; what :meth:`to_pandas` gives comes back.
+        """Read a pandas DataFrame with the column names of a file; inverse of :meth:`to_pandas`.
 
         Parameters
         ----------
-        frame : pandas.DataFrame, with the time as its index or as a column
-            Seconds, dates or time spans. An index that only counts rows is none.
+        frame : pandas.DataFrame, with the time as index or column
+            Seconds, dates or durations. An index of row numbers is not a time.
         columns : {joint: column}, optional, as for :meth:`from_file`
-        rate : float, optional, samples a second where there is no time [Hz]
+        rate : float, optional, sampling rate if there is no time [Hz]
         gain : {joint: float}, optional, as for :meth:`from_file`
 
         Raises
         ------
         TrajectoryError, ValueRangeError
-            Columns and numbers make no motion.
+            The columns or numbers are not a motion.
 
         Examples
         --------
@@ -239,7 +239,7 @@ class Motion:
         return len(self.time)
 
     def __getitem__(self, rows: slice) -> Motion:
-        """Some of its states, ``motion[10:200]`` or ``motion[::10]``; times stay as they are. Raises ValueRangeError."""
+        """Select states, ``motion[10:200]`` or ``motion[::10]``; times are unchanged. Raises ValueRangeError."""
         if not isinstance(rows, slice):
             raise ValueRangeError(
                 f"Motion: rows are chosen by a slice, motion[10:200], got {arguments.shown(rows)}. For the state at a time "
@@ -254,16 +254,16 @@ class Motion:
         return replace(self, **chosen, tau=None if self.tau is None else self.tau[rows])
 
     def between(self, begin: float, end: float) -> Motion:
-        """Part of the motion: its states from one time to another, both included.
+        """Part of the motion between two times, inclusive.
 
         Parameters
         ----------
-        begin, end : float, times [s]; times of states stay as they are
+        begin, end : float, times [s]; times of states are unchanged
 
         Raises
         ------
         ValueRangeError
-            There are too few states between.
+            There are too few states in between.
 
         Examples
         --------
@@ -287,15 +287,15 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """From the first state to the last [s]."""
+        """Duration from the first to the last state [s]."""
         return float(self.time[-1] - self.time[0])
 
     @cached_property
     def doubts(self) -> tuple[Doubt, ...]:
-        """Doubts and notes about the states, without the robot's dynamics, each with its kind, joints, sentence and level.
+        """Doubts and notes about the states, without dynamics; each has kind, joints, sentence and level.
 
-        Rates that are not the slope of what they belong to, jumps, angles that are far beyond the robot's limits, time
-        that seems to be in ms, repeated or late rows, spikes of torques.
+        Checks: rates that differ from the slopes, jumps, angles far beyond limits, time that looks like milliseconds,
+        repeated or late rows, torque spikes.
         """
         if self.read is not None:
             return self.read
@@ -305,7 +305,7 @@ class Motion:
 
     @property
     def contradictions(self) -> tuple[Doubt, ...]:
-        """Doubts by which the states contradict themselves, so that no figure can be trusted."""
+        """Doubts about contradictory states, which make all results unreliable."""
         return tuple(doubt for doubt in self.doubts if doubt.refuses)
 
     @cached_property
@@ -316,7 +316,7 @@ class Motion:
     # ── states between the samples ──
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """State of the motion at times; before and after, it rests at its ends.
+        """State of the motion at given times; before and after the motion, its end states at rest.
 
         Parameters
         ----------
@@ -330,8 +330,8 @@ class Motion:
 
         Notes
         -----
-        Between two samples q moves along a polynomial of degree 5 in the joint twists that has the velocities and
-        accelerations of both (Hermite interpolation); dq and ddq are its derivatives.
+        Quintic Hermite interpolation in the joint twists: q has the velocities and accelerations of both samples, and
+        dq and ddq are its derivatives.
         """
         t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
         q, *rates = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
@@ -340,13 +340,13 @@ class Motion:
         return q, dq, ddq
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """As :meth:`at`: a motion is a reference for a controller."""
+        """Same as :meth:`at`, so that a motion can be a controller's reference."""
         return self.at(t)
 
-    # ── what it asks of the robot ──
+    # ── required torques and limits ──
 
     def torques(self, *, friction: bool = False) -> Array:
-        """Torques that the motion takes, by inverse dynamics.
+        """Torques required for the motion, by inverse dynamics.
 
         Returns
         -------
@@ -363,8 +363,8 @@ class Motion:
 
         Returns
         -------
-        terms : {name: (n, nv) array}, ``inertia``, ``coriolis``, ``gravity`` (with springs), and ``friction`` if asked
-            for
+        terms : {name: (n, nv) array}, ``inertia``, ``coriolis``, ``gravity`` (with springs), and ``friction`` if
+        requested
         """
         robot = self.robot
         gravity = robot.holding_torques(self.q)
@@ -376,12 +376,12 @@ class Motion:
     def violations(
         self, bounds: Limits | None = None, *, friction: bool = False, tau: Array | None = None
     ) -> tuple[Violation, ...]:
-        """Limits of position, velocity, acceleration and torque that the motion passes, worst first.
+        """Violated limits of position, velocity, acceleration and torque, worst first.
 
         Parameters
         ----------
-        tau : (n, nv) array, optional, torques that are judged, such as those of a closed robot's motors [N m, sliding
-            joints: N]; None: those of inverse dynamics
+        tau : (n, nv) array, optional, torques to check, such as motor torques of a closed robot
+            [N m, sliding joints: N]; default: inverse dynamics
 
         Returns
         -------
@@ -399,15 +399,15 @@ class Motion:
         return check.violations()
 
     def plot(self, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
-        """Plot of velocities and torques as shares of their limits.
+        """Plot velocities and torques relative to their limits.
 
         Parameters
         ----------
-        path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
+        path : str or Path; the suffix determines the format (.png, .pdf, .svg)
 
         Returns
         -------
-        path : Path of the file written
+        path : Path of the written file
 
         Raises
         ------
@@ -421,12 +421,12 @@ class Motion:
         return plot_motion(self, path, bounds, friction=friction)
 
     def show(self, robot: Robot | None = None, *, embed: bool = False, control: str | None = None) -> ShownPage:
-        """Show the page of the motion: in a notebook below the cell, elsewhere in the browser.
+        """Show a page of the motion: in a notebook below the cell, otherwise in the browser.
 
         Parameters
         ----------
-        robot : Robot, optional, with the same coordinates; None: the motion's own
-        embed, control : those of :func:`twistwrench.viz.write_page`
+        robot : Robot, optional, with the same coordinates; default: the motion's robot
+        embed, control : as for :func:`twistwrench.viz.write_page`
 
         Returns
         -------
@@ -447,11 +447,11 @@ class Motion:
     # ── as columns ──
 
     def columns(self, *, degrees: bool = False) -> dict[str, Array]:
-        """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
+        """Columns by their names in files: the coordinate's name, with ``.vel``, ``.acc`` and ``.torque``.
 
         Parameters
         ----------
-        degrees : bool, angles in degrees, which their columns' names then say: ``elbow [deg]``, ``elbow.vel [deg/s]``
+        degrees : bool, use degrees for angles, noted in the names: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------
@@ -472,20 +472,20 @@ class Motion:
         return found
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
-        """Write a CSV file that ``twistwrench torques`` reads.
+        """Write a CSV file for ``twistwrench torques``.
 
         Parameters
         ----------
-        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
+        degrees : bool, use degrees for angles, noted in the header: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------
-        path : Path of the file written
+        path : Path of the written file
 
         Raises
         ------
         ValueRangeError
-            Nothing can be written.
+            The file cannot be written.
         """
         path, columns = as_path(path), self.columns(degrees=degrees)
         with csv_table(path, columns) as table:
@@ -493,43 +493,43 @@ class Motion:
         return path
 
     def to_mcap(self, path: str | Path) -> Path:
-        """Write an MCAP recording of ROS 2, as Foxglove shows and ``twistwrench torques`` reads it.
+        """Write an MCAP recording of ROS 2, for Foxglove and ``twistwrench torques``.
 
         Returns
         -------
-        path : Path of the file written
+        path : Path of the written file
 
         Raises
         ------
         MissingExtraError, ValueRangeError
-            mcap-ros2-support is not installed, nothing can be written, or times are negative.
+            mcap-ros2-support is not installed, the file cannot be written, or times are negative.
         """
         from ..reports.recording import Recording, write_mcap
 
         return write_mcap(path, Recording.from_motion(self))
 
     def to_rerun(self, path: str | Path, robot: Robot | None = None) -> Path:
-        """Write an .rrd file that rerun shows: the moving robot, and a curve of each joint.
+        """Write an .rrd file for rerun: the moving robot, and a curve for each joint.
 
         Parameters
         ----------
-        robot : Robot, optional, with the same coordinates; None: the motion's own
+        robot : Robot, optional, with the same coordinates; default: the motion's robot
 
         Returns
         -------
-        path : Path of the file written
+        path : Path of the written file
 
         Raises
         ------
         MissingExtraError, ValueRangeError
-            rerun-sdk is not installed, nothing can be written, or times are negative.
+            rerun-sdk is not installed, the file cannot be written, or times are negative.
         """
         from ..reports.recording import Recording, write_rerun
 
         return write_rerun(path, Recording.from_motion(self if robot is None else self.with_robot(robot)))
 
     def to_pandas(self) -> Any:
-        """Data frame with the time [s] as its index and a column for each entry.
+        """Data frame with the time [s] as index and a column for each entry.
 
         Returns
         -------
@@ -548,7 +548,7 @@ class Motion:
         return pandas.DataFrame(columns).set_index(next(iter(columns)))
 
     def to_xarray(self) -> Any:
-        """Dataset of q, dq, ddq, and tau where it is known, whose axes are named: time, coordinate, joint.
+        """Dataset of q, dq, ddq, and tau if known, with named axes: time, coordinate, joint.
 
         Returns
         -------
@@ -565,7 +565,7 @@ class Motion:
         return labelled_dataset(self.robot.model, self.time, arrays)
 
     def with_robot(self, robot: Robot) -> Motion:
-        """The same states of another robot with the same coordinates, such as one that carries a payload.
+        """Same states for another robot with the same coordinates, such as one with a payload.
 
         Examples
         --------
@@ -584,7 +584,7 @@ class Motion:
 
 
 def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:
-    """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities where they are known."""
+    """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities if known."""
     if len(t) < FEWEST:
         raise ValueRangeError(
             f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples. "

@@ -1,7 +1,7 @@
-"""Files of a motion, opened by name and first bytes: joined files ``a.csv+b.csv``, ROS recordings, and single files.
+"""Motion files, opened by name and first bytes: joined files ``a.csv+b.csv``, ROS recordings, and single files.
 
-Columns that are called alike in several files get the quantity that their file's name says: ``Joint_1`` of ``pos_data.csv`` and
-``curr_data.csv`` are ``Joint_1`` and ``Joint_1.torque``; else the file's name stands before them, ``left:Joint_1``.
+Equal column names of several files get the quantity in their file's name: ``Joint_1`` of ``pos_data.csv`` and
+``curr_data.csv`` become ``Joint_1`` and ``Joint_1.torque``. Without one, the file's name is prefixed: ``left:Joint_1``.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ from .ros_recordings import is_recording, ros_file
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
-"""Quantities by words in a file's name."""
+"""Quantities by words in a file name."""
 _SAME_STAMPS = 1e-6
-"""s."""
+"""Tolerance of equal stamps [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedFile:
-    """Files of one motion, side by side."""
+    """Files of one motion, joined by columns."""
 
     path: Path
     header: tuple[str, ...]
     parts: tuple[MotionFile, ...]
     places: tuple[tuple[int, int], ...]
-    """File of each column of the header, and the column in it."""
+    """File index and column index of each column of the header."""
     stamps: tuple[int | None, ...]
-    """Column of time of each file."""
+    """Time column of each file."""
     size: int
     notes: tuple[str, ...] = ()
 
     @classmethod
     def open(cls, path: str | Path, reader: Callable[[str], MotionFile]) -> JoinedFile:
-        """Open each of the files that ``a.csv+b.csv`` names; raises what their readers raise, and TrajectoryError."""
+        """Open the files in ``a.csv+b.csv``; raises TrajectoryError and the errors of their readers."""
         names = [name.strip() for name in str(path).split(JOINS)]
         if not all(names):
             raise TrajectoryError(
@@ -76,7 +76,7 @@ class JoinedFile:
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
 
     def check_columns(self) -> None:
-        """Raise TrajectoryError if all files have the same columns, as several logs of one robot have."""
+        """Raise TrajectoryError if all files have the same columns, which means several logs of one robot."""
         first, *others = ({*part.header} for part in self.parts)
         meant = any(":" not in _distinct(cell, part.path) for part in self.parts for cell in first)
         if all(other == first for other in others) and not meant:
@@ -87,7 +87,7 @@ class JoinedFile:
             )
 
     def table(self, used: Sequence[int]) -> Array:
-        """Table (n, len(used)) of those columns, resampled at the stamps of the first file if those of others differ."""
+        """Table (n, len(used)) of the given columns, resampled at the stamps of the first file if stamps differ."""
         wanted = [self.places[k] for k in used]
         tables, times = list[Array](), list[Array | None]()
         for k, (part, stamp) in enumerate(zip(self.parts, self.stamps, strict=True)):
@@ -120,11 +120,11 @@ class JoinedFile:
         return self.parts[file].first(own)
 
     def place(self, row: int) -> str:
-        """Place of a row, ``row 3``."""
+        """Description of a row's place, ``row 3``."""
         return f"row {row + 1}"
 
     def _matched(self, tables: list[Array], times: list[Array | None]) -> Array:
-        """(n,) bool: rows of the first file that all others reach; raises TrajectoryError if the files do not match."""
+        """Mask (n,) of rows of the first file within the times of all others; raises TrajectoryError on mismatch."""
         first = times[0]
         if first is None:
             counts = [len(table) for table in tables]
@@ -146,18 +146,18 @@ class JoinedFile:
 
 
 def _resampled(table: Array, time: Array, at: Array) -> Array:
-    """Rows of a table (n, k) with stamps (n,), interpolated at times (m,) that ascend."""
+    """Interpolate a table (n, k) with stamps (n,) at increasing times (m,)."""
     near = slice(max(0, int(np.searchsorted(time, at[0])) - 1), int(np.searchsorted(time, at[-1], side="right")) + 1)
     return np.stack([np.interp(at, time[near], x) for x in table[near].T], axis=1).reshape(len(at), -1)
 
 
 def _in_order(wanted: Sequence[tuple[int, int]]) -> Array:
-    """Takes columns that stand file by file to the order in which they were wanted."""
+    """Permutation of columns from file order to the requested order."""
     return np.argsort(np.argsort([file for file, _ in wanted], kind="stable"), kind="stable")
 
 
 def _time_of(header: Sequence[str]) -> int | None:
-    """The column of a file that is surest to be time."""
+    """Most certain time column of a file."""
     ranked = sorted(
         (rank[0], k) for k, cell in enumerate(header) if (rank := time_meaning(split_unit(cell)[0])) is not None
     )
@@ -185,13 +185,13 @@ MotionFile = CsvFile | ArrayFile | JoinedFile
 
 
 def open_motion_file(path: str | Path, topic: str | None = None, episode: int | None = None) -> MotionFile:
-    """The motion file at that path, of any robot: CSV, arrays, tables, ROS recordings, or several, ``a.csv+b.csv``.
+    """Open a motion file for any robot: CSV, arrays, tables, ROS recordings, or several files, ``a.csv+b.csv``.
 
-    ``topic`` chooses one of a ROS recording, ``episode`` one of a LeRobot dataset. Raises TrajectoryError,
+    ``topic`` selects a topic of a ROS recording, ``episode`` an episode of a LeRobot dataset. Raises TrajectoryError,
     NotFoundError and MissingExtraError.
     """
     place = as_path(path)
-    if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is not a path at all
+    if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False if the text cannot be a path
         return JoinedFile.open(path, partial(open_motion_file, topic=topic, episode=episode))
     if is_recording(place) and episode is None:
         return ros_file(place, topic)
@@ -215,7 +215,7 @@ def text_columns(file: MotionFile) -> tuple[int, ...]:
 
 
 def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
-    """The file with the sums that ``columns`` name, such as ``J3+J2`` or ``J3-J2``, as columns behind its own."""
+    """Append the sums in ``columns``, such as ``J3+J2`` or ``J3-J2``, to the file's columns."""
     plain = {split_unit(cell)[0]: k for k, cell in reversed([*enumerate(file.header)])}
     sums: dict[str, list[tuple[int, float]]] = {}
     for name in columns.values():
@@ -257,7 +257,7 @@ def moves_motors(path: str | Path | MotionFile) -> bool:
 def joints_without_column(
     path: str | Path | MotionFile, model: Model, columns: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """The joints of a model that a motion file has no column for, by its header; ``columns`` as in :meth:`MotionLog.open`."""
+    """Joints of a model without a column in the file's header; ``columns`` as in :meth:`MotionLog.open`."""
     file = open_motion_file(path) if isinstance(path, str | Path) else path
     joints = [b.joint.name for b in model.leaders if b.joint.nv]
     return absent_joints(file.header, Coordinates.from_model(model), joints, columns or {}, file.path)

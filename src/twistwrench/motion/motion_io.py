@@ -25,10 +25,10 @@ from .coordinates import Coordinates
 
 
 def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) -> Any:
-    """An ``xarray.Dataset`` of q and what else there is, each (..., n, nq) or (..., n, nv).
+    """Dataset (``xarray.Dataset``) of q and other quantities, each (..., n, nq) or (..., n, nv).
 
-    Axes are ``sample`` (``sample_0``, ``sample_1``, … where there are several), ``time`` [s], ``coordinate`` for q and
-    ``joint`` for all else. Torques of steps, one fewer than the times, end with NaN. Raises MissingExtraError.
+    Axes are ``sample`` (``sample_0``, ``sample_1``, … if there are several), ``time`` [s], ``coordinate`` for q and
+    ``joint`` otherwise. Torques per step, one fewer than the times, are padded with NaN. Raises MissingExtraError.
     """
     try:
         import xarray
@@ -53,7 +53,7 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
 
 
 def _units(name: str, kinds: Coordinates) -> str:
-    """The unit of all entries, or those of each, as they stand in a row."""
+    """Common unit of all entries, or the units of the entries in order."""
     if name == "q":
         quaternion = np.zeros(len(kinds.names), bool)
         for part in kinds.quaternions:
@@ -72,7 +72,7 @@ _HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
 def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
-    """File of a DataFrame: its index if it is a time, its numeric columns, and a note on others; raises ShapeError."""
+    """File of a DataFrame: index if it is a time, numeric columns, and a note on others; raises ShapeError."""
     if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
         raise ShapeError(
             f"Motion.from_dataframe: the frame is {arguments.shown(frame)}: give a pandas DataFrame with a column "
@@ -94,7 +94,7 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:
-    """Numbers and what they are called; dates and spans are seconds since the first. TypeError, ValueError: none."""
+    """Name and numbers of a column; dates in seconds since the first. Others raise TypeError or ValueError."""
     kind = getattr(values.dtype, "kind", "")
     if kind not in "mM":
         return name, np.asarray(values, float)
@@ -103,9 +103,10 @@ def _column(name: str, values: Any) -> tuple[str, Array]:
 
 
 def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
-    """The index, dates and spans in seconds since the first; nothing where it only counts rows.
+    """Time column from the index, dates and durations in seconds since the first; empty if it is a row number.
 
-    Its name is kept where it means time, or another column does (``timed``); else floats that increase are the time.
+    The name is kept if it denotes time, or if another column does (``timed``). Otherwise increasing floats are the
+    time.
     """
     if getattr(index.dtype, "kind", "") in "mM":
         return [_column("time", index)]
@@ -120,7 +121,7 @@ def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
 
 
 def in_python_words(text: str) -> str:
-    """A sentence on a log with its options as keyword arguments, for who has no command line.
+    """Rewrite command-line options in a message as keyword arguments.
 
     >>> in_python_words("Say which they are: --columns 'a=COLUMN'; or hold joints still: --lock-missing, or --lock a=0.")
     "Say which they are: columns={'a': 'COLUMN'}; or hold joints still: tw.load(…, lock={joint: 0})."
@@ -137,7 +138,7 @@ def in_python_words(text: str) -> str:
 
 @contextmanager
 def errors_in_python_words() -> Iterator[None]:
-    """Errors on a log with the advice of :func:`in_python_words`."""
+    """Context manager that applies :func:`in_python_words` to errors about a log."""
     try:
         yield
     except TrajectoryError as problem:

@@ -1,4 +1,4 @@
-"""Logs of motions, decoded once: time, coordinates, and velocities, accelerations and torques, one row of each time."""
+"""Motion logs, decoded once: time, coordinates, velocities, accelerations and torques, with one row for each time."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from .matching import varying_columns
 from .motion_file import JoinedFile, MotionFile, open_motion_file, with_sums
 
 _MOST = 10_000
-"""Rows of one time, from which the clock is taken to stand."""
+"""Number of rows with one time above which the clock is considered stopped."""
 _FEWEST, _REPEATED, _PAUSE = 20, 0.02, 3.0
-"""Rows, and share of the steps that are 0, from which stamps seem rounded; and steps of their grid that are a pause."""
+"""Minimum rows, and fraction of zero steps, for rounded stamps; and number of grid steps that make a pause."""
 _ROUNDED = 0.65
-"""Steps of the grid that a rounded stamp is off at most: half of one, and what few rows leave open of the clock."""
+"""Largest deviation of a rounded stamp in grid steps: 0.5 for rounding, the rest for the error of the clock."""
 
 
 @dataclass
 class DuplicateTimestamps:
-    """Rows of one time in a log: repeated rows are dropped, others replaced by their mean, the best estimate there is."""
+    """Merge rows of equal time: repeated rows are dropped, others are averaged."""
 
     dropped: int = 0
     averaged: int = 0
     first: float | None = None
-    """Time of the first rows that differ."""
+    """First time with different rows."""
 
     def merge(self, table: Array, turning: Array, half_turn: Array, where: str) -> Array:
-        """Table (n, k) with one row a time, in place; time is its first column. Raises TrajectoryError."""
+        """Reduce a table (n, k) to one row per time, in place; time is the first column. Raises TrajectoryError."""
         begin = end = 0
         while begin < len(table):
             stop = min(begin + log_table.ROWS, len(table))
@@ -95,7 +95,7 @@ class DuplicateTimestamps:
         return np.asarray(found)
 
     def doubts(self) -> list[Doubt]:
-        """Notes on dropped rows, and on averaged rows."""
+        """Notes on dropped rows and averaged rows."""
         said = []
         if self.dropped:
             said.append(f"{self.dropped} row{'s that repeat' if self.dropped > 1 else ' that repeats'} the row before")
@@ -108,9 +108,9 @@ class DuplicateTimestamps:
 
 
 def steady_times(stamps: Array) -> Array | None:
-    """Times (n,) of rows whose stamps were rounded to a grid coarser than their steps; None without a steady clock.
+    """Reconstruct times (n,) from stamps rounded to a grid coarser than their steps; None without a steady clock.
 
-    Between pauses, times are the straight line through the stamps, which no stamp is farther from than rounding takes it.
+    Between pauses, the times are the straight line through the stamps; each stamp must agree with it within rounding.
     """
     steps = np.diff(stamps)
     if len(steps) < _FEWEST or (steps < 0).any() or (steps == 0).mean() < _REPEATED:
@@ -136,30 +136,30 @@ def steady_times(stamps: Array) -> Array | None:
 # ── The log: blocks of complete rows
 
 _MOST_STAMPS = 1 << 24
-"""Rows whose stamps are looked at together: 128 MiB."""
+"""Number of rows whose stamps are inspected together: 128 MiB."""
 _FIRST = 1 << 12
-"""Rows that show whether stamps are rounded."""
-_NO_ROTATION = 1e-6  # norm of a quaternion
+"""Number of rows used to detect rounded stamps."""
+_NO_ROTATION = 1e-6  # norm of a quaternion below which it is invalid
 _RUNS = 16, 1 << 12
-"""Runs of rows of a long log, and rows of each, that rates and sampling are judged by."""
+"""Number of runs of a long log, and rows in each, used to assess rates and sampling."""
 ASKED = ("time-step", "angle-unit", "degrees-option")
-"""Doubts about units that may be meant, where they are notes."""
+"""Kinds of notes in which a unit may be correct after all."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogRows:
-    """Consecutive samples of a motion, in SI units; ``dq``, ``ddq`` and ``tau`` are None where the file has none."""
+    """Consecutive samples of a motion, in SI units; ``dq``, ``ddq`` and ``tau`` are None if absent from the file."""
 
     time: Array
-    """(n,) s."""
+    """Times (n,) [s]."""
     q: Array
-    """(n, nq)."""
+    """Coordinates (n, nq)."""
     dq: Array | None
-    """(n, nv)."""
+    """Velocities (n, nv)."""
     ddq: Array | None
-    """(n, nv)."""
+    """Accelerations (n, nv)."""
     tau: Array | None = None
-    """(n, nv) N m or N: what was logged, for comparison."""
+    """Logged torques (n, nv) [N m or N], for comparison."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,21 +167,21 @@ class _Decoded:
     table: Array
     duplicates: DuplicateTimestamps
     clock: float | None
-    """Rate of the steady clock that takes the place of rounded stamps [Hz]."""
+    """Rate of the steady clock that replaces rounded stamps [Hz]."""
     stamps: dict[float, float]
-    """Times of rows left out because their stamp alone is wrong, and its delay [s]."""
+    """Times of rows dropped for a wrong stamp, with the delay of the stamp [s]."""
     contradictions: Contradictions
     mimic_joints: list[Doubt]
     """Doubts about the columns of mimic joints."""
     date: tuple[str, ...]
-    """A sentence on the date from which time counts, where the file's counts from 1970."""
+    """Sentence about the date of time 0 if the file's time counts from 1970."""
     epoch: int
-    """Stamp of time 0 [ns since 1970]; 0 where time does not count from there."""
+    """Stamp of time 0 [ns since 1970]; 0 if time does not count from 1970."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLog:
-    """Motion log: a file that has been opened once to read its header; the rows stay in the file.
+    """Motion log: a file whose header has been read; rows are decoded on first use.
 
     Examples
     --------
@@ -192,17 +192,17 @@ class MotionLog:
     """
 
     file: MotionFile
-    """The file."""
+    """Source file."""
     columns: Columns
-    """Assignment of its columns."""
+    """Assignment of the file's columns."""
     coordinates: Coordinates
     """Names and units of the robot's coordinates."""
     held: tuple[str, ...] = ()
-    """Joints that are held still as the file has no column for them."""
+    """Joints held still because the file has no column for them."""
     unused: tuple[str, ...] = ()
-    """Columns that may be theirs: numbers that vary and are not used."""
+    """Unused varying columns, which may belong to these joints."""
     of_source: tuple[Doubt, ...] = ()
-    """Doubts about what programs and makers of such files mean by their numbers."""
+    """Doubts about conventions of the programs and makers that write such files."""
 
     @classmethod
     def open(
@@ -219,23 +219,23 @@ class MotionLog:
         topic: str | None = None,
         episode: int | None = None,
     ) -> MotionLog:
-        r"""Read and check the header of a motion file, and see which column is which.
+        r"""Read and check the header of a motion file, and assign its columns.
 
         Parameters
         ----------
         path : str, Path or MotionFile
-            A CSV file (see :meth:`CsvFile.open <twistwrench.motion.csv_reader.CsvFile.open>` for what is understood), an
-            archive that ``simulate --npz`` wrote, npz, npy, MAT, HDF5, parquet, feather, MCAP, or a bag of ROS (with the
-            extra ``logs``); several files of one motion as ``a.csv+b.csv``.
+            A CSV file (formats: see :meth:`CsvFile.open <twistwrench.motion.csv_reader.CsvFile.open>`), an archive of
+            ``simulate --npz``, npz, npy, MAT, HDF5, parquet, feather, MCAP, or a ROS bag (with the extra ``logs``);
+            several files of one motion as ``a.csv+b.csv``.
         locked : sequence of str, joints whose columns are ignored
-        columns : {name: column}, optional, which column is which, where its name does not say so
-            ``{"elbow": "pos3", "elbow.vel": "w3"}``; ``.acc``, ``.tau``, ``.current`` and ``time`` likewise.
-            ``{"log.csv:elbow": "pos4"}`` holds for the file of that path or name only.
-        rate : float, optional, rows a second of a file without a column of time [Hz]
-        gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
-            Of ``joint.current``: only for columns that are currents by name or unit.
-        held : sequence of str, those of ``locked`` that the file has no column for
-        topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the plan of a controller's state
+        columns : {name: column}, optional, assignment of columns that cannot be found by name
+            ``{"elbow": "pos3", "elbow.vel": "w3"}``; likewise ``.acc``, ``.tau``, ``.current`` and ``time``.
+            ``{"log.csv:elbow": "pos4"}`` applies only to the file with that path or name.
+        rate : float, optional, sampling rate of a file without a time column [Hz]
+        gain : {joint: float}, optional, torque per ampere, for torque columns that are currents [N m/A]
+            ``joint.current``: only for columns that are currents by name or unit.
+        held : sequence of str, joints of ``locked`` without a column in the file
+        topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
         episode : int, optional, episode of a LeRobot dataset
 
         Returns
@@ -245,7 +245,7 @@ class MotionLog:
         Raises
         ------
         NotFoundError, TrajectoryError, UnknownNameError, ValueRangeError
-            Naming the file, the line and what was found there.
+            The message has the file, the line and the faulty text.
 
         Examples
         --------
@@ -294,16 +294,16 @@ class MotionLog:
 
     @property
     def table(self) -> Array:
-        """Rows of the log (n, columns), one a time: time in seconds, all else in the units of the file.
+        """Rows of the log (n, columns), one for each time: time in seconds, other columns in the units of the file.
 
-        The file is decoded at the first use, which raises TrajectoryError if a value is not a finite number, a row is cut or
-        time runs back. Rows whose stamp alone is wrong are left out.
+        The file is decoded on first use. This raises TrajectoryError if a value is not a finite number, a row is
+        truncated or time decreases. Rows with only a wrong stamp are dropped.
         """
         return self._decoded.table
 
     @property
     def epoch(self) -> int:
-        """Stamp of time 0: nanoseconds since 1970, or of a recording's own clock; 0 where the file has none."""
+        """Stamp of time 0 [ns], since 1970 or on the recording's clock; 0 if the file has none."""
         return self._decoded.epoch
 
     @cached_property
@@ -353,7 +353,7 @@ class MotionLog:
         return found
 
     def motion(self, table: Array) -> LogRows:
-        """Rows of the log sorted into q, dq, ddq and torques, in SI units.
+        """Convert rows of the log to q, dq, ddq and torques, in SI units.
 
         Parameters
         ----------
@@ -371,7 +371,7 @@ class MotionLog:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each thing that was taken to be meant: of the header, and of the rows once they were read."""
+        """Sentences about assumptions: from the header, and from the rows once they are decoded."""
         columns, last = self.columns, self._decoded
         said: list[str] = [*map(ReadingNote, (*columns.notes, *last.date))]
         if columns.of_locked:
@@ -387,11 +387,11 @@ class MotionLog:
         return (*said, *(str(d) for d in self.doubts() if d.level == "note" and d.kind not in ASKED))
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[Doubt, ...]:
-        """Doubts about the log, without a model: what contradicts itself, how it was sampled, and what was left out.
+        """Doubts about the log, without a model: contradictions, sampling, and dropped rows.
 
         Parameters
         ----------
-        glitches : bool, single wrong rows too; False where smoothing found them, which says more of them
+        glitches : bool, include single wrong rows; False if smoothing reports them in more detail
 
         Returns
         -------
@@ -409,7 +409,7 @@ class MotionLog:
         return (*misread, *self.of_source, *found, *last.mimic_joints, *left_out)
 
     def _steady_clock(self, table: Array) -> float | None:
-        """Replace stamps that rounding makes equal, as the first rows show, by a steady clock and return its rate [Hz]."""
+        """Replace rounded stamps by a steady clock and return its rate [Hz]; the first rows show the rounding."""
         first = table[:_FIRST]
         again = np.diff(first[:, 0]) == 0
         differ = (first[1:, 1:] != first[:-1, 1:]).any(axis=1)
@@ -422,7 +422,7 @@ class MotionLog:
         return 1.0 / float(np.median(np.diff(times)))
 
     def _check_rows(self, table: Array) -> None:
-        """Raise TrajectoryError if time runs back, or a quaternion is zero."""
+        """Raise TrajectoryError if time decreases or a quaternion is zero."""
         before = -math.inf
         for s in slices(len(table)):
             rows = table[s]
@@ -445,14 +445,14 @@ class MotionLog:
                     )
 
 
-# ── What the programs of some files mean by their numbers
+# ── Conventions of the programs that write some files
 
 _FANUC = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
-"""Names of Fanuc's robots."""
+"""Names of Fanuc robots."""
 
 
 def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates, *, degrees: bool) -> list[Doubt]:
-    """Doubts about a LeRobot dataset; raises TrajectoryError for units that are not known or need its calibration file."""
+    """Doubts about a LeRobot dataset; raises TrajectoryError if units are unknown or need its calibration file."""
     at, stated = columns.places["q"], columns.angle_stated
     if at is None:
         return []
@@ -480,21 +480,21 @@ def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates
     return [doubt("dataset-zero", [coordinates.names[k] for k in asked])] if degrees and asked else []
 
 
-# ── Columns of mimic joints, checked against those of their leaders
+# ── Columns of mimic joints, compared with those of their leaders
 
 _SHARE = 0.1
-"""Share of a joint's travel; less is play, and the error of a coupling."""
+"""Fraction of a joint's travel; smaller deviations are play or coupling errors."""
 _LEAST = {True: 0.02, False: 0.002}
-"""Least deviation that is reported, of turning [rad] and sliding [m] joints."""
+"""Smallest reported deviation of rotating [rad] and sliding [m] joints."""
 
 
 def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[LogRows, Array]]) -> list[Doubt]:
-    """Doubts about mimic joints whose columns go elsewhere than their leaders take them.
+    """Doubts about mimic joints whose columns deviate from the coupling to their leaders.
 
-    ``portions`` are rows of the log, and the table that they are from.
+    ``portions`` are rows of the log, each with the table that they come from.
     """
     least, most = np.full(len(columns), math.inf), np.full(len(columns), -math.inf)
-    off = [(0.0, 0.0)] * len(columns)  # the largest distance of each, and when
+    off = [(0.0, 0.0)] * len(columns)  # largest deviation of each, and its time
     for motion, table in portions if columns else ():
         for k, (follower, column, factor) in enumerate(columns):
             logged, led = factor * table[:, column], follower.ratio * motion.q[:, follower.leader] + follower.offset

@@ -1,7 +1,7 @@
-"""ROS recordings without ROS: joint states, planned trajectories and controller states in MCAP files, bags and databases.
+"""ROS recordings without ROS: joint states, plans and controller states in MCAP files, bags and databases.
 
-A log has a row for each message. A plan is a polynomial between its points, as ros2_controllers executes it, and has a row
-every 2 ms and at each point.
+A log has a row for each message. A plan is a polynomial between its points, as executed by ros2_controllers, and has a
+row every 2 ms and at each point.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from .smoothing import FEWEST, spline_rates
 
 _DATABASE = b"SQLite format 3\0"
 STEP = 2e-3
-"""Step of time between the points of a plan [s]."""
+"""Time step between the points of a plan [s]."""
 _MOST_ROWS = 1_000_000
-"""Rows of a plan; longer plans have a longer step."""
+"""Largest number of rows of a plan; longer plans have a larger step."""
 
 _CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
 _POINTS = "std_msgs/Header header\nstring[] joint_names\n"
@@ -42,10 +42,10 @@ _DEFINITIONS = {
         for names in ("reference feedback error output", "desired actual error")
     ),
 }
-"""Messages that databases before ROS 2 Iron do not define, in the forms that they had."""
+"""Message definitions for databases before ROS 2 Iron, which lack them."""
 
 Topics = Mapping[str, tuple[str, int]]
-"""Type and number of messages of each topic."""
+"""Message type and number of messages by topic."""
 
 
 def is_recording(path: Path) -> bool:
@@ -53,7 +53,7 @@ def is_recording(path: Path) -> bool:
     try:
         if path.suffix.lower() in (".mcap", ".bag", ".db3") or os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113
             return True
-        if not path.is_file():  # a pipe would lose what is read of it here
+        if not path.is_file():  # reading a pipe here would consume its data
             return False
         with path.open("rb") as file:
             return file.read(len(_DATABASE)) == _DATABASE
@@ -62,7 +62,7 @@ def is_recording(path: Path) -> bool:
 
 
 def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
-    """Motion of one topic, by default the one with most messages; ``NAME:reference`` is the plan of a controller's state.
+    """Motion from one topic, by default that with most messages; ``NAME:reference``: reference of a controller state.
 
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
@@ -99,7 +99,7 @@ def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
 
 
 def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
-    """Name of the topic to read, its type, the part of it, and a note where others could be meant."""
+    """Name of the topic, its type, the selected part, and a note if other topics are possible."""
     name, _, part = (wanted or "").partition(":")
     known = {topic: kind.rpartition("/")[2] for topic, (kind, _) in topics.items()}
     readable = [topic for topic, kind in known.items() if kind in _KINDS and topics[topic][1]]
@@ -128,12 +128,12 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _seconds(stamp: Any, begin: Any = None) -> float:
-    """Seconds of a stamp or duration, since ``begin``: whole nanoseconds since 1970 do not fit into a float."""
+    """Seconds of a stamp or duration, since ``begin``: nanoseconds since 1970 exceed the precision of a float."""
     return (_nanoseconds(stamp) - (0 if begin is None else _nanoseconds(begin))) / 1e9
 
 
 def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array]:
-    """Header and table of the messages that name the same joints as the first; others are ignored."""
+    """Header and table of the messages with the same joints as the first; others are ignored."""
     names = list(messages[0].name)
     mine = [m for m in messages if set(m.name) >= set(names)]
     order = [[list(m.name).index(n) for n in names] for m in mine]
@@ -149,7 +149,7 @@ def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array
 
 
 def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[list[str], Array]:
-    """Header and table of the measured points of a controller's state, or of its reference."""
+    """Header and table of the measured or reference points of a controller's state."""
     fields = ("reference", "desired") if part else ("feedback", "actual")
     field = fields[0] if hasattr(messages[0], fields[0]) else fields[1]
     names = list(messages[0].joint_names)
@@ -163,7 +163,7 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
 
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
-    """Positions, velocities, accelerations and efforts (n, count) of points; None for what not every point has."""
+    """Positions, velocities, accelerations and efforts (n, count) of points; None unless all points have them."""
     fields = ("positions", "velocities", "accelerations", "effort")
     parts = [[np.asarray(getattr(p, field), float) for p in points] for field in fields]
     found = [np.array(part) if all(len(x) == count for x in part) else None for part in parts]
@@ -205,7 +205,7 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
 
 
 def _points(message: Any) -> tuple[list[str], list[Any], Array]:
-    """Joint names, points and their times of a plan; the parts of a DisplayTrajectory follow one another."""
+    """Joint names, points and times of a plan; the parts of a DisplayTrajectory are concatenated."""
     parts = [getattr(part, "joint_trajectory", part) for part in getattr(message, "trajectory", [message])]
     names, points, times = list(parts[0].joint_names) if parts else [], list[Any](), list[float]()
     for part in parts:
@@ -213,13 +213,13 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
             continue
         begin = times[-1] if times else 0.0
         own = [begin + _seconds(point.time_from_start) for point in part.points]
-        first = 1 if times and own and own[0] == begin else 0  # where the part before ended
+        first = 1 if times and own and own[0] == begin else 0  # repeats the end of the previous part
         points, times = points + list(part.points)[first:], times + own[first:]
     return names, points, np.array(times)
 
 
 def between_points(time: Array, q: Array, dq: Array, ddq: Array | None, step: float) -> Array:
-    """Rows (m, 1 + 3 k) of time, q, dq, ddq at points (n, k) and every ``step`` between: quintic, or cubic without ddq.
+    """Rows (m, 1 + 3 k) of time, q, dq, ddq at points (n, k) and every ``step`` between: quintic; cubic without ddq.
 
     >>> time, q = np.array([0.0, 1.0]), np.array([[0.0], [1.0]])
     >>> between_points(time, q, 0 * q, 0 * q, 0.5).round(3).tolist()
@@ -244,7 +244,7 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array | None, step: fl
 
 
 _KINDS = ("JointState", "JointTrajectory", "RobotTrajectory", "DisplayTrajectory", "JointTrajectoryControllerState")
-"""Types of messages that are read."""
+"""Supported message types."""
 
 
 # ── Files: topics, and the messages of one
@@ -324,7 +324,7 @@ def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
 
 
 def _deserialised(store: Any, kind: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
-    """Messages by the first of the definitions that fits them; by that of the store without any."""
+    """Deserialise messages by the first matching definition, or by the store's if there is none."""
     from rosbags.serde import SerdeError
 
     for text in texts[:-1]:

@@ -1,8 +1,8 @@
-"""Smoothing of noisy logs by penalised least squares: near the samples, with a third derivative no larger than needed.
+"""Smoothing of noisy logs by penalised least squares on the third derivative (Whittaker smoother).
 
-The smoothed z minimises |x - z|² + strength |D z|², D the third divided differences in units of the usual time step h;
-on a uniform grid a component of angular frequency w comes out 1/(1 + strength (2 sin(w h/2))^6) times as large.
-Source: Whittaker, "On a new method of graduation", Proc. Edinburgh Math. Soc. 41, 1923.
+The smoothed z minimises |x - z|² + strength |D z|², with D the third divided differences in units of the typical time
+step h. On a uniform grid the gain at angular frequency w is 1/(1 + strength (2 sin(w h/2))^6). Source: Whittaker, "On a
+new method of graduation", Proc. Edinburgh Math. Soc. 41, 1923.
 """
 
 from __future__ import annotations
@@ -29,24 +29,26 @@ if TYPE_CHECKING:
 _STRENGTHS = 10.0 ** np.arange(-1.0, 15.01, 0.5)
 _MOST_MARGIN = 16384
 _FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
-"""A glitch is that many standard deviations off the curve of strength ``_NEAR``, more than ``_REACH`` samples on either
-side are, and there are few: else it is the motion that is fast."""
+"""Criteria of a glitch: more than ``_FAR`` standard deviations off the curve of strength ``_NEAR``, the largest within
+``_REACH`` samples, and at most the fraction ``_FEW`` of all samples. Otherwise the motion is fast.
+"""
 _MOST_ALIKE = 10.0
 _MOST_PASSED, _MOST_RISK = 0.95, 4.0
-"""Most of the noise that a smoother may pass and still count, and most mean square of what it takes off, with twice the
-noise that it passes, in units of the noise's variance: 2 for no smoother, and as much again since that is an estimate."""
+"""Upper bound of the noise gain of a smoother, and of its risk in units of the noise variance: mean squared correction
+plus twice the passed noise. The risk is 2 without smoothing; the rest allows for the error of the noise estimate.
+"""
 _DECAY = 28.0
-"""exp(-28) < 1e-12: what is left of a sample's influence beyond the margin."""
+"""exp(-28) < 1e-12 bounds the influence of a sample beyond the margin."""
 
 
 def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
-    """The smoothed values of columns alike; t (n,), x (n,) or (n, k) → as x. ``step`` is the usual time step."""
+    """Smooth columns with a common strength; t (n,), x (n,) or (n, k) → shape of x. ``step``: typical time step."""
     if strength == 0.0 or len(x) < 4:
         return x.copy()
     from scipy.linalg import solveh_banded
 
     D = _third_differences(t, step)
-    # Solved for the correction, u in x - z = D' u, and not for z: then rounding hurts the small correction only.
+    # Solved for u in the correction x - z = D' u, so that rounding errors are relative to the small correction.
     bands = np.zeros((4, len(D)))  # upper form of D D' + 1/strength
     for k in range(4):
         bands[3 - k, k:] = np.sum(D[k:, : 4 - k] * D[: len(D) - k, k:], axis=1)
@@ -60,7 +62,7 @@ def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
 
 
 def _third_differences(t: Array, step: float) -> Array:
-    """Rows of D as their four weights (n-3, 4); (-1, 3, -3, 1) on a uniform grid of that step."""
+    """Rows of D as their four weights (n-3, 4); (-1, 3, -3, 1) on a uniform grid with this step."""
     t = np.lib.stride_tricks.sliding_window_view(t, 4) / step
     gaps = t[:, :, None] - t[:, None, :]
     gaps[:, np.arange(4), np.arange(4)] = 1.0
@@ -75,14 +77,13 @@ def _apply(D: Array, x: Array) -> Array:
 def best_strength(
     times: Sequence[Array], parts: Sequence[Array], noise: float, step: float, grid: float = 0.0
 ) -> float:
-    """The strength that leaves the least expected error of z, given about how large the noise is; 0 where none is better.
+    """Strength with the least expected error of z, for an approximately known noise; 0 if smoothing does not help.
 
-    Generalised cross-validation: the mean squared residual over the square of the share of noise that it holds. The noise
-    of a short log is known to a fourth only, and that of late stamps lives in the few rows that are fast, so that
-    Mallows' criterion, which asks for the noise itself, now and then smooths next to nothing. Rounding to a ``grid`` is
-    not white where a slow motion keeps to a point of the grid for several samples: as many times as much of its variance
-    passes then.
-    Source: Craven and Wahba, "Smoothing noisy data with spline functions", Numer. Math. 31, 1979.
+    Generalised cross-validation: mean squared residual over the squared fraction of noise in it. Mallows' criterion
+    would need the exact noise and sometimes smooths too little: the noise of a short log is known to 25 %, and the
+    noise of late stamps is concentrated in few fast rows. Rounding to a ``grid`` is not white if a slow motion stays on
+    a grid point for several samples: the passed variance is multiplied by their number. Source: Craven and Wahba,
+    "Smoothing noisy data with spline functions", Numer. Math. 31, 1979.
     """
     if noise == 0.0:
         return 0.0
@@ -97,7 +98,7 @@ def best_strength(
         mean = squares / sum(len(x) for x in parts)
         passed = min(_MOST_PASSED, alike * _passed(float(strength)))
         if mean + 2.0 * noise**2 * passed > _MOST_RISK * noise**2:
-            continue  # the motion is too fast for that
+            continue  # the motion is too fast for this strength
         risk = mean / (1.0 - passed) ** 2
         if risk < least:
             best, least = float(strength), risk
@@ -105,10 +106,10 @@ def best_strength(
 
 
 def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
-    """Mean number of consecutive samples with one rounding error, 1 to 10; 1 without a grid.
+    """Mean number of consecutive samples with equal rounding error, 1 to 10; 1 without a grid.
 
-    A slow motion keeps to a point of the grid for many samples. Beyond ten the motion is so slow that stairs are all there
-    is to see. Of the whole ``noise``, only what rounding makes of it counts.
+    A slow motion stays on a grid point for many samples. Beyond ten samples, the log shows only stairs. Only the
+    rounding part of ``noise`` counts.
     """
     if grid == 0.0 or noise == 0.0:
         return 1.0
@@ -117,7 +118,7 @@ def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
     for x in parts:
         steps = np.diff(x)
         jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
-        climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # up and up, or down and down: a whole step is passed
+        climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # monotonic: the motion crosses a whole grid step
         between = np.diff(jumps)[climbs].astype(float)
         total, weighted = total + float(between.sum()), weighted + float((between**2).sum())
     length = min(_MOST_ALIKE, max(1.0, weighted / total)) if total else 1.0
@@ -125,7 +126,7 @@ def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
-    """The column, lone samples far off, which would keep it from being smoothed, replaced by what lies between neighbours."""
+    """Replace isolated outliers, which would prevent smoothing, by interpolation between their neighbours."""
     from scipy.ndimage import maximum_filter1d
 
     for _ in range(2):
@@ -139,39 +140,39 @@ def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
 
 @cache
 def _passed(strength: float) -> float:
-    """The mean over all frequencies of what the smoother passes; 1 at strength 0."""
+    """Mean gain of the smoother over all frequencies; 1 at strength 0."""
     w = (np.arange(20000) + 0.5) * (math.pi / 20000)
     return float(np.mean(1.0 / (1.0 + strength * (2.0 * np.sin(w / 2)) ** 6)))
 
 
 def margin_of(strength: float) -> int:
-    """Samples after which the influence of one on another is below 1e-12, on a uniform grid."""
+    """Number of samples beyond which the influence of a sample is below 1e-12, on a uniform grid."""
     # The slowest pole of 1/(1 + strength w^6) decays by exp(-½ strength^(-1/6)) a sample.
     return math.ceil(2.0 * _DECAY * math.pow(max(strength, 1e-3), 1.0 / 6.0)) + 16
 
 
-# ── Samples of a motion as a curve: without jumps that are not motion, its derivatives, and configurations between samples
+# ── Samples of a motion as a curve: continuity, derivatives, and configurations between samples
 
 DEGREE = 5
 """Degree of the spline."""
 FEWEST = DEGREE + 1
-"""Samples that velocities and accelerations can be derived from."""
+"""Minimum number of samples for velocities and accelerations."""
 
 
 class Between(NamedTuple):
-    """Configurations between two samples, and where that is."""
+    """Configurations between two samples, and their place."""
 
     q: Array
-    """(..., nq)."""
+    """Configurations (..., nq)."""
     before: Array
     after: Array
-    """(...) numbers of the samples."""
+    """Indices (...) of the neighbouring samples."""
     share: Array
-    """(..., 1) of the way from one to the other, 0 to 1."""
+    """Fraction (..., 1) of the interval, 0 to 1."""
 
 
 def continuous(model: Model, q: Array) -> Array:
-    """Coordinates q (n, nq) without jumps of angles by a turn and of quaternions to their negatives."""
+    """Coordinates q (n, nq) without jumps of angles by a turn and sign changes of quaternions."""
     coordinates, q = Coordinates.from_model(model), q.astype(float)
     q[:, coordinates.endless] = np.unwrap(q[:, coordinates.endless], axis=0)
     for place in coordinates.quaternions:
@@ -181,11 +182,11 @@ def continuous(model: Model, q: Array) -> Array:
 
 
 _GAP, _PAUSE = 5.0, 0.05
-"""Times the usual step and the steps beside it, and s, beyond which a step of time is a pause."""
+"""Ratio to the typical and adjacent time steps, and duration [s], above which a time step is a pause."""
 
 
 def stretch_edges(t: Array) -> list[int]:
-    """Edges [0, …, n] of the stretches of samples between pauses; stretches of fewer than six samples are joined to others.
+    """Edges [0, …, n] of the stretches between pauses; stretches with fewer than six samples are merged.
 
     >>> stretch_edges(np.r_[np.arange(10) * 0.01, 2.0 + np.arange(10) * 0.01])
     [0, 10, 20]
@@ -202,7 +203,7 @@ def stretch_edges(t: Array) -> list[int]:
 
 
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
-    """First and second derivatives (n, k) at the samples (n, k) of quintic splines through each stretch between pauses."""
+    """First and second derivatives (n, k) at the samples (n, k), by a quintic spline per stretch between pauses."""
     parts = [_spline_rates(t[a:b], x[a:b]) for a, b in pairwise(stretch_edges(t))]
     if len(parts) == 1:
         return parts[0]
@@ -212,7 +213,7 @@ def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
 def _spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
     from scipy.interpolate import make_interp_spline
 
-    # Time from the window's middle, so that large clock readings (seconds since 1970) cost no digits.
+    # Time from the window's middle, so that large stamps (seconds since 1970) do not lose digits.
     local = t - t[len(t) // 2]
     close = np.diff(local) <= 0
     if close.any():
@@ -233,7 +234,7 @@ def _spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
 
 
 def between(robot: Robot, time: Array, q: Array, t: Array) -> Between:
-    """Configurations at times t (...), along the constant joint twists that lead from one sample (n, nq) to the next."""
+    """Configurations at times t (...), along constant joint twists from each sample (n, nq) to the next."""
     k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, max(0, len(time) - 2))
     after = np.minimum(k + 1, len(time) - 1)
     step = time[after] - time[k]
@@ -242,7 +243,7 @@ def between(robot: Robot, time: Array, q: Array, t: Array) -> Between:
 
 
 def _way(robot: Robot, q0: Array, q1: Array) -> Array:
-    """Joint twists (..., nv) that lead from one configuration to the other in unit time."""
+    """Joint twists (..., nv) from one configuration to the other in unit time."""
     way = np.asarray(robot.subtract(q1, q0))
     endless = [b.v_index for b in robot.model.leaders if b.joint.nv == 1 and b.joint.wraps]
     way[..., endless] -= 2 * np.pi * np.round(way[..., endless] / (2 * np.pi))  # a log may jump by a turn
@@ -250,11 +251,11 @@ def _way(robot: Robot, q0: Array, q1: Array) -> Array:
 
 
 def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t: Array) -> tuple[Array, Array, Array]:
-    """States at times t (...) inside of those of the samples, which they meet with their rates.
+    """States at times t (...) by quintic Hermite interpolation of the samples and their rates.
 
-    q = q_k ⊕ x with x(t) of degree 5, a Hermite polynomial along the joint twists; of joints of several degrees
-    V = Σ (-ad x)ⁿ/(n + 1)! dx. Where q, dq and ddq of two samples contradict each other, as rounded positions beside smooth
-    accelerations do, that polynomial would swing, and the twist is constant between the two with rates on straight lines.
+    q = q_k ⊕ x with a quintic polynomial x(t) along the joint twists; for joints with several degrees of freedom
+    V = Σ (-ad x)ⁿ/(n + 1)! dx. If q, dq and ddq of two samples contradict each other, as rounded positions with smooth
+    accelerations do, the polynomial would oscillate. The twist is then constant between the two, and rates are linear.
     """
     k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, max(0, len(time) - 2))
     after = np.minimum(k + 1, len(time) - 1)
@@ -286,24 +287,24 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
 
 @lru_cache(8)
 def _brackets(model: Model) -> Array:
-    """c (nv, nv²) with ad(x) = x c."""
+    """Structure constants c (nv, nv²) with ad(x) = x c."""
     c = brackets(model)
     return np.ascontiguousarray(np.swapaxes(c, 1, 2)).reshape(len(c), -1)
 
 
 def _ad(groups: Array, x: Array) -> Array:
-    """(..., nv, nv)."""
+    """Matrices ad(x) (..., nv, nv)."""
     return (x @ groups).reshape(*x.shape, x.shape[-1])
 
 
 def _needed(x: Array) -> int:
-    """Number of terms of the series that matter: they fall as (|x|/2π)ⁿ at least."""
+    """Number of significant terms of the series, which decrease at least as (|x|/2π)ⁿ."""
     reach = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)
     return min(len(_FORWARD), math.ceil(_DIGITS / math.log(2 * math.pi / reach)))
 
 
 def _twists(groups: Array, x: Array, rate: Array, bend: Array) -> tuple[Array, Array]:
-    """V and dV where q = q_k ⊕ x, from the derivatives of x."""
+    """V and dV for q = q_k ⊕ x, from the derivatives of x."""
     A, dA = _ad(groups, x), _ad(groups, rate)
     term, slope = rate[..., None], bend[..., None]
     V, dV = term, slope
@@ -314,7 +315,7 @@ def _twists(groups: Array, x: Array, rate: Array, bend: Array) -> tuple[Array, A
 
 
 def _rates(groups: Array, x: Array, V: Array, dV: Array) -> tuple[Array, Array]:
-    """The derivatives of x where q = q_k ⊕ x, from V and dV."""
+    """Derivatives of x for q = q_k ⊕ x, from V and dV."""
     A = _ad(groups, x)
     terms = [V[..., None]]
     for _ in _INVERSE[1 : _needed(x)]:
@@ -338,8 +339,8 @@ def _series(n: int) -> tuple[Array, Array]:
 
 
 _DIGITS = 39.0
-"""Minus the logarithm of what is left out."""
+"""Negative logarithm of the truncation error."""
 _SWING = 0.1
-"""Largest acceleration that a polynomial between two samples adds to the straight line, over the larger one of theirs."""
+"""Largest acceleration that the polynomial may add to the straight line, relative to the larger of the two samples."""
 _FORWARD, _INVERSE = _series(27)
-"""A turn of half a revolution between two samples leaves 1e-8 out, one of 1 rad nothing."""
+"""The truncation error is 1e-8 for half a revolution between two samples, and negligible for 1 rad."""

@@ -1,4 +1,4 @@
-"""Six-axis force-torque sensors: predicting, identifying and removing what the tool itself does to the readings."""
+"""Six-axis force-torque sensors: prediction of readings, identification of the load, and compensation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compensated wrenches: point of contact, collision thresholds, and a log that a sensor's file compensates."""
+"""Compensated wrenches: point of contact, collision thresholds, and compensation of a log with a sensor file."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from .sensor import ForceTorqueSensor
 
 
 def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
-    """Standard deviations (2,) of moments [N m] and forces [N]; zero only where ``none_at_all`` is meant by it."""
+    """Check the standard deviations (2,) of moments [N m] and forces [N]; zeros are valid only if ``none_at_all``."""
     try:
         sigma = np.asarray(arguments.real(noise, "noise"), float)
-    except TwistWrenchError:  # said below
+    except TwistWrenchError:  # reported below
         sigma = np.empty(0)
     if sigma.shape != (2,) or not np.isfinite(sigma).all() or (sigma < 0 if none_at_all else sigma <= 0).any():
         what = "numbers from 0 on" if none_at_all else "positive numbers"
@@ -39,7 +39,7 @@ def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
 
 
 def six_noises(noise: ArrayLike) -> Array:
-    """Standard deviations (6,) of mx, my, mz [N m], fx, fy, fz [N], from these six, or from two for three each."""
+    """Expand a noise, of two or six values, to standard deviations (6,) of mx, my, mz [N m], fx, fy, fz [N]."""
     six = np.shape(noise) == (6,)
     sigma = arguments.real(noise, "noise", 6) if six else np.repeat(checked_noise(noise), 3)
     if not np.isfinite(sigma).all() or (sigma <= 0).any():
@@ -49,11 +49,11 @@ def six_noises(noise: ArrayLike) -> Array:
 
 # ── Point of contact, residual moment, and thresholds
 
-_ROUNDING = 1e-12  # of the variances: the least eigenvalue that a covariance scaled by them counts with
+_ROUNDING = 1e-12  # least eigenvalue of the covariance after scaling to unit variances
 
 
 def residual_moment(F: ArrayLike) -> Array:
-    """The moment about the line of action (...,) [N m] of wrenches F (..., 6): none of a point contact without grip."""
+    """Moment about the line of action (...,) [N m] of wrenches F (..., 6); zero for a point contact without grip."""
     m, f, size = _halves(F)
     return np.asarray((m * f).sum(-1) / size)
 
@@ -63,15 +63,15 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
 
     Parameters
     ----------
-    normal : (..., 3) array_like, of the plane through ``point``
+    normal : (..., 3) array_like, normal of the plane through ``point``
 
     Returns
     -------
-    contact : (..., 3) array [m], NaN without a force, or if it acts along the plane
+    contact : (..., 3) array [m]; NaN if the force is zero or parallel to the plane
 
     Notes
     -----
-    All in one frame.
+    All arguments are in one frame.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
 
 
 def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
-    """Contact point on a sphere: where forces on the load push into a ball of it.
+    """Contact point on a sphere: the point at which the line of action enters the sphere.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
 
     Returns
     -------
-    contact : (..., 3) array [m], NaN where the lines of the forces miss it
+    contact : (..., 3) array [m]; NaN if the line of action misses the sphere
 
     Examples
     --------
@@ -105,12 +105,12 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
     offset = start - arguments.real(centre, "centre", 3)
     middle = (offset * along).sum(-1)
     square = middle**2 - (offset * offset).sum(-1) + radius**2
-    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))  # where the line enters: there it pushes inwards
+    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))  # entry point: the force pushes inwards there
     return np.asarray(start + first[..., None] * along)
 
 
 def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
-    """Contact point estimate: the point of the line of action of F that is nearest to a point.
+    """Contact point estimate: the point of the line of action of F nearest to a given point.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
 
 
 def _line(F: ArrayLike) -> tuple[Array, Array]:
-    """Point nearest to the origin, and direction, (..., 3) of lines of action; of a row of zeros NaN, no error."""
+    """Nearest point to the origin and direction, (..., 3), of lines of action; NaN for a zero wrench."""
     m, f, size = _halves(F)
     return so3.cross(f, m) / size[..., None] ** 2, f / size[..., None]
 
@@ -139,20 +139,20 @@ def _halves(F: ArrayLike) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class CollisionThreshold:
-    """Contact detection threshold: a reading is a contact when its distance from the noise's middle passes a limit."""
+    """Contact detection threshold: a reading is a contact if its distance from the mean exceeds a limit."""
 
     middle: Array
     """(6,) mean of compensated readings without contact."""
     covariance: Array
-    """(6, 6) of one of them, or (n, 6, 6) of each of n in order."""
+    """Covariance (6, 6) of one reading, or (n, 6, 6) of each of n readings in order."""
     limit: float
-    """The squared Mahalanobis distance from which a reading is called a contact."""
+    """Squared Mahalanobis distance above which a reading is a contact."""
     false_alarms: float
-    """Share of readings without contact that pass it."""
+    """False-alarm rate: the fraction of contact-free readings above the limit."""
     axes: slice = field(default_factory=lambda: slice(0, 6))
-    """Axes that are tested: ``slice(3, 6)`` for forces alone."""
+    """Tested axes: ``slice(3, 6)`` for forces only."""
     freedom: Array | None = None
-    """(6,) degrees of freedom of the variances where they are estimates; None where they are known."""
+    """(6,) degrees of freedom of estimated variances; None if the variances are known."""
 
     @classmethod
     def of_axes(cls, sigma: ArrayLike, false_alarms: float = 1e-6, *, axes: slice = slice(0, 6)) -> CollisionThreshold:
@@ -173,12 +173,12 @@ class CollisionThreshold:
     def predictive(
         cls, covariance: ArrayLike, freedom: ArrayLike | None, false_alarms: float, *, axes: slice = slice(0, 6)
     ) -> CollisionThreshold:
-        """Threshold from the covariance S of what a fit leaves of new readings, estimated with few degrees of freedom.
+        """Threshold from the predictive covariance S of residuals, estimated with few degrees of freedom.
 
         Parameters
         ----------
         covariance : (6, 6) or (n, 6, 6) array_like, S
-        freedom : (6,) array_like or None, degrees of freedom of the variances; None where they are known
+        freedom : (6,) array_like or None, degrees of freedom of the variances; None if the variances are known
 
         Raises
         ------
@@ -187,8 +187,8 @@ class CollisionThreshold:
 
         Notes
         -----
-        With S = L L' and u = L⁻¹ r, each u_c has Student's distribution of ν_c degrees of freedom. Its normal score z_c
-        = Φ⁻¹(T_ν(u_c)) is normal, so the sum of the squares is χ² with as many degrees as there are axes.
+        If S = L L' and u = L⁻¹ r, each u_c has a Student distribution with ν_c degrees of freedom. Its normal score
+        z_c = Φ⁻¹(T_ν(u_c)) is normal. The sum of squares is then χ², with one degree of freedom per axis.
 
         Examples
         --------
@@ -211,7 +211,7 @@ class CollisionThreshold:
     def of_noise(
         cls, noise: tuple[float, float], false_alarms: float = 1e-6, *, axes: slice = slice(0, 6)
     ) -> CollisionThreshold:
-        """Threshold from known standard deviations of moments and forces, independent and normal: a χ² test of the six.
+        """Threshold from known standard deviations of moments and forces: a χ² test, for independent normal noise.
 
         Examples
         --------
@@ -223,7 +223,7 @@ class CollisionThreshold:
 
     @classmethod
     def of_residuals(cls, residuals: ArrayLike, false_alarms: float = 1e-6) -> CollisionThreshold:
-        """Threshold from compensated readings without contact: Hotelling's test, which minds that n is finite.
+        """Threshold from compensated readings without contact: Hotelling's test, exact for finite n.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ class CollisionThreshold:
         Raises
         ------
         ShapeError, ValueRangeError
-            There are too few readings, or they are not independent in their axes.
+            There are too few readings, or the axes are linearly dependent.
 
         Notes
         -----
@@ -268,11 +268,11 @@ class CollisionThreshold:
         return cls(r.mean(axis=0), spread, limit, false_alarms)
 
     def __call__(self, compensated: ArrayLike) -> Array:
-        """True for each compensated reading (..., 6) that is a contact; NaN counts as one, to be safe."""
+        """True for each compensated reading (..., 6) that is a contact; NaN counts as a contact."""
         return ~np.asarray(self.distance(compensated) <= self.limit)
 
     def distance(self, compensated: ArrayLike) -> Array:
-        """Squared Mahalanobis distance of compensated readings from the noise's middle.
+        """Squared Mahalanobis distance of compensated readings from the mean without contact.
 
         Parameters
         ----------
@@ -294,15 +294,15 @@ class CollisionThreshold:
         u = np.linalg.solve(np.linalg.cholesky(_definite(self.covariance[..., self.axes, self.axes])), r[..., None])[
             ..., 0
         ]
-        if self.freedom is not None:  # normal numbers as rare as those of Student's distributions
+        if self.freedom is not None:  # normal scores with the same tail probability as the Student variables
             u = -special.ndtri(special.stdtr(np.minimum(self.freedom[self.axes], 1e9), -np.abs(u)))
         return np.asarray((u * u).sum(-1))
 
     @property
     def per_axis(self) -> Array:
-        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone; inf if not looked at.
+        """Smallest moments [N m] and forces [N] (6,) above the limit, each along its axis alone; inf for untested axes.
 
-        Where readings have covariances of their own, those of the middle one.
+        If every reading has its own covariance, the values are those of the middle reading.
         """
         from scipy import special
 
@@ -318,14 +318,14 @@ class CollisionThreshold:
 
 
 def _definite(S: Array) -> Array:
-    """S (..., k, k) as it is if it has Cholesky factors, else with rounding of its variances added, so that it has them.
+    """Regularise S (..., k, k) by the rounding error of its variances if it has no Cholesky factor.
 
-    A semidefinite S comes from an estimate that is exact in a combination of axes, or nearly so beside the others.
+    S is semidefinite if a combination of axes is estimated exactly, or almost exactly compared with the others.
     """
     try:
         np.linalg.cholesky(S)
     except np.linalg.LinAlgError:
-        variance = np.abs(np.diagonal(S, axis1=-2, axis2=-1))  # rounding beside large ones may be negative
+        variance = np.abs(np.diagonal(S, axis1=-2, axis2=-1))  # rounding errors may make small ones negative
         size = np.sqrt(np.maximum(variance, 1e-30 * variance.max() + np.finfo(float).tiny))
         scale = size[..., None] * size[..., None, :]
         missing = np.maximum(_ROUNDING - np.linalg.eigvalsh(S / scale)[..., :1], 0.0)
@@ -342,25 +342,25 @@ def _check_rate(false_alarms: float) -> None:
 
 # ── Compensation of a log by a known sensor, and explanations of a log that the sensor's file does not fit
 
-_STRANGE = 5.0  # times what is left otherwise, or its noise
-_TURNS = 0.3  # spread of gravity's directions from which a constant rest is a bias
-_EXACT = 1e-3  # of the load's wrench: no model is better, so no log has less noise
-# Changes the mass alone, so only a known one tells it.
+_STRANGE = 5.0  # residual ratio between explanations, or residual over noise, above which another cause is searched for
+_TURNS = 0.3  # spread of gravity directions above which a constant residual is a bias
+_EXACT = 1e-3  # of the load's wrench: smallest model error, used as a lower bound of the noise
+# Changes only the mass, so it is detected only if the mass is known.
 _ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", KGF, KGF)
 
 
 class _Way(NamedTuple):
     cause: str
     cure: str
-    rest: Array  # (n, 6) what the sensor leaves of the readings
+    rest: Array  # (n, 6) residual
 
 
 def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> Doubt | None:
-    """Unit, sign or bias with which this sensor explains the log far better; None if there is none."""
+    """Unit, sign or bias error that explains the log much better with this sensor; None if not found."""
     predicted = log.predicted(sensor)
     sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
     if sensor.missing_signals(log.V, log.dV):
-        sigma[0] = np.inf  # what the inertia does to the moments is not known
+        sigma[0] = np.inf  # the moments due to the inertia are unknown
 
     def left(rest: Array) -> float:
         return float(np.median(np.linalg.norm(np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma, axis=1)))
@@ -396,18 +396,18 @@ def _ways(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[
 
 def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Way]:
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    if np.ptp(unit, axis=0).max() < _TURNS:  # in one orientation a push and a bias look alike
+    if np.ptp(unit, axis=0).max() < _TURNS:  # one orientation: a contact cannot be distinguished from a bias
         return []
     moved = np.median(log.readings - predicted, axis=0)
     cause = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
     return [_Way(cause, "identify the sensor again", log.readings - moved - predicted)]
 
 
-_ALARM = 1e-6  # chance that noise alone puts a reading off
-_NEARLY_ALL = 0.75  # of the readings off, from which the file explains nothing
-_SOME = 0.1  # of the moments off, from which an unknown inertia shows
+_ALARM = 1e-6  # probability that noise alone makes a reading an outlier
+_NEARLY_ALL = 0.75  # fraction of unexplained readings above which the file does not fit the log
+_SOME = 0.1  # fraction of unexplained moments that indicates an unknown inertia
 _NAMED = ("sensor-file-cause", "sensor-moving")  # doubts that name a cause
-_NOISY = 5.0  # times its noise, from which what is left counts as more than before
+_NOISY = 5.0  # residual over noise above which an increase counts
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -417,31 +417,31 @@ class Compensation:
     log: ReadingLog
     sensor: ForceTorqueSensor
     noise: tuple[float, float]
-    rest: Array  # (n, 6) the readings without bias and load
-    off: Array  # (n,) which of them noise does not explain
-    doubts: tuple[Doubt, ...]  # why the file and the log do not belong together, and notes
-    threshold: CollisionThreshold | None  # threshold of contacts, if any were looked for
+    rest: Array  # (n, 6) residuals: readings without bias and load
+    off: Array  # (n,) True for readings that noise does not explain
+    doubts: tuple[Doubt, ...]  # reasons why file and log do not match, and notes
+    threshold: CollisionThreshold | None  # contact threshold; None if contacts are not tested
 
     @property
     def inertia(self) -> Doubt | None:
-        """The doubt about moments left in the readings because the load's inertia is unknown, if there is one."""
+        """Doubt about residual moments due to an unknown load inertia, if any."""
         return next((each for each in self.doubts if each.kind == "sensor-file-inertia"), None)
 
     @property
     def explained(self) -> bool:
-        """True unless the sensor's file and the log do not belong together."""
+        """True unless the sensor file and the log do not match."""
         return not any(each.refuses and each is not self.inertia for each in self.doubts)
 
     @property
     def hits(self) -> Array:
-        """(n,) which readings are contacts; none where nothing was looked for, or the file does not explain the log."""
+        """Contacts (n,), as a mask; all False without a contact test, or if the file does not explain the log."""
         if self.threshold is None or not self.explained:
             return np.zeros(len(self.log), bool)
         return self.threshold(self.rest)
 
     @property
     def verdict(self) -> Verdict:
-        """LOOK AGAIN where a doubt refuses; CONTACT; OK."""
+        """LOOK AGAIN if a doubt refuses the result; else CONTACT or OK."""
         if (hits := int(self.hits.sum())) > 0:
             return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
         return verdict_from_doubts(self.doubts)
@@ -459,11 +459,11 @@ def compensation(
     false_alarms: float | None = None,
     uncertainty: Uncertainty | None = None,
 ) -> Compensation:
-    """Subtract the load from a log, test the residuals by the sensor's uncertainty, and look for contacts if requested.
+    """Subtract the load from a log, test the residuals by the sensor's uncertainty, and detect contacts if requested.
 
-    With the file's ``uncertainty`` what is left r has the covariance S = diag σ² + A C A' of a new reading, and contacts are
-    detected by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia
-    leaves only the forces of a log in motion to judge by: it has no part in them.
+    With the file's ``uncertainty`` the residual r has the covariance S = diag σ² + A C A' of a new reading, and
+    contacts are detected by Student's quantiles. Otherwise the file's ``noise`` is used, as if the sensor were known
+    exactly. If the inertia is unknown and the log has motion, only forces are tested: the inertia does not affect them.
     """
     missing = sensor.missing_signals(log.V, log.dV)
     judged = slice(3, 6) if missing else slice(0, 6)
@@ -476,7 +476,7 @@ def compensation(
         if uncertainty is None:
             notes.append(doubt("sensor-file-covariance"))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # a doubt says it
+        warnings.simplefilter("ignore", ModelWarning)  # reported as a doubt
         rest = log.compensated(sensor)
     own = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
     load = np.sqrt((own**2).sum(axis=2).mean(axis=0))
@@ -526,7 +526,7 @@ def _unexplained(
 
 
 def left_over(rest: Array) -> tuple[float, float]:
-    """Root mean square of the moments and of the forces of compensated readings (n, 6), per axis; zero of none."""
+    """Root mean square per axis of the moments and the forces of compensated readings (n, 6); zero if empty."""
     if not len(rest):
         return 0.0, 0.0
     moment, force = np.sqrt((rest.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))

@@ -1,4 +1,4 @@
-"""Files of sensors and logs: an identified sensor as JSON, readings as CSV."""
+"""Files of sensors and logs: identified sensors as JSON, readings as CSV."""
 
 from __future__ import annotations
 
@@ -42,24 +42,24 @@ class SensorFile:
 
     sensor: ForceTorqueSensor
     noise: tuple[float, float]  # standard deviations of moments [N m] and forces [N]
-    uncertainty: Uncertainty | None  # uncertainty of the sensor; None in older files, which lack it
+    uncertainty: Uncertainty | None  # uncertainty of the sensor; None in older files
 
 
 def write_sensor(
     sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float], uncertainty: Uncertainty | None = None
 ) -> None:
-    """Write a sensor and the noise of its readings to a file, every digit of them.
+    """Write a sensor and the noise of its readings to a file, at full precision.
 
     Parameters
     ----------
-    uncertainty : Uncertainty, optional, how well it is known, as :attr:`Identification.uncertainty` has it
-        Covariance and degrees of freedom, which :func:`~twistwrench.sensing.contact_detection.compensation` needs for its
-        rate of false alarms to hold. Whether the load's rotational inertia is known goes with it.
+    uncertainty : Uncertainty, optional, see :attr:`Identification.uncertainty`
+        Covariance and degrees of freedom, needed by :func:`~twistwrench.sensing.contact_detection.compensation` to keep
+        its false-alarm rate. It also records whether the load's rotational inertia is known.
 
     Raises
     ------
     ValueRangeError
-        A noise is none, or nothing can be written.
+        The noise is invalid, or the file cannot be written.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
 
 
 def read_sensor_file(path: str | Path) -> SensorFile:
-    """Read a file of :func:`write_sensor` with its uncertainty, if any; raises NotFoundError and ValueRangeError."""
+    """Read a file of :func:`write_sensor` and its uncertainty, if any; raises NotFoundError and ValueRangeError."""
     if not isinstance(path, str | Path):
         raise ShapeError(f"read_sensor takes the path of a sensor file, got {type(path).__name__}.")
     path = Path(path)
@@ -148,12 +148,12 @@ def read_sensor_file(path: str | Path) -> SensorFile:
 
 
 def _plain(x: Array) -> Any:
-    """Lists of numbers for JSON, which has no infinity: null."""
+    """Convert to nested lists for JSON; infinities become null."""
     return [_plain(row) for row in x] if x.ndim > 1 else [float(v) if np.isfinite(v) else None for v in x]
 
 
 def _uncertainty(known: dict[str, Any]) -> Uncertainty:
-    # A float array takes None for NaN: what is not a number in the file is an infinity, and refused where that is none.
+    # NaN in a float array stands for infinity in the file; it is rejected where infinity is not allowed.
     arrays = {name: np.array(known[name], float) for name in _ARRAYS}
     return Uncertainty(tuple(known["unknowns"]), **{k: np.where(np.isnan(x), np.inf, x) for k, x in arrays.items()})
 
@@ -161,7 +161,7 @@ def _uncertainty(known: dict[str, Any]) -> Uncertainty:
 def _content(path: Path) -> dict[str, Any]:
     with third_party_errors(lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_ADVICE}")):
         try:
-            content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no number beyond floats
+            content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no integers beyond the float range
         except FileNotFoundError:
             raise NotFoundError(str(path)) from None
     if not isinstance(content, dict):
@@ -170,7 +170,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
-    """State of the rotational inertia in the file; if it lacks the entry, a point mass's inertia is unknown."""
+    """State of the rotational inertia in the file; "unknown" if the entry is missing and the load is a point mass."""
     if "inertia" in content:
         return content["inertia"]
     point = SpatialInertia.from_com(load.mass, load.com) if load.mass else SpatialInertia.zero()
@@ -213,16 +213,16 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     NotFoundError
         The file does not exist.
     ValueRangeError
-        The file cannot be read; line and column are named.
+        The file cannot be read; the message has line and column.
 
     Notes
     -----
-    Columns, in any order, each perhaps followed by its unit as in ``fx [N]``:
+    Columns, in any order, optionally followed by their unit as in ``fx [N]``:
 
     ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf,
-    row by row) or ``gx, gy, gz`` (the direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz``
-    and ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. Other columns are ignored, and
-    named in the log's ``notes``.
+        row by row) or ``gx, gy, gz`` (direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz``
+        and ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz`` (unused). Other columns are ignored and listed in the
+        log's ``notes``.
 
     Examples
     --------
@@ -316,7 +316,7 @@ def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
 
 
 def _near(missing: list[str], ignored: list[str]) -> str:
-    """A column that is not known, but spelt like one that is missing."""
+    """Suggest an ignored column whose name resembles a missing one."""
     for name in ignored:
         plain = re.sub(r"torque|moment|\bt(?=_)", "m", re.sub(r"force", "f", name.lower()))
         if near := difflib.get_close_matches(re.sub(r"[^a-z0-9]", "", plain), missing, n=1, cutoff=0.7):
@@ -352,7 +352,7 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
 
 
 def write_log(log: ReadingLog, path: str | Path) -> None:
-    """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``.
+    """Write a log for :func:`read_log`; orientations are written as gravity directions ``gx, gy, gz``.
 
     Raises
     ------

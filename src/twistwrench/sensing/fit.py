@@ -1,4 +1,4 @@
-"""Weighted least squares for bias, load, mounting and other unknowns of a sensor, with the noise of each channel estimated."""
+"""Weighted least squares for bias, load, mounting and other unknowns of a sensor, with noise per channel."""
 
 from __future__ import annotations
 
@@ -38,23 +38,23 @@ _SIZES = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "
 
 @dataclass(frozen=True, eq=False)
 class SensorState:
-    """Values of the unknowns that readings are not linear in."""
+    """Values of the unknowns on which readings depend nonlinearly."""
 
     mounting: Array = field(default_factory=lambda: np.eye(3))  # R_fs (3, 3)
     tilt: Array = field(default_factory=lambda: np.eye(3))
-    """(3, 3) turns the gravity of {w} that was given into the one that is there."""
-    delay: float = 0.0  # s by which readings come later than the poses of the same row
-    load: Array | None = None  # (10,) parameters, once there are any
+    """Rotation (3, 3) from the given to the actual gravity, in {w}."""
+    delay: float = 0.0  # delay of readings after the poses of the same row [s]
+    load: Array | None = None  # (10,) parameters, once estimated
     middle: float | None = None
-    """s, the time at which a drifting bias is the one estimated; the middle of the log where none is given."""
+    """Time [s] to which a drifting bias refers; the middle of the log if None."""
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Unknowns of a fit: bias unless known, mass and first moment always, and the rest if requested.
+    """Unknowns of a fit: bias unless known, mass and first moment always, others if requested.
 
-    ``drift`` is a linear change of the bias, which is then that of the middle of the log; ``tilt`` turns gravity about two
-    level axes of {w}; ``delay`` is the time by which readings are late.
+    ``drift`` is a linear change of the bias, which then refers to the middle of the log. ``tilt`` rotates gravity about
+    two level axes of {w}. ``delay`` is the delay of readings after poses.
     """
 
     bias: bool = True
@@ -76,7 +76,7 @@ class Unknowns:
 
     @property
     def scales(self) -> Array:
-        """A size (p,) for each unknown that makes them comparable."""
+        """Typical size (p,) of each unknown, to make them comparable."""
         return np.concatenate([np.full(len(_NAMES[kind]), _SIZES[kind]) for kind in self.kinds])
 
     @property
@@ -87,7 +87,7 @@ class Unknowns:
 
     @property
     def curved(self) -> Array:
-        """Columns (k,) of unknowns that readings are not linear in."""
+        """Columns (k,) of unknowns on which readings depend nonlinearly."""
         columns = np.arange(len(self.names))
         kinds = [kind for kind in ("turn", "tilt", "delay") if getattr(self, kind)]
         return np.concatenate([columns[:0], *(columns[self.part(kind)] for kind in kinds)])
@@ -99,7 +99,7 @@ class Unknowns:
         return slice(start, start + len(_NAMES[kind]))
 
     def design(self, log: ReadingLog, factor: float, state: SensorState) -> Array:
-        """A (n, 6, p): how readings change with the unknowns; those of turn, tilt and delay are zero without a load."""
+        """Design matrix A (n, 6, p) of the readings; columns of turn, tilt and delay are zero without a load."""
         load = np.zeros(10) if state.load is None else state.load
         R, world = _world_gravity(log)
         world = world @ state.tilt.T
@@ -127,7 +127,7 @@ class Unknowns:
         return np.concatenate([columns[kind] for kind in self.kinds], axis=-1)
 
     def moved(self, state: SensorState, log: ReadingLog, x: Array) -> SensorState:
-        """The state after a step x (p,) of Gauss and Newton."""
+        """State after a Gauss-Newton step x (p,)."""
         load = np.concatenate([x[self.load], np.zeros(10 - len(x[self.load]))])
         mounting, tilt, delay = state.mounting, state.tilt, state.delay
         if self.turn:
@@ -140,7 +140,7 @@ class Unknowns:
 
 
 def level_axes(log: ReadingLog) -> Array:
-    """(2, 3) the two axes of {w} that are most level, about which a base may be tilted."""
+    """The two most level axes of {w} (2, 3), about which a base may be tilted."""
     g = np.abs(_world_gravity(log)[1][0])
     return np.eye(3)[np.sort(np.argsort(g)[:2])]
 
@@ -152,17 +152,17 @@ def _world_gravity(log: ReadingLog) -> tuple[Array, Array]:
 
 
 def _in_sensor(Y: Array, mounting: Array) -> Array:
-    """Columns of wrenches (n, 6, k) in {f} in the sensor's axes: F_s = R_fs' F_f."""
+    """Transform columns of wrenches (n, 6, k) from {f} to the sensor's axes: F_s = R_fs' F_f."""
     return np.concatenate([mounting.T @ Y[:, :3], mounting.T @ Y[:, 3:]], axis=1)
 
 
 # ── The fit
 
-_HUBER = 2.0  # scaled distance from which a row loses weight; 1 is the middle of good ones
+_HUBER = 2.0  # scaled distance above which a row loses weight; 1 is the median of inliers
 _ROUNDS, _SETTLED = 100, 1e-7
-_FEW = 6  # clusters below which three channels of a kind share a variance
-_QUIET = 1e-3  # of its kind's noise, the least that a channel may have
-_LATE = 0.5  # s, the longest delay that is looked for
+_FEW = 6  # clusters below which the three channels of a kind share a variance
+_QUIET = 1e-3  # lower bound of a channel's noise, relative to the mean of its kind
+_LATE = 0.5  # longest delay [s] that is tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,54 +172,54 @@ class Problem:
     log: ReadingLog  # n rows: means of dwells, and readings in motion
     unknowns: Unknowns
     factor: float  # +1 for readings on the sensor, -1 for readings by it
-    bias: Array  # (6,) if it is known
-    noise: Array | None  # (6,) standard deviations of one reading if known
+    bias: Array  # (6,) if known
+    noise: Array | None  # (6,) standard deviations of one reading, if known
     count: Array  # (n,) readings in each row
-    within: Array  # (6,) variance of a reading within its static pose; zero if it is unknown
+    within: Array  # (6,) variance of a reading within its static pose; zero if unknown
     within_freedom: float
-    label: Array  # (n,) the cluster of each row
-    timed: bool = False  # True if the log has times, and not only an order
+    label: Array  # (n,) cluster of each row
+    timed: bool = False  # True if the log has times; False if only an order
     state: SensorState = field(default_factory=SensorState)
 
     def with_unknowns(self, **changes: bool) -> Problem:
-        """The problem with other unknowns."""
+        """Problem with changed unknowns."""
         return replace(self, unknowns=replace(self.unknowns, **changes))
 
     @property
     def target(self) -> Array:
-        """(n, 6) what the unknowns are to explain."""
+        """Right-hand side (n, 6) of the fit."""
         return self.log.readings - (0.0 if self.unknowns.bias else self.bias)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """The unknowns that explain a log best, with their covariance."""
+    """Best-fit unknowns of a log, with their covariance."""
 
     unknowns: Unknowns
     estimate: Array
-    """(p,) in the order of ``unknowns.names``; those of turn, tilt and delay are zero, for ``state`` has them."""
+    """Estimates (p,) in the order of ``unknowns.names``; turn, tilt and delay are zero, as ``state`` contains them."""
     covariance: Array
-    """(p, p) by the sandwich, for intervals; that of the turn is of a small rotation in the sensor's own axes [rad]."""
+    """Sandwich covariance (p, p), for intervals; for the turn, of a small rotation in the sensor's axes [rad]."""
     known: Array  # (p,) degrees of freedom of each unknown's variance
     com_known: Array
-    """(3,) those of the first moment less its own mass times the centre of mass, which Fieller's intervals are about."""
-    joint: Array  # (p, p) covariance for regions of several unknowns: that of independent rows, which is of full rank
+    """Degrees of freedom (3,) of first moment minus mass times centre of mass, as used by Fieller's intervals."""
+    joint: Array  # (p, p) covariance for joint regions, as if rows were independent; it has full rank
     joint_freedom: float  # degrees of freedom of mass and first moment together
-    sigma: Array  # (6,) standard deviation of one reading in any orientation [N m, N]
-    freedom: Array  # (6,) degrees of freedom these were estimated with; inf where they were given
+    sigma: Array  # (6,) standard deviation of one reading in a new orientation [N m, N]
+    freedom: Array  # (6,) degrees of freedom of sigma; inf if the noise was given
     deviation: Array  # (n, 6) standard deviation of each row
     residuals: Array  # (n, 6) rows minus model
-    state: SensorState  # the mounting, the tilt of gravity and the delay
+    state: SensorState  # mounting, tilt of gravity and delay
     design: Array  # (n, 6, p)
     leverage: Array
-    """(n, 6) share of each row's own reading in what the fit makes of it; zero where the row is left out."""
+    """Leverage (n, 6) of each row; zero for rows left out."""
 
     def __repr__(self) -> str:
         return f"<Fit: {', '.join(self.unknowns.names)} from {len(self.residuals)} clusters>"
 
     @property
     def load(self) -> Array:
-        """Ten parameters; an inertia that is not an unknown is zero."""
+        """Ten inertial parameters; the inertia is zero unless it is an unknown."""
         part = self.estimate[self.unknowns.load]
         return np.concatenate([part, np.zeros(10 - len(part))])
 
@@ -230,7 +230,7 @@ class Fit:
 
     @property
     def noise(self) -> tuple[float, float]:
-        """Standard deviation of one reading's moments [N m] and forces [N], root mean square of three."""
+        """Standard deviation of one reading's moments [N m] and forces [N], root mean square over three channels."""
         moment, force = np.sqrt((self.sigma.reshape(2, 3) ** 2).mean(axis=1))
         return float(moment), float(force)
 
@@ -240,7 +240,7 @@ class Fit:
         return float(np.sqrt(self.covariance.diagonal()[self.unknowns.load.start]))
 
     def interval(self, name: str, confidence: float) -> tuple[float, float]:
-        """Confidence interval of an unknown, in its SI unit; ``turn`` and ``tilt`` about zero."""
+        """Confidence interval of an unknown, in its SI unit; centred on zero for ``turn`` and ``tilt``."""
         k = self.unknowns.names.index(name)
         half = float(student_quantile(self.known[k], confidence)) * math.sqrt(self.covariance[k, k])
         middle = self.state.delay if name == "delay" else float(self.estimate[k])
@@ -255,22 +255,22 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
 
     def spread(self, rows: Array) -> Array:
-        """Standard deviations (2,) of the residuals of moments and forces; never zero."""
+        """Standard deviations (2,) of the residuals of moments and forces; always positive."""
         left = np.sqrt((self.residuals[rows].reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
         return np.maximum(left, 1e-12 * (1e-3 + np.abs(self.residuals).max()))
 
 
 def few(label: Array) -> bool:
-    """True if the clusters are too few for a variance of each channel."""
+    """True if there are too few clusters to estimate a variance for each channel."""
     return len(np.unique(label)) < _FEW
 
 
 def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
-    """Explain the rows of ``keep`` (n,), with Huber's weights if ``huber``.
+    """Fit the rows in the mask ``keep`` (n,), with Huber weights if ``huber``.
 
-    Turn, tilt and delay are found by Gauss-Newton from ``problem.state``, the rest is linear. The variance of a row of
-    count readings is v = τ + w / count, w that within dwells; τ makes the residuals' mean squares equal to v, corrected
-    for the degrees of freedom, for each channel.
+    Turn, tilt and delay are found by Gauss-Newton from ``problem.state``; the other unknowns are linear. The variance
+    of a row of count readings is v = τ + w / count, with w the variance within dwells. For each channel, τ makes the
+    mean square of the residuals equal to v, corrected for the degrees of freedom.
     """
     unknowns, log, target = problem.unknowns, problem.log, problem.target
     t, curved = log.clock, unknowns.curved
@@ -318,7 +318,7 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
 def _covariances(
     problem: Problem, x: Array, half: Array, Q: Array, left: Array, freedom: Array, groups: Array, keep: Array
 ) -> tuple[Array, Array, Array, Array, float]:
-    """Covariance, degrees of freedom of unknowns and of the centre of mass, joint covariance and its degrees of freedom.
+    """Sandwich covariance, degrees of freedom of unknowns and centre of mass, joint covariance and its freedom.
 
     ``left`` (m, 6) are the whitened residuals of the kept rows.
     """
@@ -335,17 +335,17 @@ def _covariances(
             C, known = sandwich
         C, joint = C[:p, :p] + added, joint + added
         size = np.unique(label, return_counts=True)[1]
-        # Rows are autocorrelated, which only the sandwich counts. Equal rows of a cluster bring that much (Kish,
-        # Survey Sampling, 1965, section 5.4); beyond it is noise of the sandwich.
+        # Only the sandwich accounts for autocorrelated rows. Fully correlated rows of a cluster give the largest ratio
+        # (Kish, Survey Sampling, 1965, section 5.4); larger values are noise of the sandwich.
         ratio = float((np.diag(C) / np.diag(joint))[load].mean())
         joint = joint * min(max(1.0, ratio), float((size**2).sum() / size.sum()))
     return C[:p, :p], known[:p], known[p:], joint, joint_freedom
 
 
 def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Array, Array]:
-    """Standard deviation (6,) of one reading in any orientation, and its degrees of freedom (6,).
+    """Standard deviation (6,) of one reading in a new orientation, and its degrees of freedom (6,).
 
-    σ² = v + w (1 - 1 / count): the variance of rows, and what their means have lost.
+    σ² = v + w (1 - 1 / count): the variance of rows, plus the part that averaging removed.
     """
     lost = problem.within * (1.0 - float((1.0 / problem.count[keep]).mean()))
     mean = v[keep].mean(axis=0)
@@ -355,7 +355,7 @@ def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Ar
 
 
 def _inside(log: ReadingLog, delay: float) -> Array:
-    """(n,) 1 for rows whose poses a delay earlier are in the log."""
+    """1.0 for rows (n,) whose poses a delay earlier lie within the log."""
     t = log.clock
     near = 2 * float(np.median(np.diff(t)))
     return ((t - delay > t[0] - near) & (t - delay < t[-1] + near)).astype(float)
@@ -364,12 +364,12 @@ def _inside(log: ReadingLog, delay: float) -> Array:
 def _between(
     residuals: Array, Q: Array, v: Array, weight: Array, keep: Array, own: Array, groups: Array, *, huber: bool
 ) -> tuple[Array, Array]:
-    """The variance τ (6,) that rows have beyond their ``own`` (n, 6), and its degrees of freedom (6,)."""
+    """Variance τ (6,) of rows in excess of their ``own`` (n, 6), and its degrees of freedom (6,)."""
     used = (weight > 0)[:, None] if not huber else keep[:, None]
     loose = used * (1.0 - (Q * Q).sum(axis=2))  # 1 - leverage
     freedom = np.maximum(_pooled(loose.sum(axis=0), groups), 1e-9)
-    if huber:  # by the median: up to half of the rows may be anything
-        shared = int(groups[-1]) == 1  # three channels of a kind
+    if huber:  # median: robust if up to half of the rows are outliers
+        shared = int(groups[-1]) == 1  # three channels of a kind share a variance
         size = np.abs(residuals[keep])
         size = np.repeat(np.median(size.reshape(-1, 2, 3), axis=(0, 2)), 3) if shared else np.median(size, axis=0)
         tau = (MAD * size) ** 2 * keep.sum() * np.bincount(groups)[groups] / np.maximum(freedom, 1.0)
@@ -383,29 +383,29 @@ def _between(
 
 
 def _pooled(x: Array, groups: Array) -> Array:
-    """Sums over the channels of each group (6,)."""
+    """Sum over the channels of each group (6,)."""
     return np.bincount(groups, x)[groups]
 
 
 # ── Uncertainty of a sensor, and of new readings
 
-_KINDS = ("bias", "load", "inertia", "turn")  # of the sensor; drift, tilt and delay are of one log
+_KINDS = ("bias", "load", "inertia", "turn")  # unknowns of the sensor; drift, tilt and delay belong to one log
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Uncertainty of a sensor: the covariance of its unknowns, and the noise of a reading, with degrees of freedom."""
+    """Uncertainty of a sensor: covariance of its unknowns, and noise of a reading, with degrees of freedom."""
 
     unknowns: tuple[str, ...]
-    """Names of p unknowns: of the bias, the load and its inertia, and the mounting's turn, those that were identified."""
+    """Names of the p identified unknowns of bias, load, inertia and mounting."""
     covariance: Array
-    """(p, p)."""
+    """Covariance (p, p) of the unknowns."""
     freedom: Array
-    """(p,) degrees of freedom of their variances."""
+    """Degrees of freedom (p,) of their variances."""
     noise: Array
-    """(6,) standard deviation of one reading in any orientation, its pose error included [N m, N]."""
+    """Standard deviation (6,) of one reading in a new orientation, including pose errors [N m, N]."""
     noise_freedom: Array
-    """(6,) degrees of freedom of these variances; inf where the noise was given."""
+    """Degrees of freedom (6,) of the noise variances; inf if the noise was given."""
 
     def __post_init__(self) -> None:
         p = len(self.unknowns)
@@ -454,7 +454,7 @@ class Uncertainty:
 
 
 def uncertainty_of(fit: Fit) -> Uncertainty:
-    """Uncertainty of a fit's sensor; unknowns of its log alone are left out, their variance stays in the others'."""
+    """Uncertainty of a fit's sensor: unknowns of the log are marginalised."""
     kinds = [kind for kind in fit.unknowns.kinds if kind in _KINDS]
     places = np.concatenate([np.arange(*fit.unknowns.part(kind).indices(len(fit.estimate))) for kind in kinds])
     names = tuple(fit.unknowns.names[k] for k in places)

@@ -1,4 +1,4 @@
-"""Identification of a sensor's load from a log: bias, mass, centre of mass, inertia, mounting, and the test of acceptance."""
+"""Identification of a sensor's load from a log: bias, mass, centre of mass, inertia, mounting, and acceptance test."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ from .reading_doubts import (
 from .result import Identification, weakness
 from .sensor import ForceTorqueSensor, Inertia, Sign, sign_factor
 
-_SURE = 1e-4  # chance that an unknown which is none is offered
-_OF_ROWS = 0.1  # rows are few: a chance of 1e-3 is enough if the channels of a row share its error
-_LEAST = 4.0  # degrees of freedom that are to be left
-_NEARLY = 0.8  # of the most that any explains, from which the one of fewest columns is preferred
-_GAIN = 0.05  # of the load's wrench, from which a gain or cross-talk is told from poses that are off by a degree or two
+_SURE = 1e-4  # significance level: probability of proposing a spurious unknown
+_OF_ROWS = 0.1  # factor of the row-wise test, whose level is 1e-3: there are few rows
+_LEAST = 4.0  # minimum number of residual degrees of freedom
+_NEARLY = 0.8  # fraction of the largest reduction; among candidates above it, the one with fewest columns is chosen
+_GAIN = 0.05  # of the load's wrench; smaller gains and cross-talk resemble pose errors of a degree or two
 
 
 def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
-    """The fit and its kept rows (n,), or those with rows that only contradict the others because the bias drifts."""
+    """Fit and its mask (n,) of kept rows; if bias drift explains the rows left out, with these included."""
     drifts = problem.with_unknowns(drift=True)
     if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(drifts):
         return found, kept
@@ -77,13 +77,13 @@ def _offers_drift(problem: Problem, fit: Fit, kept: Array) -> bool:
 
 
 def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
-    """Unknowns that would explain the residuals of the kept rows (n,), the best first, each beside those before it.
+    """Unknowns that would explain the residuals of the kept rows (n,), selected one by one, best first.
 
-    Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
+    Each adds columns E to the whitened design. With P (rank r) the part of E orthogonal to it and to those before,
     F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
-    Drift and gain have columns of their own for each channel, and F is that of the channel where it is rarest, times six:
-    a channel's variance is estimated, so an error of one channel alone hides in it. Among those rarer than 1e-4 the one of
-    fewest columns is taken that explains nearly as much as any.
+    Drift and gain have separate columns for each channel. Their p-value is six times the smallest of the channels, as
+    each channel has its own variance. Candidates with p < 1e-4 are significant. Among those that explain nearly as much
+    as the best, the one with fewest columns is selected.
     """
     scale = fit.deviation[kept]
     e = (fit.residuals[kept] / scale).ravel()
@@ -120,7 +120,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
 
 
 def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
-    """Probability that noise alone is explained as well by the columns E (N, k)."""
+    """p-value of the columns E (N, k): the probability that noise alone gives as good a fit."""
     from scipy import special
 
     channel = np.arange(e.size) % 6
@@ -139,9 +139,9 @@ def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
 
 
 def _chance_of_rows(P: Array, e: Array, free: float) -> float:
-    """The same by Hotelling's test, for rows whose six channels share the error of their pose.
+    """p-value by Hotelling's test, for rows whose six channels share the error of their pose.
 
-    b = P'e is the sum of the rows' P_g'e_g; its covariance is that of what is left, Σ s_g s_g' n / ν, s_g = P_g'e'_g.
+    b = P'e is the sum of the rows' P_g'e_g; its covariance is Σ s_g s_g' n / ν, s_g = P_g'e'_g, of the residuals.
     """
     from scipy import special
 
@@ -154,7 +154,7 @@ def _chance_of_rows(P: Array, e: Array, free: float) -> float:
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
-    """Columns (n, 6, k) of each further unknown that is possible; of a gain, each channel with a share of each of the loads."""
+    """Columns (n, 6, k) of each possible unknown; for a gain, each channel with a share of each load component."""
     log = problem.log
     state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
     possible = {"turn": True, "drift": True, "tilt": log.rotations is not None}
@@ -169,13 +169,13 @@ def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
 
 
 def _loads(fit: Fit) -> Array:
-    """(n, 6) what the load does to the readings."""
+    """Wrench (n, 6) of the load in the readings."""
     part = fit.unknowns.load
     return np.asarray(fit.design[..., part] @ fit.estimate[part])
 
 
 def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, explained: Array) -> Doubt:
-    """Doubt with the size of an unknown, from the part (n, 6) of the residuals that it explains: that share of the squares."""
+    """Doubt with the size of an unknown, from the explained residuals (n, 6), which are ``share`` of the squares."""
     found: dict[str, Any] = {"share": share}
     if kind in ("drift", "gain"):
         change = listed_bias(explained[-1] - explained[0])
@@ -190,23 +190,23 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     return doubt(f"sensor-{kind}", size=number(value, 2), share=percent(share), found=found)
 
 
-# ── Acceptance test: the sensor of a fit, remarks and doubts
+# ── Acceptance test: the sensor of a fit, notes and doubts
 
-_SLIPS = ("sensor-exchanged", "sensor-known-bias", "sensor-gravity-up")  # columns or a bias, not units
+_SLIPS = ("sensor-exchanged", "sensor-known-bias", "sensor-gravity-up")  # swapped columns or a wrong bias, not units
 _MAY_POINT_UP = (
     "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "
     "then negate these three and keep the sign."
 )
-_MISFIT = 1.5  # residuals this many times the noise given are not that noise
-_UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
-_ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; with fewer, intervals are too narrow
+_MISFIT = 1.5  # residual over given noise above which the noise is doubtful
+_UNEXPLAINED = 0.05  # fraction of the change of forces above which residuals may be more than noise
+_ORIENTATIONS, _FREEDOM = 10, 6  # minimum orientations, and degrees of freedom per channel, for reliable intervals
 
 
 @dataclass(frozen=True, eq=False)
 class UsedReadings:
-    """Use of the readings of a log: left out, between static poses, or explained."""
+    """Classification of the readings of a log: outliers, between static poses, or used in the fit."""
 
-    left_out: Array  # (N,) readings that the others contradict
+    left_out: Array  # (N,) outliers
     between: Array  # (N,) readings between dwells
     orientation: Array  # (n,) label of the orientation of each row of the fit
     whiteness: Whiteness | None  # whiteness of the residuals; None for too few rows
@@ -215,16 +215,16 @@ class UsedReadings:
 def acceptance_test(
     found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: UsedReadings
 ) -> Identification:
-    """Result with its doubts; raises if the mass is negative. ``problem`` is that of the fit."""
+    """Build the result with its doubts; raise if the mass is negative. ``problem`` is that of the fit."""
     fit, unknowns = found.fit, found.fit.unknowns
     low, high = fit.interval("mass", confidence)
     if found.mass < -2 * fit.mass_deviation or found.mass == 0:
         raise ValueRangeError(f"{log.name}: {_no_mass(found, log, problem)}")
     told = low > 0
     load = SpatialInertia.zero()
-    if found.mass > 0:  # else by noise alone: nothing hangs on the sensor
+    if found.mass > 0:  # otherwise the mass is zero within noise: no load
         load = SpatialInertia.from_parameters(fit.load)
-        if not unknowns.inertia and told:  # at least the moments of a point mass there
+        if not unknowns.inertia and told:  # at least the moments of a point mass
             load = SpatialInertia.from_com(found.mass, load.com)
     bias = fit.estimate[:6] if unknowns.bias else problem.bias
     inertia: Inertia = "unknown" if not unknowns.inertia else "accept" if load.defects() else "given"
@@ -248,7 +248,7 @@ def acceptance_test(
 
 
 def _log_doubts(log: ReadingLog, use: UsedReadings) -> list[Doubt]:
-    """Readings that are left out, and those between dwells."""
+    """Doubts about outliers and about readings between dwells."""
     doubts = []
     if out := int(use.left_out.sum()):
         spans = [_span(log, a, b) for a, b in runs(use.left_out)]
@@ -260,11 +260,11 @@ def _log_doubts(log: ReadingLog, use: UsedReadings) -> list[Doubt]:
 
 
 def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> list[Doubt]:
-    """Why the intervals may be too narrow."""
+    """Doubts about intervals that may be too narrow."""
     doubts = []
     label = use.orientation[found.kept]
     count = len(np.unique(label))
-    # Readings of an orientation that is visited again share its error.
+    # Readings of a revisited orientation share its error.
     left = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(label) - count)
     wanted = max(_ORIENTATIONS - count, math.ceil(_FREEDOM - left.min() - 1e-9))
     if problem.noise is None and wanted > 0:
@@ -317,7 +317,7 @@ def _ways(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
 
 
 def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> Doubt | None:
-    """A slip that explains the log surely better ``than`` what there is."""
+    """Input error (swapped columns, bias, gravity) with a significantly better fit than ``than``; None if not found."""
     free = free_bias(found, problem)
     if (exchanged := swapped(problem, free or than)) is not None:
         return doubt("sensor-exchanged", sign=exchanged.sign, noise=_noise(exchanged))
@@ -329,7 +329,7 @@ def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> Doubt | None:
 
 
 def _noise_doubts(found: Diagnosis) -> list[Doubt]:
-    """Doubts about a noise that was given."""
+    """Doubts about a given noise."""
     if not np.isinf(found.fit.freedom).all():
         return []
     scaled = (found.fit.residuals / found.fit.deviation)[found.kept].reshape(-1, 2, 3)
@@ -338,7 +338,7 @@ def _noise_doubts(found: Diagnosis) -> list[Doubt]:
 
 
 def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> list[Doubt]:
-    """A slip that explains the log, if there is one, else what may."""
+    """Input error that explains the log, if any; otherwise the possible explanations."""
     rows = problem.log
     share, doubts, better = misfit(rows, found.fit, found.kept), [], []
     unexplained = share > _UNEXPLAINED
@@ -366,7 +366,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
 
 
 def _drifts(found: Diagnosis, problem: Problem) -> bool:
-    """True if a bias that drifts with time, or in the order of the log, explains what the poses would be blamed for."""
+    """True if drift of the bias, with time or in the order of the log, explains the residuals ascribed to the poses."""
     if found.fit.unknowns.drift:
         return False
     steady = explain(found.sign, problem.with_unknowns(drift=True))
@@ -380,9 +380,9 @@ def _noise(found: Diagnosis) -> str:
 
 # ── Identification
 
-_IN_ORDER = 8  # rows from which their order says anything
+_IN_ORDER = 8  # minimum number of rows for tests that use their order
 CAUSES = ("orientation", "drift", "tilt", "delay")
-"""Causes of residuals that may be assumed; they are then unknowns of the fit."""
+"""Causes of residuals for ``assume``, each an additional unknown of the fit."""
 
 
 def identify(
@@ -396,37 +396,37 @@ def identify(
     outliers: str = "trim",
     confidence: float = 0.95,
 ) -> Identification:
-    """Force-torque sensor identification: its bias and its load's mass and centre of mass, from readings in different poses.
+    """Force-torque sensor identification: bias, mass and centre of mass of the load, from readings in different poses.
 
     Parameters
     ----------
     log : ReadingLog
-    sign : "on_sensor" or "by_sensor", whose wrench the readings are
-    inertia : bool, also the six inertia numbers (the log must have V and dV, in lively motion)
-    assume : str or sequence of str, causes of what is left of the readings, which are then unknowns too
-        ``orientation``: the rotation of the sensor's axes against {f}; ``drift``: a linear change of the bias, which is then
-        that of the middle of the log; ``tilt``: a turn of gravity about two level axes of {w}; ``delay``: the time by which
-        readings are late.
-    bias : (6,) array_like, optional, known, not looked for [N m, N]
-    noise : (moment [N m], force [N]), optional, known standard deviations in place of the fit's own
-    outliers : "trim" leaves out and lists readings that the others contradict, "keep" trusts all
-    confidence : float, of intervals and regions, 0 to 1
+    sign : "on_sensor" or "by_sensor", sign convention of the readings
+    inertia : bool, identify the six inertia numbers too (the log needs V and dV in lively motion)
+    assume : str or sequence of str, causes of residuals to add as unknowns
+        ``orientation``: rotation of the sensor's axes relative to {f}; ``drift``: linear change of the bias, which then
+        refers to the middle of the log; ``tilt``: rotation of gravity about two level axes of {w}; ``delay``: delay of
+        readings after poses.
+    bias : (6,) array_like, optional, known bias [N m, N]; estimated if not given
+    noise : (moment [N m], force [N]), optional, known standard deviations; estimated if not given
+    outliers : "trim" rejects and lists outliers, "keep" uses all readings
+    confidence : float, confidence level of intervals and regions, 0 to 1
 
     Returns
     -------
     found : Identification
-        Doubts about units, sign, mounting, bias, poses and noise are in it.
+        Includes doubts about units, sign, mounting, bias, poses and noise.
 
     Raises
     ------
     ValueRangeError
-        The log does not determine the unknowns, naming the combinations that do not change any reading, or mass
-        comes out negative.
+        The log does not determine the unknowns, or the mass is negative. The message lists combinations of unknowns
+        without effect on the readings.
 
     Notes
     -----
-    Without ``inertia`` the sensor found has a load whose inertia is ``unknown``: it compensates forces in motion, not
-    moments. Source: least squares of F = Y π, Modern Robotics eq. 8.40.
+    Without ``inertia`` the sensor's load has an ``unknown`` inertia: in motion, forces are compensated and moments are
+    not. Source: least squares of F = Y π, Modern Robotics eq. 8.40.
 
     Examples
     --------
@@ -472,7 +472,7 @@ def identify(
     label = problem.label
     white = whiteness(found, kept, label)
     again = len(np.unique(problem.label)) < len(kept)
-    if white is not None and white.length > 1 and not again:  # autocorrelated neighbours are one cluster
+    if white is not None and white.length > 1 and not again:  # autocorrelated neighbours become one cluster
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
         found = fit(problem, keep=kept)
     left_out, between = ~used, np.zeros(len(log), bool)
@@ -484,9 +484,9 @@ def identify(
 
 
 def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
-    """Test of the residuals of the kept rows (n,), in the order of the log; None of rows too few.
+    """Whiteness test of the residuals of the kept rows (n,), in the order of the log; None for too few rows.
 
-    Of rows with one label (n,), an orientation that was visited again, the mean is taken off: they share their pose error.
+    Rows with the same label (n,) share the pose error of a revisited orientation, so their mean is subtracted.
     """
     e = (fit.residuals / fit.deviation)[kept]
     place, count = np.unique(label[kept], return_inverse=True, return_counts=True)[1:]

@@ -1,4 +1,4 @@
-"""A log of readings: gravity in the sensor's frame, motion if known, and the readings."""
+"""Log of a force-torque sensor: readings, gravity in the sensor's frame, and motion if known."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from .sensor import (
     unlabelled,
 )
 
-_STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
-_LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
-_MOST = (  # no arm turns or moves so fast, but in degrees or millimetres any does
+_STRONG = 1100.0  # N; change of force when a 50 kg load is turned over, plus 10 %; exceeded by logs in grams
+_LONG_LEVER = 5.0  # m; the ratio of moments to forces is 1000 times too large if moments are in N mm
+_MOST = (  # faster than any arm, and slower than usual motions in degrees or millimetres
     ("V", slice(0, 3), 50.0, "angular velocities", "rad/s", "are in degrees per second"),
     ("V", slice(3, 6), 30.0, "velocities", "m/s", "or the poses are in mm"),
     ("dV", slice(3, 6), 1000.0, "accelerations", "m/s²", "or the poses are in mm"),
 )
 _AFTER = "not after the {} s of the one before. Times must increase: sort the readings, or remove the column."
-_GRAVITY = (1.5, 30.0)  # m/s²; from the Moon to Jupiter, but not in g or cm/s²
+_GRAVITY = (1.5, 30.0)  # m/s²; covers the Moon and Jupiter, and excludes values in g or cm/s²
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReadingLog:
-    """Log of a force-torque sensor: n readings with what is needed to explain them.
+    """Log of a force-torque sensor: n readings with the poses and motions that determine the load's wrench.
 
-    In SI units and in {f}, the frame whose poses are known.
+    Quantities are in SI units and in {f}, the frame whose poses are known.
 
     Examples
     --------
@@ -57,23 +57,23 @@ class ReadingLog:
     """
 
     readings: Array
-    """(n, 6): mx, my, mz [N m], fx, fy, fz [N]."""
+    """Readings (n, 6): mx, my, mz [N m], fx, fy, fz [N]."""
     gravity: Array
-    """(n, 3) gravity in {f} [m/s²]."""
+    """Gravity (n, 3) in {f} [m/s²]."""
     V: Array | None = None
-    """(n, 6) twist of {f} in {f}, or None where the sensor stood still."""
+    """Body twist (n, 6) of {f}, or None if the sensor was at rest."""
     dV: Array | None = None
-    """(n, 6) its rate, or None."""
+    """Rate of the twist (n, 6), or None."""
     time: Array | None = None
-    """(n,) s."""
+    """Times (n,) [s], or None."""
     name: str = "log"
-    """Name in errors and reports."""
+    """Name in messages and reports."""
     notes: tuple[str, ...] = ()
-    """Parts left out when the log was read, in sentences."""
+    """Sentences about the parts of the file that were ignored."""
     by_gravity: bool = False
-    """True if gravity itself was logged, reading by reading, and not orientations."""
+    """True if gravity was logged for each reading in place of orientations."""
     rotations: Array | None = None
-    """(n, 3, 3) orientations R_wf, or None where gravity itself was logged."""
+    """Orientations R_wf (n, 3, 3), or None if gravity was logged in their place."""
 
     @classmethod
     def from_arrays(
@@ -95,8 +95,8 @@ class ReadingLog:
         readings : (n, 6) array_like, (m, f) [N m, N]
         pose : (n, 4, 4) or (n, 3, 3) array_like, optional, poses T_wf or rotations R_wf
         quaternion : (n, 4) array_like, optional, unit quaternions of R_wf, scalar first
-        gravity : (3,) array_like, in {w} [m/s²]; without any orientations (n, 3), in {f} itself
-        V : (n, 6) array_like, optional, body twists of {f} where it moved [rad/s, m/s]
+        gravity : (3,) array_like, in {w} [m/s²]; (n, 3) in {f} if no orientations are given
+        V : (n, 6) array_like, optional, body twists of {f}; None at rest [rad/s, m/s]
         dV : (n, 6) array_like, optional, their rates [rad/s², m/s²]
         time : (n,) array_like, optional [s]
         name : str, for messages
@@ -104,7 +104,7 @@ class ReadingLog:
         Raises
         ------
         ValueRangeError
-            The log is empty, values are not finite, or orientations are none.
+            The log is empty, values are not finite, or orientations are invalid.
 
         Warns
         -----
@@ -166,14 +166,14 @@ class ReadingLog:
 
     @property
     def clock(self) -> Array:
-        """Times (n,) of the readings [s], or their numbers where no time was logged."""
+        """Times (n,) of the readings [s], or their indices if no time was logged."""
         return np.arange(float(len(self))) if self.time is None else self.time
 
     def __len__(self) -> int:
         return len(self.readings)
 
     def rows(self, which: Any) -> ReadingLog:
-        """Log of some of the readings only.
+        """Select some of the readings.
 
         Parameters
         ----------
@@ -196,23 +196,23 @@ class ReadingLog:
         return replace(self, readings=self.readings[which], gravity=self.gravity[which], **chosen)
 
     def doubts(self) -> list[Doubt]:
-        """Units that look wrong.
+        """Doubts about the units of the log.
 
         Returns
         -------
-        doubts : list of Doubt, empty when all look right
+        doubts : list of Doubt, empty if all units are plausible
         """
         return self.size_doubts() + self.motion_doubts()
 
     def size_doubts(self) -> list[Doubt]:
-        """Units of the readings that look wrong by their size alone.
+        """Doubts about the units of the readings, by magnitude.
 
         Returns
         -------
         doubts : list of Doubt
         """
         found = []
-        centred = self.readings - np.median(self.readings, axis=0)  # a bias may be anything
+        centred = self.readings - np.median(self.readings, axis=0)  # removes the bias, which may have any size
         moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
         if force > _STRONG:
             mass, factor = number(force / STRENGTH, 2), printed(STRENGTH / 1000)
@@ -223,7 +223,7 @@ class ReadingLog:
         return found
 
     def motion_doubts(self) -> list[Doubt]:
-        """Units of gravity and of the motion that look wrong by their size.
+        """Doubts about the units of gravity and of the motion, by magnitude.
 
         Returns
         -------
@@ -241,7 +241,7 @@ class ReadingLog:
         return found
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:
-        """Predicted readings of that sensor in these poses and motions.
+        """Predicted readings of a sensor for the poses and motions of the log.
 
         Returns
         -------
@@ -250,7 +250,7 @@ class ReadingLog:
         return checked_sensor(sensor, "predicted").predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
 
     def compensated(self, sensor: ForceTorqueSensor) -> Array:
-        """Gravity compensation: the readings without that sensor's bias, weight and inertial load.
+        """Gravity compensation: readings without the sensor's bias, weight and inertial load.
 
         Returns
         -------
@@ -267,7 +267,7 @@ class ReadingLog:
 
 
 def checked_log(log: Any, taker: str) -> ReadingLog:
-    """The log itself; :class:`~twistwrench.ShapeError` naming who takes it and how to make one, if it is none."""
+    """Return a ReadingLog unchanged; otherwise raise :class:`~twistwrench.ShapeError` naming the caller."""
     if isinstance(log, ReadingLog):
         return log
     raise ShapeError(
@@ -277,7 +277,7 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
 
 
 def late(time: Array) -> int | None:
-    """The first of these times (n,) that is not after the one before; None if all are."""
+    """Index of the first time (n,) that does not exceed its predecessor; None if all increase."""
     places = np.flatnonzero(np.diff(time) <= 0)
     return int(places[0]) + 1 if places.size else None
 

@@ -1,4 +1,4 @@
-"""Static poses of a log as clusters of readings, outliers among them, and checks of the log's conventions."""
+"""Static poses of a log as clusters of readings, outlier rejection, and checks of the log's conventions."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from .log import ReadingLog
 from .poses import blind_spots
 from .sensor import Sign, sign_factor
 
-_STEADY = (2e-3, 5e-2)  # rad by which gravity's direction may differ in one dwell: at least, at most
-_STEPS = 5.0  # times the usual step from reading to reading, in between
-_OF_SPREAD = 0.1  # of the spread of all directions, at most
-_SHORTEST = 5  # readings of a dwell in a log that also moves
-_AT_REST = (0.02, 0.01, 0.2, 0.2)  # rad/s, m/s, rad/s², m/s² below which the sensor rests
-_MANY = 2000  # dwells up to which orientations are compared with each other
+_STEADY = (2e-3, 5e-2)  # rad; lower and upper bound of the tolerance on gravity's direction within a dwell
+_STEPS = 5.0  # tolerance between these bounds, in median steps between readings
+_OF_SPREAD = 0.1  # upper bound of the tolerance as a fraction of the spread of all directions
+_SHORTEST = 5  # minimum readings of a dwell in a log with motion
+_AT_REST = (0.02, 0.01, 0.2, 0.2)  # rad/s, m/s, rad/s², m/s² below which the sensor is at rest
+_MANY = 2000  # largest number of dwells whose orientations are compared pairwise
 
 
 @dataclass(frozen=True, eq=False)
 class StaticPoses:
-    """A log with one row for each dwell, the mean of its readings, and one for each reading in motion."""
+    """Reduced log: one row for each dwell (mean of its readings), and one for each reading in motion."""
 
-    log: ReadingLog  # log of n rows, with their times, or their numbers if none were logged
+    log: ReadingLog  # log of n rows, with times, or indices if no times were logged
     count: Array  # (n,) readings in each row
-    within: Array  # (6,) variance of a reading within its dwell [(N m)², N²]; zero where no dwell has two readings
+    within: Array  # (6,) variance of a reading within its dwell [(N m)², N²]; zero if no dwell has two readings
     within_freedom: float  # degrees of freedom of ``within``
-    label: Array  # (n,) the cluster of each row: rows of one orientation are one, however often it was visited
+    label: Array  # (n,) cluster of each row; rows of a revisited orientation share one
     row: Array
-    """(N,) row of each reading of the log as it was read; -1 for readings between dwells, which are not used."""
-    moving: Array  # (n,) whether a row is a reading in motion
+    """Row (N,) of each reading of the original log; -1 for readings between dwells, which are not used."""
+    moving: Array  # (n,) True for readings in motion
 
     def spread(self, kept: Array) -> Array:
-        """A mask (n,) of rows as a mask (N,) of readings."""
+        """Expand a mask (n,) of rows to a mask (N,) of readings."""
         return np.asarray(np.where(self.row >= 0, kept[self.row], False))
 
 
 def static_poses(log: ReadingLog) -> StaticPoses:
-    """Static poses of a log: dwells are runs of readings in which gravity's direction in {f} stays.
+    """Static poses of a log: dwells are runs of readings with constant direction of gravity in {f}.
 
-    In a log with twists, a dwell has five readings or more at rest, and the others are in motion. In one without, short
-    runs between long ones are taken to be motion from dwell to dwell and are left out.
+    In a log with twists, a dwell has at least five readings at rest; other readings are in motion. In a log without
+    twists, short runs between long ones are taken to be motion between dwells and are left out.
 
     >>> still = ReadingLog.from_arrays(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
     >>> static_poses(still).count.tolist()
@@ -75,7 +75,7 @@ def static_poses(log: ReadingLog) -> StaticPoses:
 
 
 def _nearness(unit: Array) -> float:
-    """rad within which directions (n, 3) are one: a few of the usual steps, far below their spread."""
+    """Tolerance [rad] for equal directions (n, 3): a few median steps, far below the spread of the directions."""
     if len(unit) < 2:
         return 0.0
     least, most = _STEADY
@@ -85,7 +85,7 @@ def _nearness(unit: Array) -> float:
 
 
 def _at_rest(log: ReadingLog) -> Array:
-    """(n,) whether each reading is one of a few at rest; a log without twists rests throughout."""
+    """True for readings (n,) in a run at rest that is long enough; all True for a log without twists."""
     if log.V is None or log.dV is None:
         return np.ones(len(log), bool)
     sizes = _lengths(np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3))
@@ -96,7 +96,7 @@ def _at_rest(log: ReadingLog) -> Array:
 
 
 def _runs(unit: Array, near: float, rest: Array) -> tuple[Array, Array]:
-    """First reading of each run, and the one after its last: of gravity's direction, and each moving reading by itself."""
+    """First index and end index of each run of constant gravity direction; each reading in motion is a separate run."""
     edges, n, start = [0], len(unit), 0
     while start < n:
         end = start + 1
@@ -115,7 +115,7 @@ def _runs(unit: Array, near: float, rest: Array) -> tuple[Array, Array]:
 
 
 def _means(value: Array | None, row: Array, count: Array) -> Any:
-    """The mean of the readings of each row; readings are linear in all that is averaged, as the sensor rests."""
+    """Mean over the readings of each row; valid as readings at rest are linear in all averaged quantities."""
     if value is None:
         return None
     if len(count) == len(value):
@@ -143,27 +143,28 @@ def _lengths(x: Array) -> Array:
     return np.asarray(np.linalg.norm(x, axis=-1))
 
 
-# ── Outliers: touches, snagged cables, mistyped poses
+# ── Outliers: contacts, snagged cables, mistyped poses
 
-_FALSE_ALARM = 3e-5  # chance that a clean log loses a reading; poses half a degree off make it one in a hundred
-_DWELL_ALARM = 1e-9  # that it loses a dwell: whole orientations go only where nothing else can be
-_DWELL = 5  # readings of a dwell
-_SUSPECT = 0.98  # share of clean readings below the distance from which one is looked at
-_WEAKER = 2.0  # times by which what is left out may widen any unknown's deviation
-_LEAST = 3  # gravity directions that fix a mass, its place and six biases
+_FALSE_ALARM = 3e-5  # probability that a clean log loses a reading; 1e-2 with pose errors of half a degree
+_DWELL_ALARM = 1e-9  # probability that a clean log loses a dwell, small so that whole orientations are rarely rejected
+_DWELL = 5  # minimum readings of a dwell
+_SUSPECT = 0.98  # quantile of clean readings above which a reading is suspect
+_WEAKER = 2.0  # largest ratio by which rejection may widen any unknown's deviation
+_LEAST = 3  # gravity directions that determine mass, centre of mass and six biases
 
 
 def least_rows(problem: Problem) -> int:
-    """Number of rows that these unknowns need."""
+    """Minimum number of rows for the unknowns."""
     asked = problem.unknowns
     return max(_LEAST, math.ceil((len(asked.names) + 2) / 6) + asked.turn)
 
 
 def touched_in_static_poses(log: ReadingLog, found: StaticPoses) -> Array:
-    """A mask (N,) of readings that the others of their dwell contradict; never half of a dwell.
+    """Mask (N,) of outliers within their dwell; never more than half of a dwell.
 
-    A reading is far when its distance from the dwell's median, over 1.4826 times the median absolute distance in all
-    dwells, passes a χ² limit whose chance of a false alarm is 3e-5 for the whole log. Dwells of four or fewer are kept.
+    A reading is an outlier if its distance from the dwell's median, over 1.4826 times the median absolute distance in
+    all dwells, exceeds a χ² limit. The false-alarm probability is 3e-5 for the whole log. Dwells of four or fewer are
+    kept.
     """
     touched = np.zeros(len(log), bool)
     place = found.row
@@ -187,13 +188,12 @@ def touched_in_static_poses(log: ReadingLog, found: StaticPoses) -> Array:
 
 
 def trimmed(problem: Problem) -> tuple[Fit, Array]:
-    """Fit without outliers: the fit and which rows (n,) it kept.
+    """Fit with outlier rejection: the fit and the mask (n,) of kept rows.
 
-    Huber's fit finds suspect rows. They are left out, and each that the fit of the others predicts, within a test
-    whose chance of a false alarm is 3e-5 for the whole log (1e-9 for a dwell), comes back; repeated until none changes.
-    At least as many rows stay as the unknowns need, at most a third is dropped, and the rest determines each unknown nearly
-    well as all: where it would not, all stay, and what they contradict is in the noise.
-    Sources: Huber, "Robust Statistics", 1981; Cook and Weisberg, "Residuals and Influence in Regression", 1982, § 2.2.
+    A Huber fit finds suspect rows. They are left out; each that the fit of the others predicts is restored. The test
+    has a false-alarm probability of 3e-5 for the whole log (1e-9 for a dwell) and is repeated until nothing changes. At
+    least as many rows stay as the unknowns need, and at most a third is rejected. If the rest would determine an
+    unknown much less well, all rows stay, and the contradictions count as noise.
     """
     from scipy import special
 
@@ -248,16 +248,16 @@ def runs(mask: Array) -> list[tuple[int, int]]:
 
 # ── Conventions: sign, mounting, swapped or inverted inputs
 
-_SURE = 1e-4  # chance to prefer another explanation by luck
+_SURE = 1e-4  # significance level for preferring another explanation
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """A log explained with one sign, the mounting turned or not."""
+    """Fit of a log with one sign, with or without an unknown mounting."""
 
     sign: Sign
     fit: Fit
-    kept: Array  # (n,) which rows of the problem were used
+    kept: Array  # (n,) mask of used rows
 
     @property
     def turn(self) -> bool:
@@ -266,12 +266,12 @@ class Diagnosis:
 
     @property
     def left(self) -> float:
-        """Product of the noise left of moments and forces."""
+        """Product of the residual noise of moments and forces."""
         return float(np.prod(self.fit.noise))
 
     @property
     def noise(self) -> tuple[float, float]:
-        """Noise of moments [N m] and forces [N] that is left: root mean square over the degrees of freedom."""
+        """Residual noise of moments [N m] and forces [N]: root mean square over the degrees of freedom."""
         residuals = self.fit.residuals[self.kept].reshape(-1, 2, 3)
         moment, force = np.sqrt((residuals**2).sum(axis=(0, 2)) / self.freedom)
         return float(moment), float(force)
@@ -288,23 +288,23 @@ class Diagnosis:
 
     @property
     def options(self) -> str:
-        """Options of the command that give this explanation."""
+        """Command-line options that select this explanation."""
         if not self.turn:
             return f"sign={self.sign!r}"
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
         return f"sign={self.sign!r} with assume='orientation' (turned by {number(degrees, 3)}°)"
 
     def improves(self, on: Fit) -> bool:
-        """True if the remaining noise is surely less than that of another fit of the same log."""
+        """True if the residual noise is significantly less than that of another fit of the same log."""
         return _surely_less(self.fit, on, self.kept)
 
     def equals(self, other: Fit, kept: Array) -> bool:
-        """True if another fit is not surely better than this explanation."""
+        """True if another fit is not significantly better."""
         return not _surely_less(other, self.fit, kept)
 
 
 def explain(sign: Sign, problem: Problem) -> Diagnosis | None:
-    """Best explanation of the log with that sign; None if it does not determine these unknowns."""
+    """Best fit of the log with the given sign; None if the log does not determine the unknowns."""
     asked = replace(problem, factor=sign_factor(sign))
     if len(asked.log) < least_rows(asked) or blind_spots(asked.log, asked.unknowns, asked.factor):
         return None
@@ -312,13 +312,13 @@ def explain(sign: Sign, problem: Problem) -> Diagnosis | None:
 
 
 def guessed(problem: Problem) -> Problem:
-    """Problem with a first guess of the mounting, if that is an unknown."""
+    """Problem with an initial guess of the mounting, if the mounting is an unknown."""
     mounting = first_guess(problem) if problem.unknowns.turn else np.eye(3)
     return replace(problem, state=SensorState(mounting))
 
 
 def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
-    """Explanations with other signs and mountings that have a mass, the one with least noise first."""
+    """Fits with other signs and mountings and a positive mass, sorted by noise."""
     found = []
     for turn in (False, True):
         for other in get_args(Sign):
@@ -330,7 +330,7 @@ def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
 
 
 def as_good_as_the_best(sorted_: list[Diagnosis]) -> list[Diagnosis]:
-    """Explanations not surely worse than the first; a turned mounting only if its sign does not explain the log without."""
+    """Fits not significantly worse than the first; with an unknown mounting only if its sign fits no log without."""
     best = sorted_[0]
     good = [e for e in sorted_ if e is best or e.equals(best.fit, best.kept)]
     straight = {e.sign for e in good if not e.turn}
@@ -338,7 +338,7 @@ def as_good_as_the_best(sorted_: list[Diagnosis]) -> list[Diagnosis]:
 
 
 def first_guess(problem: Problem) -> Array:
-    """A mounting R_fs (3, 3) from forces alone: the rotation nearest to M of f = bias + M g, however large."""
+    """Initial guess of the mounting R_fs (3, 3) from forces: the rotation nearest to M of f = bias + M g."""
     log = problem.log
     g, f = log.gravity, log.readings[:, 3:]
     if log.V is not None and log.dV is not None:
@@ -367,7 +367,7 @@ _SWAP = [3, 4, 5, 0, 1, 2]
 
 
 def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
-    """The log explained with a bias of its own, where the one given fits surely worse: an F test of the six."""
+    """Fit with an estimated bias if significantly better than with the given one (F test of the six); else None."""
     if found.fit.unknowns.bias:
         return None
     from scipy import special
@@ -384,7 +384,7 @@ def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
 
 
 def swapped(problem: Problem, than: Diagnosis) -> Diagnosis | None:
-    """The log explained with forces and moments exchanged, if surely better ``than`` another explanation."""
+    """Fit with forces and moments exchanged, if significantly better than ``than``; else None."""
     other = replace(problem.log, readings=problem.log.readings[:, _SWAP])
     noise = None if problem.noise is None else problem.noise[_SWAP]
     asked = replace(problem, log=other, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise)
@@ -395,7 +395,7 @@ def swapped(problem: Problem, than: Diagnosis) -> Diagnosis | None:
 
 
 def upside_down(found: Diagnosis, problem: Problem, than: Diagnosis) -> Diagnosis | None:
-    """The log in motion explained with gravity the other way, if surely better; at rest that is the other sign."""
+    """Fit of a log in motion with gravity reversed, if significantly better; at rest this equals the opposite sign."""
     log = problem.log
     if not log.by_gravity or log.V is None:
         return None

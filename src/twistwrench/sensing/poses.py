@@ -1,4 +1,4 @@
-"""Observability of a sensor's unknowns from a log, the poses that add most to it, and simulated logs of a known sensor."""
+"""Observability of a sensor's unknowns from a log, optimal next poses, and simulated logs of a known sensor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .fit import SensorState, Unknowns
 from .log import ReadingLog, checked_log
 from .sensor import ForceTorqueSensor, checked_sensor, gravity_in_frame, rotations_to_gravity, sign_factor, unlabelled
 
-_NEAR = 1e-3  # gravity directions nearer than this to each other [rad] are one
+_NEAR = 1e-3  # rad; directions of gravity nearer to each other than this count as one
 _UNITS = {
     "drift m": "N m/s",
     "drift f": "N/s",
@@ -39,24 +39,24 @@ _UNITS = {
 
 
 def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]:
-    """Combinations of unknowns that do not change any reading of this log, as sentences; empty if all are observable.
+    """Combinations of unknowns without effect on any reading of the log, as sentences; empty if all are observable.
 
     >>> upright = ReadingLog.from_arrays(np.zeros((3, 6)), gravity=[0, 0, -9.81])
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be distinguished.
     """
-    # A load whose moments depend on every turn, where the rows depend on the load.
+    # If the columns depend on the load: a load without symmetry, whose moments depend on every turn.
     load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)]) if unknowns.curved.size else None
     A = unknowns.design(log, factor, SensorState(load=load)).reshape(6 * len(log), -1) * unknowns.scales
     names = unknowns.names
-    # Load first, bias last: each combination is then told as a change of the load that the bias can hide.
+    # Load first and bias last: each combination is reported as a change of the load that the bias can cancel.
     order = [*range(6 * unknowns.bias, len(names)), *range(6 * unknowns.bias)]
     combinations = null_combinations(A[:, order]) * unknowns.scales[order]
     return [_sentence(row, [names[k] for k in order]) for row in combinations]
 
 
 def advice(log: ReadingLog, unknowns: Unknowns) -> str:
-    """Advice: rotations that the log lacks."""
+    """Advice on the rotations that the log lacks."""
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     centre = unit.mean(axis=0)
     spread, axes = np.linalg.svd(unit - centre)[1:]
@@ -94,24 +94,24 @@ def _vector(x: Array) -> str:
     return ", ".join(number(v, 2) for v in x + 0.0)
 
 
-# ── Poses to read next, by the ellipsoid of the unknowns
+# ── Poses to read next, D-optimal
 
 _CANDIDATES = 400
-_BELIEF = 1e3  # what is taken to be possible of each unknown before the first reading, in its own scale
+_BELIEF = 1e3  # prior standard deviation of each unknown, in its scale
 
 
 @dataclass(frozen=True, eq=False)
 class PoseProposal:
-    """Proposed orientations in the order to read them, and what will then be known."""
+    """Proposed orientations, in the order to read them, and the expected deviations."""
 
     gravity: Array
-    """(count, 3) gravity in {f} [m/s²]."""
+    """Gravity (count, 3) in {f} [m/s²]."""
     rotations: Array
-    """R_wf (count, 3, 3) that bring it there: the least turn from upright. Turns about the vertical are free."""
+    """R_wf (count, 3, 3) for this gravity: the smallest rotation from upright. Rotation about the vertical is free."""
     mass_deviation: Array
-    """(count,) standard deviation of the mass [kg] after each, for that noise; inf until it is observable."""
+    """Standard deviation (count,) of the mass [kg] after each pose, for the given noise; inf until observable."""
     first_moment_deviation: Array
-    """(count,) the largest of the first moment m c [kg m] after each; divide by the mass for the centre of mass."""
+    """Largest standard deviation (count,) of the first moment m c [kg m] after each pose; over the mass: of c."""
 
 
 def propose_poses(
@@ -123,15 +123,15 @@ def propose_poses(
     noise: tuple[float, float] = (0.01, 0.3),
     gravity: float = STRENGTH,
 ) -> PoseProposal:
-    """Optimal experiment design: the next orientations for a static identification, D-optimal one by one.
+    """Optimal experiment design: next orientations for a static identification, chosen greedily by D-optimality.
 
     Parameters
     ----------
-    count : int, how many
-    log : ReadingLog, optional, readings there are already
-    candidates : (n, 3) array_like, optional, gravity directions in {f} to choose from; None: 400 spread evenly
-    within : float, keeps those that tilt the tool by no more than that from upright (gravity along -z of {f}) [rad]
-    gravity : float, size of gravity there [m/s²]
+    count : int, number of orientations
+    log : ReadingLog, optional, existing readings
+    candidates : (n, 3) array_like, optional, gravity directions in {f} to choose from; default: 400 spread evenly
+    within : float, largest tilt of the tool from upright (gravity along -z of {f}) [rad]
+    gravity : float, magnitude of gravity [m/s²]
 
     Notes
     -----
@@ -161,7 +161,7 @@ def propose_poses(
     for _ in range(count):
         covariance = np.linalg.inv(information)
         gain = np.linalg.slogdet(np.eye(6) + rows @ covariance @ np.swapaxes(rows, -1, -2))[1]
-        # Of equally good ones (to rounding) the first: the choice is the same on every machine.
+        # Tie (up to rounding): take the first, so that the choice is the same on every machine.
         best = int(np.flatnonzero(gain > gain.max() - 1e-9)[0])
         chosen.append(best)
         information = information + rows[best].T @ rows[best]
@@ -169,7 +169,7 @@ def propose_poses(
         deviations.append((known[0], known[1:].max()))
     pulls = gravity * directions[chosen]
     spread = np.array(deviations)
-    spread[spread > 10.0] = math.inf  # still only what was believed
+    spread[spread > 10.0] = math.inf  # not observable yet: still the prior
     return PoseProposal(pulls, rotations_to_gravity(pulls), spread[:, 0], spread[:, 1])
 
 
@@ -181,7 +181,7 @@ def _design(gravity: Array, unknowns: Unknowns) -> Array:
 def _choices(candidates: ArrayLike | None, within: float) -> Array:
     """Unit gravity directions (n, 3)."""
     if candidates is None:
-        k = np.arange(_CANDIDATES) + 0.5  # Fibonacci's lattice over what is allowed; upright is tried first
+        k = np.arange(_CANDIDATES) + 0.5  # Fibonacci lattice over the allowed directions; upright comes first
         cap = 1.0 - math.cos(min(within, math.pi))
         z, turn = cap * k / _CANDIDATES - 1.0, math.pi * (1.0 + math.sqrt(5.0)) * k
         radius = np.sqrt(1.0 - z * z)
@@ -207,7 +207,7 @@ def _choices(candidates: ArrayLike | None, within: float) -> Array:
 
 # ── Simulated logs of a known sensor
 
-# Three slides, then three turns, each a unit screw: together any motion of a hand.
+# Unit screws, three translations and three rotations: a basis of all twists.
 _SCREWS = np.roll(np.eye(6), 3, axis=0)
 
 
@@ -220,14 +220,14 @@ def simulate(
     touch: dict[int, ArrayLike] | None = None,
     rng: np.random.Generator | int = 0,
 ) -> ReadingLog:
-    """Simulated log: what a sensor would read at rest in some orientations, or in a lively motion.
+    """Simulated log: readings of a sensor at rest in some orientations, or in a lively motion.
 
     Parameters
     ----------
-    poses : int, (n, 3, 3) or (n, 4, 4) array_like, how many, R_wf or T_wf
+    poses : int, (n, 3, 3) or (n, 4, 4) array_like, number of poses, or R_wf or T_wf
     noise : (moment [N m], force [N]), standard deviations
-    motion : float, optional, duration of a lively motion [s], of which ``poses`` (a number) are samples
-    touch : {index: (6,)}, optional, wrenches on the load, in the sensor's axes, added to these readings [N m, N]
+    motion : float, optional, duration of a lively motion [s], sampled at ``poses`` (a number) times
+    touch : {index: (6,)}, optional, contact wrench on the load for each touched reading, in the sensor's axes
 
     Examples
     --------
@@ -276,10 +276,10 @@ def _row(index: Any, count: int) -> int:
 
 
 def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
-    """A hand waving at times (n,) [s]: poses T_wf (n, 4, 4), body twists (n, 6) and their exact rates (n, 6)."""
+    """Motion of a waving hand at times (n,) [s]: poses T_wf (n, 4, 4), body twists (n, 6) and exact rates (n, 6)."""
     t = np.asarray(time, float)[..., None]
     amplitude = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])  # m, rad
-    rate = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s, no two in step
+    rate = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s, all different
     phase = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
     q = amplitude * np.sin(rate * t + phase)
     dq, ddq = amplitude * rate * np.cos(rate * t + phase), -(rate**2) * q

@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from .outliers import Diagnosis
     from .sensor import ForceTorqueSensor
 
-_SURE_POSES = 1e-4  # chance to blame the poses by luck
-_MAYBE = 1e-2  # chance to try other explanations in vain
-_OFF_PLANE = 10.0  # times the noise, from which the wrong one of two signs is seen without a test
-_ROUND = 0.1  # of the ball's radius: noise below which forces of one size lie on a ball
-_SMOOTH = (1e-4, 0.2)  # rad from one reading to the next, of a log in motion
-_ENOUGH = 10  # readings that show it
+_SURE_POSES = 1e-4  # significance level for blaming the poses
+_MAYBE = 1e-2  # significance level for trying other explanations
+_OFF_PLANE = 10.0  # ratio to the noise above which a wrong sign is evident without a test
+_ROUND = 0.1  # noise over radius below which forces of equal size lie on a sphere
+_SMOOTH = (1e-4, 0.2)  # rad between consecutive readings of a log in motion
+_ENOUGH = 10  # minimum number of readings for the test of motion
 
 
 def seems_moving(log: ReadingLog) -> bool:
-    """True if a log without twists turns steadily, unlike a tool held still in some orientations."""
+    """True if the directions of a log without twists change steadily, unlike those of static poses."""
     if log.V is not None or len(log) < _ENOUGH:
         return False
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
@@ -38,12 +38,12 @@ def seems_moving(log: ReadingLog) -> bool:
 
 
 def listed_bias(bias: Array) -> str:
-    """A bias (6,) by its axes."""
+    """Components of a bias (6,) with axis names, for messages."""
     return ", ".join(f"{axis} {number(value, 3)}" for axis, value in zip(WRENCH, bias, strict=True))
 
 
 def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
-    """Residual of the forces, as a share of their change in the log."""
+    """Residual of the forces as a fraction of their change in the log."""
     f = log.readings[kept][:, 3:]
     change = float(np.sqrt(np.mean((f - f.mean(axis=0)) ** 2)))
     left = float(np.sqrt(np.mean(found.residuals[kept][:, 3:] ** 2)))
@@ -51,18 +51,18 @@ def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
 
 
 def in_a_plane(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
-    """True if gravity stays in a plane, within noise: a half turn about its normal then undoes the other sign."""
+    """True if gravity lies in a plane within noise; a half turn about its normal then equals the opposite sign."""
     g = log.gravity[kept]
-    if found.unknowns.bias:  # what is constant is as good as bias
+    if found.unknowns.bias:  # a constant component is absorbed by the bias
         g = g - g.mean(axis=0)
     least = float(np.linalg.svd(g, compute_uv=False)[-1]) if len(g) > 2 else 0.0
     return 2.0 * mass * least < _OFF_PLANE * float(found.noise[1])
 
 
 def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
-    """Noise [N] of forces without the poses, if surely less than the residuals; None if it is unknown.
+    """Noise [N] of forces estimated without the poses, if significantly less than the residuals; otherwise None.
 
-    At rest forces lie on a ball about the bias, whatever the poses: |f|² = 2 b·f + r² − |b|² is linear in b and the rest.
+    At rest, forces lie on a sphere about the bias: |f|² = 2 b·f + r² − |b|² is linear in b and r² − |b|².
     """
     from scipy import special
 
@@ -87,10 +87,10 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
 
 
 def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
-    """True if some sign and mounting may explain a log surely better: at rest, if any readings linear in gravity do.
+    """True if a sign and mounting may explain a log significantly better. At rest: if any linear map of gravity does.
 
-    Bias and weight of a load are that, in whatever axes and with whatever sign; so where the best of all linear
-    maps is not better, nothing else need be tried.
+    Bias and weight are a linear map of gravity for every sign and mounting. If the best linear map is not better, no
+    other sign or mounting is.
     """
     from scipy import special
 
@@ -109,22 +109,22 @@ def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
     return gain > 0
 
 
-# ── Drift of the bias, gain and cross-talk in what is left
+# ── Drift of the bias, gain and cross-talk in the residuals
 
-_LEAST = 3  # readings that are off, from which a cause is looked for
-_CURED = 0.25  # of them, at most, that are still off without it
-_MOST = 0.5  # of the load's wrench; more is another tool
-_PER_COLUMN = 3  # readings for each column of what is tried
-_HUBER = 2.0  # times the noise, from which a reading loses weight
+_LEAST = 3  # minimum number of off readings for a search
+_CURED = 0.25  # largest fraction of off readings that may remain
+_MOST = 0.5  # of the load's wrench; above, the tool is another one
+_PER_COLUMN = 3  # minimum readings per column of an explanation
+_HUBER = 2.0  # residual over noise above which a reading loses weight
 
 
 def departure(
     log: ReadingLog, sensor: ForceTorqueSensor, rest: Array, sigma: Array, off: Callable[[Array], Array]
 ) -> Doubt | None:
-    """Cause of nearly all readings that are ``off`` in rest (n, 6), with noise sigma (n, 6); None if there is none.
+    """Cause of nearly all ``off`` readings in the residuals rest (n, 6) with noise sigma (n, 6); None if not found.
 
-    Each channel is explained by columns X with Huber's weights: the powers 1, t, t² of time for a bias that drifts, or 1 and
-    the load's six wrench components for a gain or cross-talk. A push of a while is neither.
+    Each channel is fitted by columns X with Huber weights: 1, t, t² for a drifting bias, or 1 and the six components of
+    the load's wrench for a gain or cross-talk. Neither fits a temporary contact.
     """
     before = int(off(rest).sum())
     if before < _LEAST:
@@ -154,14 +154,14 @@ def departure(
 
 
 def largest_share(explained: Array, load: Array) -> float:
-    """Change of what is explained (n, 6) as a share of that of the load (n, 6): the larger of moments and forces."""
+    """Change of the explained part (n, 6) over the change of the load (n, 6); the larger of moments and forces."""
     changes = ((x - x.mean(axis=0)).reshape(-1, 2, 3) for x in (explained, load))
     part, whole = (np.sqrt((x**2).mean(axis=(0, 2))) for x in changes)
     return float((part / np.maximum(whole, 1e-12)).max())
 
 
 def orthonormal(E: Array, basis: Array | None = None) -> Array:
-    """Orthonormal columns of what E (N, k) has beside those of a basis (N, p); what is rounding is none."""
+    """Orthonormal basis of the columns E (N, k) orthogonal to a basis (N, p), without directions at rounding level."""
     if basis is not None:
         E = E - basis @ (basis.T @ E)
         E = E - basis @ (basis.T @ E)
@@ -170,7 +170,7 @@ def orthonormal(E: Array, basis: Array | None = None) -> Array:
 
 
 def _robust(X: Array, y: Array, sigma: Array) -> Array:
-    """Robust fit of y (n,) by columns X (n, k), with Huber's loss; the minimum is the only one."""
+    """Robust fit of y (n,) by columns X (n, k), with Huber's loss, which is convex."""
     from scipy.optimize import least_squares
 
     def left(x: Array) -> Array:
@@ -179,25 +179,25 @@ def _robust(X: Array, y: Array, sigma: Array) -> Array:
     return np.asarray(X @ least_squares(left, np.zeros(X.shape[1]), loss="huber", f_scale=_HUBER).x)
 
 
-# ── Mixed-up units, judged by the tool that they make
+# ── Mixed-up units, judged by the resulting tool
 
-# Forces in another unit scale the mass, moments the first moment, so the centre of mass goes with their quotient, as does the
-# quotient of the two noises. One of the three may well be unusual. A doubt is raised when one is, and another unit would make
-# all three usual; or when one is beyond any tool.
+# A wrong force unit scales the mass, a wrong moment unit the first moment; the centre of mass and the ratio of the two
+# noises scale with their quotient. One of the three may be unusual. A doubt is raised if one is unusual and another
+# unit makes all three usual, or if one is impossible.
 
 
 class Mixup(NamedTuple):
-    """Units that a log may have been written in instead of N and N m."""
+    """Units of a log other than N and N m."""
 
     cause: str
     force: float
-    """Newtons in its unit of force."""
+    """Newtons per force unit."""
     moment: float
-    """Newton metres in its unit of moment."""
+    """Newton metres per moment unit."""
 
     @property
     def cure(self) -> str:
-        """Factors of the columns."""
+        """Conversion factors of the columns, as an instruction."""
         both = (("fx, fy, fz", self.force), ("mx, my, mz", self.moment))
         factors = both if self.force != self.moment else [("all six", self.force)]
         return "multiply " + " and ".join(f"{axes} by {printed(x)}" for axes, x in factors if x != 1.0)
@@ -212,20 +212,20 @@ MIXUPS = (
     Mixup("forces are in grams and moments in g cm", KGF / 1000, KGF / 1e5),
     Mixup("forces are in pounds and moments in pound inches", 4.44822, 0.112985),
 )
-"""Units found in logs, the usual ones first."""
+"""Wrong units found in logs, most frequent first."""
 
-# A tool: mass [kg], centre of mass from the sensor [m]; a sensor: noise of forces over that of moments [1/m], which is
-# how far its strain gauges are from its axis, at most a few times its radius. All with a tenth to spare.
+# Rows: mass [kg], distance of the centre of mass from the sensor [m], ratio of force noise to moment noise [1/m]. The
+# ratio is the inverse of the distance of the strain gauges from the axis. Margins are 10 %.
 _USUAL = np.array([[0.045, 55.0], [0.009, 0.33], [4.0, 600.0]])
-_BEYOND = np.array([500.0, 0.5, math.inf])  # no tool on a six-axis sensor has these
-# That raise no doubt: a tool may be long, and a sensor may have equal numbers of noise in N and N m.
+_BEYOND = np.array([500.0, 0.5, math.inf])  # impossible for tools on a six-axis sensor
+# Ranges that raise no doubt: a tool may be long, and noise in N and N m may be equal.
 _TOOL = np.array([[0.045, 55.0], [0.009, 0.4], [0.5, 600.0]])
-_SURE, _NOISE_SURE = 1e-5, 1e-3  # chances that an interval below misses the truth
-_NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their rounding
+_SURE, _NOISE_SURE = 1e-5, 1e-3  # probabilities that an interval below misses the true value
+_NO_NOISE = 1e-4  # of the weight; residuals below are rounding errors
 
 
 def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Doubt | None:
-    """Unit that the log seems to be in, and the remedy; None if the tool found is plausible."""
+    """Doubt about the units of the log, with remedy; None if the identified tool is plausible."""
     found = _found(result, sensor, log)
     if _overlap(found, _TOOL).all():
         return None
@@ -253,7 +253,7 @@ def _overlap(found: Array, usual: Array) -> Array:
 
 
 def _found(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Array:
-    """Mass [kg], distance of the centre of mass [m] and quotient of the noises [1/m]: (3, 3) surely from, about, to."""
+    """Lower bound, estimate, upper bound (3, 3): mass [kg], distance of centre of mass [m], noise ratio [1/m]."""
     from scipy import special
 
     mass, start = float(result.fit.load[0]), result.fit.unknowns.load.start
@@ -271,6 +271,6 @@ def _found(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Arr
 
 
 def _rounding(values: Array) -> float:
-    """The decimal place that all values are rounded to, such as 0.01; 0 from the seventh on."""
+    """Decimal place to which all values are rounded, such as 0.01; 0 if there are more than six decimals."""
     places = (10.0**-digits for digits in range(7))
     return next((p for p in places if (np.abs(values / p - np.round(values / p)) < 1e-6).all()), 0.0)

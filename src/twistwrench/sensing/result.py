@@ -1,4 +1,4 @@
-"""Result of a sensor identification: confidence intervals and regions of its unknowns, and doubts about units."""
+"""Result of a sensor identification: confidence intervals and regions of its unknowns, and notes on large ones."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .sensor import ForceTorqueSensor, sign_factor
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification:
-    """Identified sensor: bias and load found from a log, and how well they are known.
+    """Identified sensor: bias and load found from a log, with their uncertainty.
 
-    Regions are exact for noise that is normal.
+    Confidence regions are exact for normal noise.
 
     Examples
     --------
@@ -41,22 +41,21 @@ class Identification:
     """
 
     sensor: ForceTorqueSensor
-    """The sensor with bias, load and mounting as found."""
+    """Sensor with the identified bias, load and mounting."""
     fit: Fit
-    """The least-squares fit, with unknowns, covariance and residuals."""
+    """Least-squares fit, with unknowns, covariance and residuals."""
     rows: Array
-    """(n,) which clusters were used: dwells, and readings in motion."""
+    """Mask (n,) of used rows: dwells, and readings in motion."""
     kept: Array
-    """(N,) which readings were used; the others are outliers, or were read between dwells."""
+    """Mask (N,) of used readings; the others are outliers, or lie between dwells."""
     confidence: float
     """Confidence level of intervals and regions, 0 to 1."""
     doubts: tuple[Doubt, ...] = ()
     """Doubts and notes about units, sign, mounting, poses, readings and intervals."""
     left_out: Array | None = None
-    """(N,) readings that the others contradict."""
+    """Mask (N,) of outliers."""
 
     def __repr__(self) -> str:
-        # What was found, never the arrays it was found from.
         halves = np.diff(self.com_intervals, axis=1)[:, 0] / 2
         place = ", ".join(plus_minus(1e3 * x, 1e3 * half) for x, half in zip(self.sensor.load.com, halves, strict=True))
         look = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
@@ -67,18 +66,18 @@ class Identification:
 
     @property
     def verdict(self) -> Verdict:
-        """OK; UNSURE where the intervals may be too narrow; LOOK AGAIN where no number can be trusted."""
+        """OK; UNSURE if the intervals may be too narrow; LOOK AGAIN if no number can be trusted."""
         return verdict_from_doubts(self.doubts)
 
     @property
     def mass_text(self) -> str:
-        """The mass with half of its confidence interval, in words."""
+        """Mass with half of its confidence interval, as text."""
         low, high = self.mass_interval
         return f"{plus_minus(self.fit.load[0], (high - low) / 2, 'kg')} ({percent(self.confidence, 3)})"
 
     @property
     def outliers(self) -> list[int]:
-        """Readings that were left out, counting from 0."""
+        """Indices of the rejected readings."""
         return [] if self.left_out is None else np.flatnonzero(self.left_out).tolist()
 
     @property
@@ -91,7 +90,7 @@ class Identification:
 
         Parameters
         ----------
-        log : ReadingLog, the one it was found from
+        log : ReadingLog, the log of the identification
 
         Returns
         -------
@@ -103,7 +102,7 @@ class Identification:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Uncertainty of the sensor, as its file stores it."""
+        """Uncertainty of the sensor, as stored in its file."""
         return uncertainty_of(self.fit)
 
     @property
@@ -116,7 +115,7 @@ class Identification:
 
         Parameters
         ----------
-        name : str, in ``fit.unknowns.names`` (``turn`` and ``tilt`` about zero)
+        name : str, in ``fit.unknowns.names`` (``turn`` and ``tilt``: centred on zero)
 
         Returns
         -------
@@ -134,9 +133,9 @@ class Identification:
 
     @property
     def com_intervals(self) -> Array:
-        """Confidence intervals (3, 2) of the centre of mass [m]; infinite while the mass may be zero.
+        """Confidence intervals (3, 2) of the centre of mass [m]; infinite if the mass may be zero.
 
-        By Fieller's theorem, so right for loads that are light beside the noise, where errors of a quotient are lopsided.
+        Fieller's theorem: exact also for light loads, for which the error of the quotient is skewed.
         Source: Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954.
         """
         x, C, _ = self._load
@@ -153,7 +152,7 @@ class Identification:
         return out
 
     def com_region_contains(self, com: ArrayLike) -> bool:
-        """Test if a point is in the joint confidence region of the centre of mass (Fieller's, for three).
+        """Test if a point is in the joint confidence region of the centre of mass (Fieller's, in three dimensions).
 
         Returns
         -------
@@ -168,7 +167,7 @@ class Identification:
         return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
-        """Test if mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
+        """Test if a mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
 
         Parameters
         ----------
@@ -194,7 +193,7 @@ class Identification:
 
     @property
     def _load(self) -> tuple[Array, Array, Array]:
-        """Mass and first moment (4,), their covariance, and that for joint regions."""
+        """Mass and first moment (4,), their covariance, and their covariance for joint regions."""
         part = slice(self.fit.unknowns.load.start, self.fit.unknowns.load.start + 4)
         return self.fit.estimate[part], self.fit.covariance[part, part], self.fit.joint[part, part]
 
@@ -205,7 +204,7 @@ class Identification:
 
 
 def weakness(found: Identification) -> list[Doubt]:
-    """Notes that mass, centre of mass or inertia are known badly; empty if they are known well."""
+    """Notes on poorly determined mass, centre of mass or inertia; empty if all are well determined."""
     fit, load = found.fit, found.sensor.load
     words: dict[str, Any] = {"confidence": percent(found.confidence, 3)}
     if fit.unknowns.inertia:

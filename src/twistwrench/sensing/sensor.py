@@ -1,4 +1,4 @@
-"""A six-axis force-torque sensor with a load: its frames, gravity in them, and its readings."""
+"""Six-axis force-torque sensor with a load: frames, gravity, and readings."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
 
 
 def unlabelled(given: dict[str, Any], frame: str | None = None, *, turned: bool = False) -> dict[str, Any]:
-    """The numbers of what is given by name, once the labels that there are agree; what has none passes untouched.
+    """Check the frames of labelled arguments and return plain arrays; unlabelled arguments are unchanged.
 
-    ``pose``, ``V`` and ``dV`` are of {f}, whose name is ``frame`` where it is known. Anything else is a wrench in the
-    sensor's axes {s}: those of {f}, unless the mounting is ``turned``.
+    ``pose``, ``V`` and ``dV`` belong to {f}, named ``frame`` if known. Other arguments are wrenches in the sensor's
+    axes {s}, which coincide with {f} unless the mounting is ``turned``.
     """
     own: dict[str, str] = {} if frame is None else {"the sensor": frame}
     read: dict[str, str] = {}
@@ -57,11 +57,11 @@ def unlabelled(given: dict[str, Any], frame: str | None = None, *, turned: bool 
 
 # ── Orientations: checks, and gravity in the sensor's frame
 
-_OFF = 1e-3  # numbers written with four decimals pass; a wrong column does not
+_OFF = 1e-3  # accepts numbers with four decimals and rejects wrong columns
 
 
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
-    """The rotations (..., 3, 3) of rotations (..., 3, 3) or poses (..., 4, 4), put exactly onto the group."""
+    """Rotations (..., 3, 3) of rotations or poses (..., 4, 4), projected onto the rotation group."""
     T = arguments.real(pose, where)
     if T.shape[-2:] not in ((3, 3), (4, 4)):
         raise ShapeError(f"{where} has shape {T.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
@@ -90,7 +90,7 @@ def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
 
     >>> from twistwrench import so3
     >>> import numpy as np
-    >>> np.round(gravity_in_frame(so3.exp([np.pi / 2, 0, 0])), 6).tolist()  # the tool turned a quarter about x
+    >>> np.round(gravity_in_frame(so3.exp([np.pi / 2, 0, 0])), 6).tolist()  # tool rotated by 90° about x
     [0.0, -9.81, 0.0]
     """
     g = np.asarray(arguments.finite(gravity, "gravity", 3), float)
@@ -99,10 +99,10 @@ def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
 
 
 def rotations_to_gravity(directions: ArrayLike) -> Array:
-    """The least rotations R_wf (..., 3, 3) that bring gravity, along -z of {w}, to these directions (..., 3) of {f}."""
+    """Smallest rotations R_wf (..., 3, 3) for which gravity, along -z of {w}, has these directions (..., 3) in {f}."""
     d = np.asarray(directions, float)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
-    # The quaternion that takes d to -z: (1 + cos, d × -z), or a half turn about x when they are opposite.
+    # Quaternion from d to -z: (1 + cos, d × -z), or a half turn about x if they are opposite.
     quat = np.stack([1.0 - d[..., 2], -d[..., 1], d[..., 0], np.zeros(d.shape[:-1])], axis=-1)
     opposite = np.linalg.norm(quat, axis=-1, keepdims=True) < 1e-9
     return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
@@ -110,26 +110,26 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
 
 # ── The sensor
 
-# The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and what the sensor does to it, so
-# what it does to the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. All of it is in {f}, the frame the sensor measures
-# in; wrenches are (m, f) in N m and N, twists (omega, v).
+# The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and the sensor's wrench, so its
+# wrench on the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. Quantities are in {f}; wrenches are (m, f) in N m and
+# N, twists (omega, v).
 
 Sign = Literal["on_sensor", "by_sensor"]
 Inertia = Literal["given", "accept", "unknown"]
 
-_TURNED = 1e-9  # entries of the mounting; {s} and {f} are one below
+_TURNED = 1e-9  # largest entry of R_fs - 1 for which {s} and {f} coincide
 
 
 def sign_factor(sign: str) -> float:
-    """+1 for readings of what the load applies to the sensor, -1 for what the sensor applies to the load."""
+    """+1 for wrenches of the load on the sensor, -1 for wrenches of the sensor on the load."""
     arguments.choice(sign, "sign", get_args(Sign))
     return 1.0 if sign == "on_sensor" else -1.0
 
 
 def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike | None = None) -> Array:
-    """Y with F_on = Y π: what a load with the ten parameters π does to the sensor.
+    """Regressor Y with F_on = Y π: wrench of a load with the ten parameters π on the sensor.
 
-    ``gravity`` (..., 3) [m/s²] in {f}; the twist V (..., 6) of {f} and its rate dV (..., 6), zero when None → (..., 6, 10).
+    ``gravity`` (..., 3) [m/s²] in {f}; twist V (..., 6) of {f} and its rate dV (..., 6), None for zero → (..., 6, 10).
     Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and links", 1986.
     """
     g = np.asarray(gravity, float)
@@ -137,7 +137,7 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
     dV = np.zeros(6) if dV is None else np.asarray(dV, float)
     shape = np.broadcast_shapes(g.shape[:-1], V.shape[:-1], dV.shape[:-1])
     w, v, alpha = (np.broadcast_to(x, (*shape, 3)) for x in (V[..., :3], V[..., 3:], dV[..., :3]))
-    d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin that is felt
+    d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin minus gravity
     W, Y = so3.hat(w), np.zeros((*shape, 6, 10))
     Y[..., 3:, 0] = -d  # force of the mass
     Y[..., :3, 1:4] = so3.hat(d)  # moment h × -d
@@ -147,7 +147,7 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
 
 
 def _times_inertia(x: Array) -> Array:
-    """L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
+    """Matrix L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
     a, b, c = x[..., 0], x[..., 1], x[..., 2]
     o = np.zeros_like(a)
     rows = [a, b, o, c, o, o, o, a, b, o, c, o, o, o, o, a, b, c]
@@ -156,15 +156,15 @@ def _times_inertia(x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ForceTorqueSensor:
-    """Force-torque sensor: its bias, and the load mounted on it.
+    """Force-torque sensor with its bias and load.
 
-    ``reading = bias ± R' F_on + what else touches the load``.
+    ``reading = bias ± R' (F_on + contact wrench)``.
 
     Examples
     --------
     >>> from twistwrench import SpatialInertia
     >>> sensor = ForceTorqueSensor(load=SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
-    >>> sensor.predict(np.eye(3)).round(6).tolist()  # upright: 3 kg hang on it
+    >>> sensor.predict(np.eye(3)).round(6).tolist()  # upright, with 3 kg below
     [0.0, 0.0, 0.0, 5.0, 0.0, -29.43]
     >>> sensor.compensate([0, 0, 0, 5, 0, -39.43], np.eye(3)).round(6).tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
@@ -173,18 +173,21 @@ class ForceTorqueSensor:
     """
 
     load: SpatialInertia = field(default_factory=SpatialInertia.zero)
-    """In {f}, the frame whose poses are given."""
+    """Inertia of the load in {f}, the frame whose poses are given."""
     bias: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """(6,) reading [N m, N] with nothing on the sensor."""
+    """Reading (6,) [N m, N] without load."""
     sign: Sign = "on_sensor"
-    """``on_sensor``: readings are what the load applies to the sensor; ``by_sensor``: what the sensor applies to it."""
+    """``on_sensor``: readings are wrenches of the load on the sensor; ``by_sensor``: of the sensor on the load."""
     mounting: ArrayLike = field(default_factory=lambda: np.eye(3))
-    """R_fs (3, 3): the sensor's own axes in {f}; the identity for a sensor mounted as drawn."""
+    """R_fs (3, 3): the sensor's axes in {f}; the identity if they coincide."""
     frame: str | None = None
-    """The name of {f}, if labelled poses, twists and wrenches are to be checked against it, not only against each other."""
+    """Name of {f}, against which labelled poses, twists and wrenches are checked; None: only against each other."""
     inertia: Inertia = "given"
-    """``given``: the load's rotational inertia is one that a body has, else :class:`~twistwrench.InertiaError`; ``accept``:
-    its numbers are kept as they are; ``unknown``: they are placeholders, so moments in motion are not predicted."""
+    """State of the load's rotational inertia.
+
+    ``given``: it must be physically consistent, else :class:`~twistwrench.InertiaError`; ``accept``: it is used
+    unchecked; ``unknown``: its numbers are placeholders, so moments in motion are not predicted.
+    """
 
     def __post_init__(self) -> None:
         if not isinstance(self.load, SpatialInertia):
@@ -217,7 +220,7 @@ class ForceTorqueSensor:
         *,
         gravity: ArrayLike = GRAVITY,
     ) -> Array:
-        """Predicted reading when nothing touches the load; arguments broadcast.
+        """Predicted reading without contact; arguments broadcast.
 
         Returns
         -------
@@ -226,7 +229,7 @@ class ForceTorqueSensor:
         Raises
         ------
         FrameError
-            A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other.
+            A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` has another frame than {f} or than the others.
         """
         given = self._unlabelled(pose=pose, V=V, dV=dV)
         V, dV = _six(given["V"], "V"), _six(given["dV"], "dV")
@@ -251,12 +254,12 @@ class ForceTorqueSensor:
         Parameters
         ----------
         readings : (..., 6) array_like or Wrench [N m, N]
-            A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is
-            turned.
+            A labelled :class:`~twistwrench.Wrench` must be in the sensor's axes, which are those of {f} unless the
+            mounting is turned.
 
         Returns
         -------
-        compensated : (..., 6) array, what else acts, in the same sign and axes as the readings [N m, N]
+        compensated : (..., 6) array, wrench of contacts, in the sign and axes of the readings [N m, N]
 
         Warns
         -----
@@ -271,7 +274,7 @@ class ForceTorqueSensor:
         return read - predicted
 
     def contact_wrench(self, compensated: ArrayLike) -> Array:
-        """Contact wrench: what the world does to the load, from compensated readings of either sign.
+        """Contact wrench on the load, from compensated readings of either sign.
 
         Parameters
         ----------
@@ -292,17 +295,17 @@ class ForceTorqueSensor:
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
     def missing_signals(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
-        """Explanation of the moments that a motion leaves because the load's inertia is unknown.
+        """Explain which moments remain in a motion because the load's inertia is unknown.
 
         Returns
         -------
-        text : str, or None if nothing
+        text : str, or None if the compensation is complete
         """
         turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
         return str(doubt("sensor-file-inertia")) if self.inertia == "unknown" and turning else None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
-        """Warn of the text of :meth:`missing_signals`.
+        """Issue the text of :meth:`missing_signals` as a warning.
 
         Warns
         -----
@@ -324,7 +327,7 @@ class ForceTorqueSensor:
 
 
 def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:
-    """The sensor itself; :class:`~twistwrench.ShapeError` naming who takes it, if it is none."""
+    """Return a ForceTorqueSensor unchanged; otherwise raise :class:`~twistwrench.ShapeError` naming the caller."""
     if isinstance(sensor, ForceTorqueSensor):
         return sensor
     raise ShapeError(f"{taker} takes a ForceTorqueSensor, got {arguments.shown(sensor)}.")
