@@ -1,4 +1,4 @@
-"""Readers of robot files: a file or text in, a checked model out, the format recognised by content."""
+"""Readers of robot files: detect the format from the content and return a checked model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 _USD = (".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of USD files."""
 FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
-"""Formats with the root element of each."""
+"""Root element of each XML format."""
 
 
 def load_model(
@@ -30,7 +30,7 @@ def load_model(
     *,
     data: bytes | None = None,
     quiet: bool = False,
-    format: str | None = None,  # noqa: A002  what it is called everywhere
+    format: str | None = None,  # noqa: A002  the usual name
     floating_base: bool | None = None,
     keep: str | None = None,
     model: str | None = None,
@@ -44,11 +44,11 @@ def load_model(
     snap: float = DEFAULT_SNAP,
     gravity: ArrayLike | None = None,
 ) -> Model:
-    """Model of a robot file or of XML text; options as in :func:`twistwrench.load`. ``data``: bytes of the file, if read.
+    """Load the model of a robot file or XML text; options as in :func:`twistwrench.load`. ``data``: content, if read.
 
-    With ``quiet``, remarks are not issued as warnings; they are in the model's defects all the same. Raises
-    :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for a file that cannot be read, and other
-    :class:`~twistwrench.ModelError` for an inconsistent robot, each with the file's name and the line.
+    With ``quiet``, notes are not issued as warnings; the model's defects contain them in both cases. Raises
+    :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` if the file cannot be read, and another
+    :class:`~twistwrench.ModelError` if the robot is inconsistent. Messages have the file's name and the line.
     """
     if format is not None and format not in (*FORMATS, "usd"):
         choices = ", ".join(map(repr, (*FORMATS, "usd")))
@@ -71,12 +71,12 @@ def load_model(
             bytes_of(usd)
             found = said = "usd"
         for option, value, own in (("keep", keep, ("mjcf",)), ("model", model, ("sdf", "usd"))):
-            if value is not None and found not in own:  # it selects a part of a file
+            if value is not None and found not in own:  # only formats whose files have several parts
                 formats = " and ".join(name.upper() for name in own)
                 raise ValueRangeError(f"{option}={value!r} is of {formats} files, and this one is {found.upper()}.")
         if format not in (None, found):
             raise RobotFileError(f"it is {said}, and format={format!r} was given.")
-        if usd is not None:  # one reader is imported, not all
+        if usd is not None:  # import only the required reader
             from .usd import read_usd
 
             builder, floating = read_usd(
@@ -104,7 +104,7 @@ def load_model(
             quiet=quiet,
         )  # fmt: skip
     except ModelError as error:
-        # What is wrong is known deep inside, and which file it is only here.
+        # Only this function has the file's name.
         raise type(error)(f"{shown}: {with_clipped_quotations(str(error))}") from None
 
 
@@ -117,7 +117,7 @@ def format_of_file(path: Path) -> str:
 
 
 def usd_path(source: object) -> Path | None:
-    """Path of a file with the suffix of USD, else None."""
+    """Path of a file with a USD suffix; otherwise None."""
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
     return path if (path := Path(source)).suffix.lower() in _USD else None
@@ -139,7 +139,7 @@ def _format_of(root: Element) -> str:
 def _expanded(
     source: str | os.PathLike[str], text: str, root: Element, arguments: Mapping[str, Any], folders: Sequence[Path]
 ) -> str | None:
-    """Text that xacro makes of a file; None for files without it. Text that does not name a file is never expanded."""
+    """Text of a file after xacro expansion; None without xacro. Text that is not from a file is never expanded."""
     path = None if is_text(source) else Path(source)
     found = xacro_in(text, root)
     if path is not None and (found or path.suffix.lower() == ".xacro"):

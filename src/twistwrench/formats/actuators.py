@@ -24,11 +24,11 @@ _PER_METRE: dict[str, Callable[[float], float]] = {
     "mm/turn": lambda x: 2e3 * np.pi / x,
     "m/turn": lambda x: 2 * np.pi / x,
 }
-"""Rotor radians per metre, by the unit of a spindle or a rack."""
+"""Rotor angle per metre [rad/m], by the unit of a spindle or a rack."""
 
 
 def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
-    """Gear ratio from a plain number or ``101:1``; at a sliding joint in rad/m or as a lead with its unit."""
+    """Gear ratio from a plain number or ``101:1``; for sliding joints in rad/m, or as a lead with its unit."""
     if sliding and isinstance(value, str):
         for unit, per_metre in _PER_METRE.items():
             if value.rstrip().endswith(unit):
@@ -68,9 +68,9 @@ _SLIDING = {
 
 
 def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model:
-    """Model with the actuators of a YAML file, YAML text or mapping; ``stiff`` ignores elasticity.
+    """Add the actuators of a YAML file, YAML text or mapping to a model; ``stiff`` ignores elasticity.
 
-    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
+    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` with the file and the entry.
     """
     with _open(source) as file:
         return _added(model, file, stiff)
@@ -78,7 +78,7 @@ def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model
 
 @contextmanager
 def _open(source: Source) -> Iterator[Section]:
-    """The entries of an actuator file, which errors about them name."""
+    """Open an actuator file; errors about its entries include the file's name."""
     content, origin = read_yaml(source)
     try:
         yield Section(content, "")
@@ -87,7 +87,7 @@ def _open(source: Source) -> Iterator[Section]:
 
 
 def actuator_content(source: Source) -> dict[str, Any]:
-    """Entries of an actuator file as mappings of text. Raises NotFoundError, and ModelError if it is not YAML."""
+    """Entries of an actuator file as mappings of text. Raises NotFoundError, and ModelError for invalid YAML."""
     content, origin = read_yaml(source)
     if not isinstance(content, Mapping):
         raise ModelError(f"{origin} is {shown(content)}, expected entries 'name: value'.")
@@ -125,7 +125,7 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
             if key in entry.content:
                 found[name] = _law(entry.section(key), kinds)
         if name in of_links:
-            laws.setdefault(name, {})  # either entry replaces all that the robot file says
+            laws.setdefault(name, {})  # either entry replaces the friction of the robot file
     if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
         warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
@@ -135,14 +135,14 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
 
 
 def check_entries(model: Model, file: Section) -> None:
-    """Raise ModelError for unknown entries of a file, or if it is for another robot."""
+    """Raise ModelError for unknown entries, or if the file is for another robot."""
     file.only("robot", "motors", "couplings", "actuators", "log")
     if file.content.get("robot", model.name) != model.name:
         raise ModelError(f"it is for robot {shown(file.content['robot'])}, and this one is {model.name!r}.")
 
 
 def read_couplings(model: Model, file: Section) -> list[Coupling]:
-    """Couplings of a file. Raises ModelError for a matrix that is not square, is singular or has another form."""
+    """Couplings in a file. Raises ModelError for a matrix that is not square, is singular or is malformed."""
     found, sliding = [], {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
     listed = file.section("couplings") if "couplings" in file.content else Section({}, "couplings")
     for name in listed.content:
@@ -180,7 +180,7 @@ def read_couplings(model: Model, file: Section) -> list[Coupling]:
 
 
 def _names(entry: Section, key: str) -> tuple[str, ...]:
-    """List of names below a key."""
+    """List of names under a key."""
     names = entry.content.get(key)
     if not isinstance(names, list | tuple) or not names or not all(isinstance(name, str) for name in names):
         raise ModelError(f"{entry.where(key)} is {shown(names)}, expected names in brackets such as [m5, m6].")
@@ -214,7 +214,7 @@ def _motors(file: Section) -> dict[str, Motor]:
 
 
 def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
-    """Motor of an actuator, by name or described there; None where none is."""
+    """Motor of an actuator, by name or by an inline description; None without a motor."""
     motor = entry.content.get("motor")
     if isinstance(motor, str) and motor not in motors:
         raise UnknownNameError.from_choices(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
@@ -222,7 +222,7 @@ def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
 
 
 def read_motor(section: Section, *others: str) -> Motor:
-    """Motor of a section, which may have ``others`` of its entries besides."""
+    """Motor of a section; ``others`` are additional allowed entries."""
     section.only(*_MOTOR, "thermal", *others)
     if "torque_constant" not in section.content:
         raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
@@ -258,7 +258,7 @@ def _rotor(section: Section) -> Rotor:
 
 
 def plain_share(value: object, where: str) -> float:
-    """A plain number, or a percentage."""
+    """Parse a plain number or a percentage."""
     problem = f"{where} is {shown(value)}, expected a number such as 0.75, or 75 %."
     if isinstance(value, str) and value.rstrip().endswith("%"):
         return plain_number(value.rstrip()[:-1], problem) / 100
@@ -273,25 +273,25 @@ class LogSide:
     """Properties of log columns in an actuator file, by joint."""
 
     of_motors: bool
-    """True if positions and torques are those of the motors, before their gears."""
+    """True if positions and torques are those of the motors, before the gears."""
     ratios: Mapping[str, float]
     coupled: Mapping[str, Mapping[str, float]]
-    """Turns of a joint's motor per turn of other joints."""
+    """Rotation of a joint's motor per rotation of other joints."""
     zero: Mapping[str, float]
-    """Position of the joint where the log has 0 [rad or m]."""
+    """Joint position at zero of the log [rad or m]."""
     sign: Mapping[str, float]
     gain: Mapping[str, float]
-    """N m (or N) of the motor, or of the joint, per unit of the column."""
+    """Torque or force of the motor, or of the joint, per unit of the column [N m or N]."""
     of_currents: Mapping[str, float]
-    """N m/A of columns that are currents: :attr:`gain`, else torque constants, times the ratio on the joints' side."""
+    """Torque per ampere of current columns [N m/A]: :attr:`gain` or torque constant; times ratio, on the joint side."""
     couplings: tuple[Coupling, ...] = ()
-    """Coupled motors; ratios, signs and gains go by their names, zeros by those of the joints."""
+    """Coupled motors; ratios, signs and gains use motor names, zeros use joint names."""
 
 
 def read_log_side(model: Model, source: Source) -> LogSide:
-    """Read the entry ``log:`` of an actuator file and the ratios of its actuators; defaults without that entry.
+    """Read the entry ``log:`` of an actuator file and the gear ratios; defaults without that entry.
 
-    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
+    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` with the file and the entry.
     """
     with _open(source) as file:
         return _log_side(model, file)
@@ -302,7 +302,7 @@ def _log_side(model: Model, file: Section) -> LogSide:
     couplings = tuple(read_couplings(model, file))
     together = {motor for c in couplings for motor in c.motors}
     coupled = {joint for c in couplings for joint in c.joints}
-    with_couplings(without_couplings(model), couplings)  # refuses joints that are not there
+    with_couplings(without_couplings(model), couplings)  # raises an error for missing joints
     names = (*model.velocity_names, *sorted(together))
     sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
     listed, motors = (

@@ -1,4 +1,4 @@
-"""Models from Denavit–Hartenberg tables, and from and to the book's screw lists. MR chapters 4, 8 and appendix C."""
+"""Models from Denavit–Hartenberg tables; conversion to and from the book's screw lists. MR chapters 4, 8, app. C."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ..model.model import Model
 from ..typing import Array
 
 COLUMNS = ("theta", "d", "a", "alpha")
-"""Columns of a table: about and along z [rad, m], then along and about x [m, rad]."""
+"""Columns of a table: rotation and translation about and along z [rad, m], then along and about x [m, rad]."""
 CONVENTIONS = ("standard", "modified")
 _DH_TYPES = ("revolute", "prismatic")
 TURN = 2 * np.pi + 1e-6
-"""Largest angle of a table [rad], with rounding."""
+"""Largest angle in a table [rad], with rounding."""
 
 
 def from_dh(
@@ -43,7 +43,7 @@ def from_dh(
     gravity: ArrayLike,
     inertia: str,
 ) -> Model:
-    """The model of a Denavit–Hartenberg table, by the arguments of :func:`twistwrench.from_dh`."""
+    """Model from a Denavit–Hartenberg table; arguments of :func:`twistwrench.from_dh`."""
     if convention not in CONVENTIONS:
         raise UnknownNameError.from_choices("Denavit–Hartenberg convention", convention, CONVENTIONS)
     theta, d, a, alpha = _columns(table, columns)
@@ -64,7 +64,7 @@ def from_dh(
             raise UnknownNameError.from_choices(f"joint type (of {names[i]!r})", kinds[i], _DH_TYPES)
         parent, link, axis = f"link{i}", f"link{i + 1}", f"axis{i + 1}"
         along_z, along_x = _screw(2, theta[i], d[i]), _screw(0, alpha[i], a[i])
-        if convention == "standard":  # the joint moves an axis frame, and the link's frame is fixed to that
+        if convention == "standard":  # the joint moves an axis frame, to which the link's frame is fixed
             builder.add_link(axis)
             builder.add_joint(names[i], kinds[i], parent, axis, placement=along_z, axis=(0, 0, 1))
             builder.add_link(link, bodies[i])
@@ -87,12 +87,12 @@ def _one_each(what: str, given: Sequence[str], n: int) -> list[str]:
 
 
 def _screw(axis: int, angle: float, distance: float) -> Array:
-    """Turning about a coordinate axis and sliding along it."""
+    """Screw motion: rotation about a coordinate axis and translation along it."""
     return se3.exp(np.concatenate([angle * np.eye(3)[axis], distance * np.eye(3)[axis]]))
 
 
 def _columns(table: Any, columns: Sequence[str] | None) -> list[Array]:
-    """theta, d, a, alpha, (n,) each."""
+    """Columns theta, d, a, alpha, (n,) each."""
     if isinstance(table, Mapping):
         found = {name: arguments.finite(x, f"column {name!r} of the table") for name, x in _known(table).items()}
         found = {name: x if x.ndim else x[None] for name, x in found.items()}
@@ -148,14 +148,14 @@ def _inertias(
 
 
 def _inertia(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
-    """Inertia of a link; errors name it."""
+    """Inertia of a link; error messages include its name."""
     try:
         return build(*numbers)
     except InertiaError as problem:
         raise InertiaError(f"{link}: {problem}") from None
 
 
-# ── Serial chains by the book's screws and link frames. Modern Robotics chapters 4 and 8
+# ── Serial chains from the book's screws and link frames. Modern Robotics chapters 4 and 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ class ScrewLists:
     M: Array
     """(4, 4) pose of the end-effector frame."""
     Slist: Array
-    """(6, n) screw axes in the space frame, a column each."""
+    """(6, n) screw axes in the space frame, as columns."""
     Blist: Array
     """(6, n) screw axes in the end-effector frame."""
     Mlist: Array
@@ -175,7 +175,7 @@ class ScrewLists:
 
 
 def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
-    """Screws of a serial chain; with ``at_com`` the link frames are moved to the centres of mass, along principal axes.
+    """Screw lists of a serial chain; ``at_com`` moves link frames to the centres of mass, along principal axes.
 
     Raises ModelError unless the robot is a serial chain of one-degree joints with a tip.
     """
@@ -218,7 +218,7 @@ def from_screws(
     non_unit_screws: bool,
     inertia: str,
 ) -> Model:
-    """The model of the book's lists, by the arguments of :func:`twistwrench.from_screws`."""
+    """Model from the book's lists; arguments of :func:`twistwrench.from_screws`."""
     S, steps = np.asarray(Slist, float), np.asarray(Mlist, float)
     G = np.asarray(Glist, float)
     n = S.shape[-1] if S.ndim == 2 else 0
@@ -235,7 +235,7 @@ def from_screws(
     home, parent = np.eye(4), "base"
     for i in range(n):
         home = home @ steps[i]
-        A = Ad(se3.inverse(home)) @ S[:, i]  # the screw in its own link's frame, MR section 8.3.1
+        A = Ad(se3.inverse(home)) @ S[:, i]  # screw axis in its link's frame, MR section 8.3.1
         if not non_unit_screws:
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"

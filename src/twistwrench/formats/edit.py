@@ -1,4 +1,4 @@
-"""Text edits of robot files: single numbers, attributes and elements; everything else stays as it is, byte for byte."""
+"""Text edits of robot files: single numbers, attributes and elements; all other bytes are unchanged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Edit:
     ----------
     place : Place
     text : str
-    how : str, ``change`` what is there, ``put`` an attribute that may be missing, or ``remove`` an attribute
+    how : str, ``change`` an existing number, ``put`` an attribute that may be missing, or ``remove`` an attribute
     """
 
     place: Place
@@ -38,12 +38,12 @@ _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 @dataclass(frozen=True)
 class _Tag:
-    """Start tag of an element in the text: from ``<`` to behind ``>``."""
+    """Start tag of an element in the text, from ``<`` to after ``>``."""
 
     start: int
     end: int
     content_end: int
-    """End of the text behind the tag."""
+    """End of the text after the tag."""
 
 
 def edited(
@@ -53,10 +53,10 @@ def edited(
     additions: Mapping[int, str] | None = None,
     signature: str = "twistwrench doctor",
 ) -> str:
-    """The text with some numbers changed; each edit comes with its reason, which goes into a comment.
+    """Apply edits to a text; each edit has a reason, which is written in a comment.
 
-    ``additions`` are inserted at the beginning of elements, by their numbers. Raises :class:`~twistwrench.RobotFileError` if
-    a number is not found at its place.
+    ``additions`` are inserted at the beginning of elements, by element number. Raises
+    :class:`~twistwrench.RobotFileError` if a number is not found.
     """
     tags = _tags(text, {edit.place.element for edit, _ in edits} | set(additions or {}))
     by_element: dict[int, list[tuple[Edit, str]]] = defaultdict(list)
@@ -77,7 +77,7 @@ def edited(
         tag = tags[element]
         blank = text[tag.end : tag.content_end]
         before = blank[: len(blank) - len(blank.lstrip())]
-        if text[tag.end - 2] == "/":  # <link name="tool"/> gets an end of its own
+        if text[tag.end - 2] == "/":  # an empty element such as <link name="tool"/> gets an end tag
             name = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)[0]
             changes.append((tag.end - 2, tag.end, f">{addition}</{name}>"))
         else:
@@ -94,7 +94,7 @@ def edited(
 
 
 def encoded(text: str, original: bytes) -> bytes:
-    """The bytes of a text in the encoding of the file it came from."""
+    """Encode a text as in the original file."""
     for encoding, mark in (
         ("utf-8", codecs.BOM_UTF8),
         ("utf-16-le", codecs.BOM_UTF16_LE),
@@ -108,7 +108,7 @@ def encoded(text: str, original: bytes) -> bytes:
 
 
 def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
-    """The start tags of some elements, by their numbers in document order."""
+    """Start tags of some elements, by their numbers in document order."""
     from xml.parsers import expat
 
     if len(text) > MAX_BYTES:
@@ -148,7 +148,7 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
 
 
 def _behind(text: str, start: int) -> int:
-    """Index behind the ``>`` that ends a start tag, which is not within quotes."""
+    """Index after the ``>`` that ends a start tag, outside of quotes."""
     tag = _START.match(text, start)
     if tag is None:
         raise RobotFileError("an element of the file does not end.")
@@ -156,7 +156,7 @@ def _behind(text: str, start: int) -> int:
 
 
 def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str]:
-    """Change of the text (start, end, new), and the old value in words."""
+    """Change of the text (start, end, new), and a description of the old value."""
     place = edit.place
     match = _attribute(text, tag, place.attribute) if edit.how != "change" else None
     if edit.how == "put" and match is None:
@@ -196,7 +196,7 @@ def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
 
 
 def _comment(text: str, at: int, said: str) -> str:
-    """Comment on a line of its own with the element's indentation, or before the element if that does not begin its line."""
+    """Comment on a separate line with the element's indentation, or before the element if the line has other text."""
     said = re.sub(r"-(?=-)", "- ", said).rstrip("-")
     comment = f"<!-- {said} -->"
     line = max(text.rfind("\n", 0, at), text.rfind("\r", 0, at)) + 1
@@ -207,7 +207,7 @@ def _comment(text: str, at: int, said: str) -> str:
     return f"{comment}{newline}{indent}"
 
 
-# ── Changes element by element
+# ── Changes by element
 
 FOUND, ELSEWHERE = "identified from logs", "in none of the logs, or part of the link that carries it"
 """Reasons of a change."""
@@ -222,7 +222,7 @@ class TextChanges:
         self._additions: dict[int, str] = {}
 
     def set(self, element: Element, attribute: str, value: str, why: str = FOUND) -> None:
-        """Set an attribute, which may be missing, or the text if ``attribute`` is empty; equal values stay as written."""
+        """Set or add an attribute, or the text if ``attribute`` is empty. Equal values keep their spelling."""
         if _meaning(element.attributes.get(attribute, "") if attribute else element.content) == _meaning(value):
             return
         if not attribute and not element.content.strip():
@@ -231,7 +231,7 @@ class TextChanges:
         self._edit(element, attribute, value, why, "put" if attribute else "change")
 
     def set_child(self, parent: Element, tag: str, text: str, why: str) -> None:
-        """Set the text of a child, which the parent may lack."""
+        """Set the text of a child, which may be missing."""
         child = parent.child(tag)
         if child is None:
             self.add(parent, f"<{tag}>{text}</{tag}>")
@@ -243,12 +243,12 @@ class TextChanges:
         self._edit(element, attribute, "", why, "remove")
 
     def add(self, element: Element, text: str) -> None:
-        """Insert text at the beginning of an element, behind earlier insertions."""
+        """Insert text at the beginning of an element, after earlier insertions."""
         number = self._own(element).index
         self._additions[number] = self._additions.get(number, "") + text
 
     def apply(self, text: str) -> str:
-        """The file's text with all changes."""
+        """Apply all changes to the file's text."""
         return edited(text, list(self._edits.values()), additions=self._additions, signature=self._signature)
 
     def _edit(
@@ -267,7 +267,7 @@ class TextChanges:
 
 
 def _meaning(text: str) -> list[float] | str:
-    """Numbers of a text, or the text itself if it has others."""
+    """Numbers of a text, or the text itself if it has other content."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

@@ -1,10 +1,10 @@
-"""Known elements, attributes and model fields of other programs' formats, read or left out with a note.
+"""Elements, attributes and model fields of other programs' formats: read, ignored, or left out with a note.
 
-``KNOWN[format][tag][name]`` is one of these; ``name`` is an attribute, or ``<child>`` for an element. An element that is READ
-is entered, and its row is called ``parent/tag`` where the tag means two things, else by its tag; without a row it holds text
-alone. What has NO_MECHANICS (looks, contacts, sensors, controllers) is passed over whole. :class:`LeftOut` is mechanics
-that is not read. ``*`` stands for all names that a row does not list. Names with another program's prefix that no row lists are
-passed over; every other name is remarked. The names stand in ``known_elements.txt``.
+``KNOWN[format][tag][name]`` is one of these; ``name`` is an attribute, or ``<child>`` for an element. An element marked
+READ has a row of its own, named by its tag, or ``parent/tag`` for tags with two meanings; without a row it contains
+only text. NO_MECHANICS (appearance, contacts, sensors, controllers) is skipped entirely. :class:`LeftOut` is mechanics
+that is not read. ``*`` stands for all unlisted names. Unlisted names with another program's prefix are skipped; other
+unlisted names give a note. The names are in ``known_elements.txt``.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ class LeftOut:
     """Mechanics that is not read, and its effect."""
 
     change: str
-    """Sentence: which numbers it would change."""
+    """Sentence: numbers that it would change."""
     unless: tuple[str, ...] = ()
-    """Values without an effect; none: zeros and ``false``."""
+    """Values without an effect; if empty: zeros and ``false``."""
 
     def acts(self, texts: Iterable[str]) -> bool:
-        """True if one of the words in the texts has an effect, or if there are none."""
+        """True if any word in the texts has an effect, or if there are no words."""
         words = [word for text in texts for word in text.lower().split()]
         return not words or any(word not in self.unless if self.unless else not _is_zero(word) for word in words)
 
@@ -50,7 +50,7 @@ def _is_zero(word: str) -> bool:
 
 
 def _read_table(text: str) -> dict[str, Rows]:
-    """Formats with their rows; the first section has the effects of what is left out."""
+    """Parse formats and their rows; the first section has the effects of mechanics that is left out."""
     formats: dict[str, dict[str, dict[str, Entry]]] = {}
     entries: dict[str, Entry] = {"read": READ, "ignored": NO_MECHANICS}
     rows: dict[str, dict[str, Entry]] = {}
@@ -64,19 +64,19 @@ def _read_table(text: str) -> dict[str, Rows]:
         elif rest and not line.startswith("#"):
             change, _, values = rest.partition(" | ")
             entries[key] = LeftOut(change, tuple(values.split()))
-        elif line and not line.startswith("#"):  # tags, on several lines perhaps
+        elif line and not line.startswith("#"):  # tags, possibly on several lines
             row = {} if row else row
             rows |= dict.fromkeys(line.split(), row)
     return {name: rows for name, rows in formats.items() if rows}
 
 
-KNOWN: Mapping[str, Rows] = _read_table((get_data(__name__, "known_elements.txt") or b"").decode())  # in archives, too
+KNOWN: Mapping[str, Rows] = _read_table((get_data(__name__, "known_elements.txt") or b"").decode())  # works in archives
 
 ACTUATORS = (
     "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
     "orientation", "plugin",
 )  # fmt: skip
-"""The elements of ``<actuator>`` in MJCF; they share their defaults."""
+"""Elements of ``<actuator>`` in MJCF, which share their defaults."""
 
 LEFT_OUT: Mapping[str, str] = {
     "option/density": "fills the world with a fluid, whose forces are left out",
@@ -96,11 +96,11 @@ LEFT_OUT: Mapping[str, str] = {
 }
 """Notes on mechanics of MJCF and of compiled MuJoCo models that is left out, by element and attribute.
 
-Most depends on several attributes, so the readers decide if it acts.
+Most effects depend on several attributes, so the readers decide whether to add a note.
 """
 
 _MOST = 100
-"""Largest number of names that are noted one by one."""
+"""Largest number of names with separate notes."""
 
 
 class Unread:
@@ -117,26 +117,26 @@ class Unread:
         self._count: Counter[tuple[str, str]] = Counter()
 
     def row(self, tag: str, parent: str = "") -> Mapping[str, Entry]:
-        """Names that a tag may hold inside of another one."""
+        """Names allowed in a tag inside another tag."""
         return self.rows.get(f"{parent}/{tag}") or self.rows.get(tag) or {}
 
     @staticmethod
     def entry(row: Mapping[str, Entry], name: str) -> Entry | None:
-        """Entry of a name in a row; None for a name that is not known."""
+        """Entry of a name in a row; None for unknown names."""
         found = row.get(name) or row.get(OTHERS)
-        foreign = found is None and ":" in name and not name.startswith("physics:")  # which USD itself begins with
+        foreign = found is None and ":" in name and not name.startswith("physics:")  # prefix of USD itself
         return NO_MECHANICS if foreign else found
 
     def left_out(self, tag: str, name: str, entry: LeftOut, who: str) -> None:
-        """Note mechanics that is not read."""
+        """Add a note on mechanics that is not read."""
         self._note(tag, name, who, lambda: f"not read; {entry.change}")
 
     def unknown(self, tag: str, name: str, place: str) -> None:
-        """Note a name that stands in a tag and in no row."""
+        """Add a note on an unknown name in a tag."""
         self._note(tag, name, place, lambda: self._meant(tag, name))
 
     def walk(self, element: Element) -> None:
-        """Note all in an element that is not read."""
+        """Add notes on unread content of an element."""
         stack = [(element, "")]
         while stack:
             at, parent = stack.pop()
@@ -161,7 +161,7 @@ class Unread:
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences, in the order in which names were met first."""
+        """Notes as sentences, in order of first occurrence."""
         more = {key: f" and {count - 1} more" if count > 1 else "" for key, count in self._count.items()}
         found = [f"{who}{more[key]}: {said}" for key, (who, said) in self._found.items()]
         rest = len(more) - len(found)
@@ -174,7 +174,7 @@ class Unread:
             self._found[key] = who, said()
 
     def _meant(self, tag: str, name: str) -> str:
-        """Sentence about a name that is not known, and the known one that may be meant."""
+        """Sentence about an unknown name, with the closest known name."""
         if not name.startswith("<"):
             said, choices = f"{clipped(name)} is not an attribute of <{tag}> in {self.format}", self.row(tag)
         else:
@@ -189,7 +189,7 @@ class Unread:
 
 
 def unread(format_name: str, *elements: Element) -> list[str]:
-    """Notes on all in the elements that is not read."""
+    """Notes on unread content of elements."""
     found = Unread(format_name)
     for element in elements:
         found.walk(element)

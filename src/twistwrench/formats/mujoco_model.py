@@ -1,6 +1,6 @@
-"""Reader of models compiled by MuJoCo, as the MJCF file that they are; ``mujoco`` is not imported.
+"""Reader of models compiled by MuJoCo, through their conversion to MJCF elements; ``mujoco`` is not imported.
 
-A compiled model is written as elements by its attributes, and :mod:`twistwrench.formats.mjcf` reads these as it reads a file.
+The attributes of a compiled model are converted to elements, which :mod:`twistwrench.formats.mjcf` reads like a file.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from .mjcf.reader import REFERENCE
 from .xml import Element, exact, new
 
 _JOINTS = ("free", "ball", "slide", "hinge")
-"""Types by ``mjtJoint``."""
+"""Joint types by ``mjtJoint``."""
 _SLIDE = 2
-"""Value of ``mjtJoint`` from which joints have one degree."""
+"""Smallest ``mjtJoint`` of joints with one degree of freedom."""
 _EQUALITIES = dict(enumerate(("connect", "weld", "joint", "tendon")))
-"""Tags by ``mjtEq``; all others hold flexible bodies."""
+"""Tags by ``mjtEq``; other values are for flexible bodies."""
 _DCMOTOR = 3
-"""Number of the gain of DC motors, since version 4."""
+"""Gain type of DC motors, since version 4."""
 _ON_JOINTS = (0, 1)
-"""Values of ``mjtTrn``: at a joint, and at one in its parent's frame."""
+"""Values of ``mjtTrn``: at a joint, and at a joint in the parent's frame."""
 _BODY, _WRAP_JOINT = 1, 1
 """Values of ``mjtObj`` and ``mjtWrap``."""
 _FLAGS = ("gravity", "spring", "damper", "passive", "equality", "frictionloss", "constraint")
 
 
 def read_mujoco_model(model: Any) -> ModelBuilder:
-    """A builder filled with the bodies, joints, sites and keyframes of an ``mjModel``.
+    """Builder with the bodies, joints, sites and keyframes of an ``mjModel``.
 
-    Raises :class:`~twistwrench.ModelError` for an object without the attributes of one.
+    Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of an ``mjModel``.
     """
     try:
         file = _File(model)
@@ -59,13 +59,13 @@ class _File:
         names = bytes(model.names)
         self.root = new("mujoco", model=names[: names.index(b"\0")].decode("utf-8", "replace"))
         self.notes: list[ModelNote] = []
-        """Notes on properties that no file can have."""
+        """Notes on properties that a file cannot have."""
         _add(self.root, "compiler", angle="radian", inertiafromgeom="false")
         option = _add(self.root, "option", **{x: getattr(model.opt, x) for x in ("gravity", "density", "viscosity")})
         disabled = _add(option, "flag", **dict.fromkeys(_disabled(model), "disable")).attributes
         self.bodies = [new("worldbody", self.root)]
         self.joints = [""] * model.njnt
-        """Names of the joints, those of the reader for joints without one."""
+        """Joint names; the reader's names for unnamed joints."""
         for i in range(1, model.nbody):
             self._add_body(i)
         for i in range(model.nsite):
@@ -120,7 +120,7 @@ class _File:
                 actuatorfrclimited=_flag(_field(model, "jnt_actfrclimited", j)),
                 actuatorfrcrange=_field(model, "jnt_actfrcrange", j),
             )  # fmt: skip
-        if np.ptp(model.dof_armature[np.asarray(model.dof_jntid) == j]) > 0:  # no file can say it, but a program can
+        if np.ptp(model.dof_armature[np.asarray(model.dof_jntid) == j]) > 0:  # set by a program, not a file
             text = "has another armature in each direction, of which the first is kept"
             self.notes.append(ModelNote(f"joint {name!r}", text))
 
@@ -131,11 +131,11 @@ class _File:
             if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
                 self.notes.append(ModelNote(f"actuator {name} of MuJoCo's model", LEFT_OUT["actuator/joint"]))
                 continue
-            # Actuators with several outputs or controls have several rows of gears and of ranges.
+            # Actuators with several outputs or controls have several rows of gears and ranges.
             gear, control = (int(_field(model, field, k, k)) for field in ("actuator_outadr", "actuator_ctrladr"))
             plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
             controls = {}
-            if control < len(model.actuator_ctrllimited):  # actuators may have none
+            if control < len(model.actuator_ctrllimited):  # some actuators have no control
                 controls = {"ctrlrange": model.actuator_ctrlrange[control]}
                 controls["ctrllimited"] = _flag(model.actuator_ctrllimited[control])
             motor = self._motor(k) if int(model.actuator_gaintype[k]) == _DCMOTOR else {}
@@ -149,7 +149,7 @@ class _File:
             )  # fmt: skip
 
     def _motor(self, k: int) -> dict[str, ArrayLike]:
-        """Attributes of a ``dcmotor`` from what the compiler makes of it; the nominal voltage is not kept."""
+        """Attributes of a ``dcmotor`` from its compiled values, which do not include the nominal voltage."""
         gain, bias, dyn = (getattr(self.model, f"actuator_{name}prm")[k] for name in ("gain", "bias", "dyn"))
         return {
             "resistance": gain[0], "motorconst": (gain[1], 0.0), "inductance": (0.0, dyn[0]), "cogging": bias[:3],
@@ -197,7 +197,7 @@ class _File:
             _add(section, kind, name=name, **ends)
 
     def _ends(self, name: str, kind: str, bodies: tuple[int, int], data: Any) -> list[str]:
-        """Sites that coincide: the anchor in each body, or the pose of the second body in the first, and the anchor there."""
+        """Coinciding sites: the anchor in each body, or the second body's pose in the first, and the anchor there."""
         first, second, turn = data[0:3], data[3:6], (1.0, 0.0, 0.0, 0.0)
         places = ((first, turn), (second, turn)) if kind == "connect" else ((second, data[6:10]), (first, turn))
         elements = [self.bodies[i] for i in bodies]
@@ -208,7 +208,7 @@ class _File:
 
 
 def _add(parent: Element, tag: str, **values: Any) -> Element:
-    """A new element; values without None, numbers exact to the last digit."""
+    """New element, without attributes that are None; numbers are exact."""
     return _set(new(tag, parent), **values)
 
 
@@ -223,19 +223,19 @@ def _flag(value: Any) -> str:
 
 
 def _field(model: Any, name: str, i: int, default: Any = None) -> Any:
-    """Entry of a field that older versions of MuJoCo do not have."""
+    """Entry of a field that older versions of MuJoCo lack."""
     values = getattr(model, name, None)
     return default if values is None else values[i]
 
 
 def _polynomial(model: Any, name: str, i: int) -> ArrayLike:
-    """The linear coefficient of a damping or a stiffness, and 1 if there are any of higher order, which newer versions have."""
+    """Linear coefficient of a damping or stiffness, and 1 if there are higher orders, as in newer versions."""
     linear, *more = [x for one in (name, f"{name}poly") for x in np.ravel(_field(model, one, i, ()))]
     return (linear, 1.0) if any(more) else linear
 
 
 def _disabled(model: Any) -> list[str]:
-    """Flags that are set; their bits are those of the imported version of MuJoCo."""
+    """Disabled features; flag bits are those of the imported version of MuJoCo."""
     bits = getattr(sys.modules.get("mujoco"), "mjtDisableBit", None)
     flags = int(model.opt.disableflags)
     return [x for x in _FLAGS if bits is not None and flags & int(getattr(bits, f"mjDSBL_{x.upper()}", 0))]

@@ -1,4 +1,4 @@
-"""Reader of Pinocchio models, by their attributes without an import of ``pinocchio``, and their writer."""
+"""Reader of Pinocchio models through their attributes, without importing ``pinocchio``, and writer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .writers.written import Losses, configurations_of, drive_of, moved, screw_o
 UNIVERSE = "universe"
 _PREFIX = "JointModel"
 _WHOLE = {"FreeFlyer": "floating", "Spherical": "ball", "Planar": "planar"}
-"""Joints of several velocities that become one joint."""
+"""Joints with several velocities that become one joint."""
 _ROWS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
 """Joints that become several joints of one degree."""
 _SITES = ("OP_FRAME", "SENSOR")
@@ -32,20 +32,20 @@ _SITES = ("OP_FRAME", "SENSOR")
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One joint of the model: a part of a Pinocchio joint, at a placement in the part before."""
+    """One joint of the model: a part of a Pinocchio joint, placed relative to the previous part."""
 
     kind: str
     axis: Array | None
-    """(6,) angular part first, of joints of one degree."""
+    """Screw axis (6,) of one-degree joints, angular part first."""
     T: Array
     nq: int
     nv: int
 
 
 def read_pinocchio_model(model: Any) -> ModelBuilder:
-    """A builder filled with the joints, inertias and frames of a ``pinocchio.Model``.
+    """Builder with the joints, inertias and frames of a ``pinocchio.Model``.
 
-    Raises :class:`~twistwrench.ModelError` for what has not the attributes of one, and for joints that are none here.
+    Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of a model, and for unsupported joints.
     """
     try:
         return _filled(model)
@@ -73,7 +73,7 @@ def _filled(model: Any) -> ModelBuilder:
 
 
 def _links(model: Any) -> list[str]:
-    """Link of each joint: the first body whose frame is the joint's."""
+    """Link of each joint: the first body frame that coincides with the joint."""
     found = [""] * model.njoints
     for frame in model.frames:
         j = int(frame.parentJoint)
@@ -122,7 +122,7 @@ def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
 
 
 def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
-    """Joint for a Pinocchio joint, by its name and motion subspace."""
+    """Model joints for a Pinocchio joint, by its name and motion subspace."""
     said = str(joint.shortname()).removeprefix(_PREFIX)
     T = np.eye(4) if T is None else T
     if said in _WHOLE:
@@ -149,7 +149,7 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
 
 
 def _subspace(joint: Any, q: Array) -> Array:
-    """S (6, nv), angular part first, at coordinates that may be those of a larger model."""
+    """Motion subspace S (6, nv), angular part first, at coordinates that may belong to a larger model."""
     at = max(int(joint.idx_q), 0)
     data = joint.createData()
     joint.calc(data, np.concatenate([np.zeros(at), q]))
@@ -158,7 +158,7 @@ def _subspace(joint: Any, q: Array) -> Array:
 
 
 def _of_axis(S: Array, *, endless: bool) -> tuple[str, Array]:
-    """The type of a joint of one degree, and its axis."""
+    """Type and axis of a one-degree joint."""
     w, v = S[:3], S[3:]
     if not w.any():
         return "prismatic", S
@@ -205,22 +205,23 @@ def _add_configuration(builder: ModelBuilder, label: str, q: Array, model: Any, 
             at += step.nq
             if step.kind in ("ball", "floating"):
                 mine = JOINT_TYPES[step.kind]("", np.zeros((0, 6))).from_pinocchio(mine)
-            elif step.nq > step.nv:  # an angle as its cosine and sine
+            elif step.nq > step.nv:  # angle stored as cosine and sine
                 mine = np.append(mine[:-2], math.atan2(mine[-1], mine[-2]))
             if step.nq:
                 positions[names[j] if len(steps) == 1 else f"{names[j]}.{k}"] = mine
     builder.add_configuration(label, positions)
 
 
-# ── Pinocchio model from a model, joint by joint
+# ── Conversion to a Pinocchio model, joint by joint
 
 _WHOLE_of_pinocchio = {"floating": "JointModelFreeFlyer", "ball": "JointModelSpherical", "planar": "JointModelPlanar"}
 
 
 def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
-    """A ``pinocchio.Model`` and its losses. Mimic joints become independent joints there.
+    """Convert to a ``pinocchio.Model``; returns it and its losses. Mimic joints become independent joints.
 
-    Raises :class:`~twistwrench.MissingExtraError`, and :class:`~twistwrench.ModelError` for a joint that Pinocchio lacks.
+    Raises :class:`~twistwrench.MissingExtraError`, and :class:`~twistwrench.ModelError` for a joint that Pinocchio
+    lacks.
     """
     try:
         import pinocchio
@@ -233,7 +234,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
     theirs.gravity.linear = np.array(model.gravity)
     turned = {joint.name: joint for joint in found.joints}
     at: dict[int, tuple[int, Array]] = {BASE: (0, np.eye(4))}
-    """Number of each body's joint there, and the pose of its frame in that joint's."""
+    """Pinocchio joint number of each body, and the pose of the body's frame in that joint."""
     numbers: dict[str, int] = {}
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:
@@ -274,7 +275,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
 
 
 def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
-    """Pinocchio's joint, and the position of its axis in the frame of the model's joint."""
+    """Pinocchio joint, and the position of its axis in the frame of the model's joint."""
     joint.require_pinocchio()
     if joint.kind in _WHOLE_of_pinocchio:
         return getattr(pinocchio, _WHOLE_of_pinocchio[joint.kind])(), np.zeros(3)
@@ -286,7 +287,7 @@ def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
     if letter is not None:
         kind = "P" if not axis.turns else "RUB" if joint.wraps else "R"
         return getattr(pinocchio, f"JointModel{kind}{letter}")(), axis.point
-    kind = "Revolute" if axis.turns else "Prismatic"  # the unbounded one takes no axis from Python
+    kind = "Revolute" if axis.turns else "Prismatic"  # the unbounded joint type does not accept an axis in Python
     return getattr(pinocchio, f"JointModel{kind}Unaligned")(axis.direction), axis.point
 
 
@@ -299,7 +300,7 @@ def _inertia_of_pinocchio(pinocchio: Any, G: SpatialInertia) -> Any:
 
 
 def _add_numbers(theirs: Any, model: Model, numbers: dict[str, int]) -> None:
-    """Limits of position, velocity and effort; those of free bodies stay infinite."""
+    """Set limits of position, velocity and effort; free bodies keep infinite limits."""
     limits = model.limits
     q = {"lowerPositionLimit": limits.lower, "upperPositionLimit": limits.upper}
     v = {"velocityLimit": limits.velocity, "effortLimit": joint_effort(model, limits.effort)}

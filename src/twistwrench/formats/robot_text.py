@@ -1,4 +1,4 @@
-"""Robot files as text whose numbers can change: inertias of links and drives of joints in URDF, SDF and MJCF."""
+"""Editable robot files: inertias of links and drives of joints in URDF, SDF and MJCF."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ _COMPILER = "so that inertias are as they are written"
 
 
 def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
-    """Inertia about the origin; the tensor (3, 3) about the centre of mass is made symmetric."""
+    """Inertia about the origin; the tensor (3, 3) about the centre of mass is symmetrised."""
     return SpatialInertia.from_com(mass, com, 0.5 * (tensor + tensor.T))
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenInertia:
-    """Inertia of a link in the form of its file: about the centre of mass, along axes of its own."""
+    """Inertia of a link as in its file: about the centre of mass, with separate axes."""
 
     mass: float
     com: Array
-    """(3,) in the link's frame [m]."""
+    """Centre of mass (3,) in the link's frame [m]."""
     R: Array
-    """(3, 3) axes of the tensor, in the link's frame."""
+    """Axes (3, 3) of the tensor in the link's frame."""
     tensor: Array
-    """(3, 3) about the centre of mass, along these axes [kg m²]."""
+    """Tensor (3, 3) about the centre of mass, along these axes [kg m²]."""
     places: Mapping[str, Place] = field(default_factory=dict)
     """Places of mass, x, y, z, ixx, ixy, …; numbers without a place cannot be written."""
     line: int = 0
@@ -52,7 +52,7 @@ class WrittenInertia:
 
     @classmethod
     def from_inertia(cls, G: SpatialInertia, line: int = 0, file: str = "") -> WrittenInertia | None:
-        """Inertia of a link that no file gives; None if it is zero."""
+        """Inertia of a link without an inertia in the file; None if it is zero."""
         if not G.parameters.any():
             return None
         moments = 0.5 * (G.moment_about_com + G.moment_about_com.T)
@@ -64,11 +64,11 @@ class WrittenInertia:
         return self.with_tensor(self.tensor)
 
     def with_tensor(self, tensor: Array) -> SpatialInertia:
-        """Inertia about the link's origin, with another tensor about the centre of mass, along the written axes."""
+        """Inertia about the link's origin, with another tensor about the centre of mass along the file's axes."""
         return about_com(self.mass, self.com, self.R @ tensor @ self.R.T)
 
     def tensor_edits(self, tensor: Array) -> tuple[tuple[Edit, ...], Array]:
-        """Edits of the entries that change, and the tensor that is written then; none if one of them has no place."""
+        """Edits of the changed entries, and the resulting tensor; no edits if one of the entries has no place."""
         found, written = [], self.tensor.copy()
         scale = float(np.abs(tensor).max())
         for name, (i, j) in ENTRIES.items():
@@ -81,7 +81,7 @@ class WrittenInertia:
         return tuple(found), written
 
     def edits(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
-        """Edits for another inertia, mass and centre of mass included; none if a number has no place."""
+        """Edits for another inertia, including mass and centre of mass; none if a number has no place."""
         moments = self.R.T @ inertia.moment_about_com @ self.R
         size = float(np.abs(moments).max())
         moments[np.abs(moments) < 1e-9 * size] = 0.0
@@ -97,29 +97,29 @@ class WrittenInertia:
 
 
 def _products(moments: Array) -> dict[str, str]:
-    """Entries of a tensor (3, 3), made symmetric, as text."""
+    """Entries of a tensor (3, 3), symmetrised, as text."""
     return {name: repr(value) for name, value in urdf.entries_of(0.5 * (moments + moments.T)).items()}
 
 
 class RobotText:
-    """Robot file whose numbers can change; one subclass a format."""
+    """Robot file with editable numbers; each format has a subclass."""
 
     share_left = 0.0
-    """Share of a body for each link that is folded into it."""
+    """Share of a body left in each link that is merged into it."""
     links: dict[str, Element]
     joints: dict[str, Element]
     noun = "link"
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia that the file gives a link."""
+        """Inertia of a link in the file."""
         raise NotImplementedError
 
     def assumed(self, _name: str) -> tuple[str, ...]:
-        """Parts of a link's inertia that the format gives a value where the file has none."""
+        """Missing parts of a link's inertia for which the format defines a value."""
         return ()
 
     def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
-        """Give links other inertias, each about its own frame. Raises ModelError for links that are not in the file."""
+        """Set the inertias of links, each about its frame. Raises ModelError for links that are not in the file."""
         for name in wanted:
             if name not in self.links:
                 raise ModelError(f"the file has no {self.noun} {name!r} whose inertia could be written.")
@@ -138,7 +138,7 @@ class UrdfText(RobotText):
         self.joints = {element.text("name"): element for element in root.all("joint")}
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia that the file gives a link."""
+        """Inertia of a link in the file."""
         inertial = self.links[name].child("inertial")
         if inertial is None:
             return None
@@ -174,7 +174,7 @@ class UrdfText(RobotText):
             changes.set(inertial.required("inertia", ""), name, text, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
-        """Give a joint other friction, ``viscous`` and ``coulomb``."""
+        """Set the friction of a joint, ``viscous`` and ``coulomb``."""
         joint = self.joints[name]
         dynamics = joint.child("dynamics")
         said = {_LAWS[kind]: exact([value]) for kind, value in values.items() if kind in _LAWS}
@@ -187,9 +187,9 @@ class UrdfText(RobotText):
 
 
 class SdfText(RobotText):
-    """One model of an SDF file: ``<inertial>`` of links, ``<dynamics>`` of the axes of joints."""
+    """One model of an SDF file: ``<inertial>`` of links, ``<dynamics>`` of joint axes."""
 
-    share_left = 1e-3  # libsdformat refuses a link whose mass is not positive
+    share_left = 1e-3  # libsdformat rejects links without a positive mass
 
     def __init__(self, root: Element, model: str, _path: Path | None) -> None:
         try:
@@ -207,11 +207,11 @@ class SdfText(RobotText):
                     self._axes[f"{name}.{which}" if double else name] = (axis, joint)
 
     def assumed(self, name: str) -> tuple[str, ...]:
-        """Parts of a link's inertia that the format gives a value where the file has none."""
+        """Missing parts of a link's inertia for which the format defines a value."""
         return sdf.missing_of(self.links[name].child("inertial"))
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia of a link, with the format's values, which have no places, for what the file leaves out."""
+        """Inertia of a link; missing parts have the format's default values, without places."""
         link = self.links[name]
         inertial = link.child("inertial")
         mass, T, I = sdf.inertial_of(inertial)
@@ -251,7 +251,7 @@ class SdfText(RobotText):
             changes.set_child(inner, name, text, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
-        """Give a joint other friction, and its motor another inertia if the file has ``drake:rotor_inertia``."""
+        """Set the friction of a joint, and the inertia of its motor if the file has ``drake:rotor_inertia``."""
         axis, joint = self._axes[name]
         given = {tag: values[kind] for kind, tag in _LAWS.items() if kind in values}
         dynamics = axis.child("dynamics")
@@ -269,8 +269,8 @@ class SdfText(RobotText):
 class MjcfText(RobotText):
     """MJCF file: ``<inertial>`` of bodies; damping, frictionloss and armature of joints.
 
-    Settings of ``<compiler>`` that would change what is written (inertiafromgeom, settotalmass, boundmass, …) are removed;
-    other bodies that they changed are then written as they were.
+    Settings of ``<compiler>`` that would change written values (inertiafromgeom, settotalmass, boundmass, …) are
+    removed. Other bodies affected by these settings are then written with their compiled values.
     """
 
     noun = "body"
@@ -285,14 +285,14 @@ class MjcfText(RobotText):
         self.links = {body.name: body.element for body in found[1:]}
         taken = mjcf.names_given(found)
         self.joints, self._surveyed = {}, found
-        self._raw: dict[str, Element] = {}  # without the attributes of classes
+        self._raw: dict[str, Element] = {}  # without class defaults
         for body in found[1:]:
             joints = mjcf.joints_of(body, self.settings, taken)
             self.joints |= {joint.name: joint.element for joint in joints}
             self._raw |= dict(zip((joint.name for joint in joints), _joints_in(body.element), strict=True))
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia that ``<inertial>`` gives a body, whatever settings of the file make of it."""
+        """Inertia of a body in ``<inertial>``, regardless of compiler settings."""
         given = self.bodies[name].inertial
         if given is None:
             return None
@@ -308,7 +308,7 @@ class MjcfText(RobotText):
         return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, element.line, element.file)
 
     def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
-        """Give bodies other inertias, each about its own frame. Raises ModelError for bodies that are not in the file."""
+        """Set the inertias of bodies, each about its frame. Raises ModelError for bodies that are not in the file."""
         super().write_links(changes, wanted)
         plainer = self._undone(wanted)
         if not plainer:
@@ -345,7 +345,7 @@ class MjcfText(RobotText):
         given = body.inertial
         own = inertia if given is None else inertia.in_frame(np.asarray(se3.inverse(given.frame)))
         I = 0.5 * (own.moment_about_com + own.moment_about_com.T)
-        some = bool(own.parameters.any())  # MuJoCo refuses a fullinertia of zeros
+        some = bool(own.parameters.any())  # MuJoCo rejects a fullinertia of zeros
         kept, other = ("fullinertia", "diaginertia") if some else ("diaginertia", "fullinertia")
         said = {
             "pos": exact(own.com) if some else "0 0 0",
@@ -363,14 +363,14 @@ class MjcfText(RobotText):
                 changes.remove(given.element, name, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
-        """Give a joint other friction and armature; zeros only if the file or a class gives another value."""
+        """Set the friction and armature of a joint; zeros are written only to override a value of the file or class."""
         for kind, attribute in _MJCF_DRIVES.items():
             if kind in values and (values[kind] or attribute in self.joints[name].attributes):
                 changes.set(self._raw[name], attribute, exact([values[kind]]), why)
 
 
 def _joints_in(element: Element) -> Iterator[Element]:
-    """Joints of a body as they stand in the file, in its order, those within frames included."""
+    """Joint elements of a body in document order, including those within frames."""
     for child in element.children:
         if child.tag in ("joint", "freejoint"):
             yield child

@@ -27,12 +27,12 @@ __all__ = ["read_sdf"]
 
 
 def with_text(element: Element) -> Element:
-    """The element with its text as the attribute ``text``, to check its numbers as those of attributes."""
+    """Element with its text as the attribute ``text``, so that its numbers are checked like attributes."""
     return element.with_attributes({**element.attributes, "text": element.content})
 
 
 def number(parent: Element | None, tag: str, default: float) -> float:
-    """Number in a child, by default ``default``."""
+    """Number in a child element, or ``default``."""
     child = parent.child(tag) if parent is not None else None
     return default if child is None else with_text(child).number("text")
 
@@ -40,7 +40,7 @@ def number(parent: Element | None, tag: str, default: float) -> float:
 def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
     """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²].
 
-    The format's values for what is left out are 1 kg and 1 kg m² about every axis.
+    Default values of the format are 1 kg and 1 kg m² about every axis.
     """
     tensor, place = (inertial.child(tag) if inertial is not None else None for tag in ("inertia", "pose"))
     I = tensor_of(lambda name: number(tensor, name, float(name in ("ixx", "iyy", "izz"))))
@@ -48,24 +48,24 @@ def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
 
 
 def missing_of(inertial: Element | None) -> tuple[str, ...]:
-    """Parts that an ``<inertial>`` leaves out, of mass and inertia."""
+    """Missing parts of an ``<inertial>``, of mass and inertia."""
     return tuple(part for part in ("mass", "inertia") if inertial is None or inertial.child(part) is None)
 
 
 def assumed_text(missing: tuple[str, ...]) -> str:
-    """Values of the format for parts that are left out, in words."""
+    """Description of the format's values for missing parts."""
     means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
     text = " and ".join(f"no {part}, which means {means[part]}" for part in missing)
     return f"{text}, in this format" if text else ""
 
 
 def vector(element: Element) -> Array:
-    """Three numbers."""
+    """Three numbers of an element."""
     return with_text(element).numbers("text", 3)
 
 
 def word(parent: Element, tag: str, default: str = "") -> str:
-    """The text in a child, blanks at its ends removed."""
+    """Text of a child without leading and trailing blanks."""
     child = parent.child(tag)
     return default if child is None else child.content.strip()
 
@@ -76,7 +76,7 @@ def is_true(parent: Element, tag: str) -> bool:
 
 
 def pose(element: Element | None) -> Array:
-    """The pose (4, 4) in a ``<pose>``: position, then roll, pitch, yaw or a quaternion (x, y, z, w)."""
+    """Pose (4, 4) in a ``<pose>``: position, then roll, pitch, yaw or a quaternion (x, y, z, w)."""
     T = np.eye(4)
     if element is None or not element.content.strip():
         return T
@@ -102,30 +102,30 @@ _JOINTS = ("joint", "{drake}joint")
 
 @dataclass(eq=False)
 class SdfFrame:
-    """A link, joint, frame or nested model, by its name with those of the models around it."""
+    """Link, joint, frame or nested model; the name includes those of enclosing models."""
 
     element: Element
     scope: str
-    """The models around it, each with ``::`` behind."""
+    """Enclosing models, each followed by ``::``."""
     T: Array
-    """(4, 4) in the frame that ``relative_to`` names."""
+    """Pose (4, 4) in the ``relative_to`` frame."""
     relative_to: str
     attached_to: str
-    """Name of the frame it is fixed to; a link's own name."""
+    """Name of the frame to which it is attached; a link's own name."""
 
 
 @dataclass(eq=False)
 class SdfModel:
-    """All that a model holds, nested models unpacked."""
+    """Content of a model, with nested models expanded."""
 
     frames: dict[str, SdfFrame] = field(default_factory=dict)
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)
     named: dict[str, Element] = field(default_factory=dict)
-    """The elements ``<frame>``."""
+    """The ``<frame>`` elements."""
     _poses: dict[str, Array] = field(default_factory=dict)
     _carriers: dict[str, str] = field(default_factory=dict)
-    """Links of frames that are known already."""
+    """Cache of the frames' links."""
 
     def pose(self, name: str, asked: Element) -> Array:
         """Pose (4, 4) of a frame in the model's frame; raises for missing frames and circular references."""
@@ -145,7 +145,7 @@ class SdfModel:
         return T
 
     def link_of(self, name: str, asked: Element) -> str:
-        """The link that a frame is fixed to."""
+        """Link to which a frame is fixed."""
         path: dict[str, None] = {}
         while name not in self.links and name not in self._carriers:
             if name in path:
@@ -159,19 +159,19 @@ class SdfModel:
         return link
 
     def frame(self, name: str, asked: Element) -> SdfFrame:
-        """The frame of that name."""
+        """Frame by name."""
         if name not in self.frames:
             known = ", ".join(repr(one) for one in list(self.frames)[:12])
             raise asked.error(f"names {name!r}, which is not a link, joint, frame or model there. Known: {known}.")
         return self.frames[name]
 
     def between(self, a: str, b: str, asked: Element) -> Array:
-        """T_ab of two frames."""
+        """Transform T_ab between two frames."""
         return np.asarray(se3.inverse(self.pose(a, asked)) @ self.pose(b, asked))
 
 
 def unpacked(model: Element) -> SdfModel:
-    """The frames of a model and of all models in it, their names joined by ``::``."""
+    """Frames of a model and of its nested models, with names joined by ``::``."""
     found = SdfModel()
     stack = [(model, "")]
     while stack:
@@ -211,7 +211,7 @@ def unpacked(model: Element) -> SdfModel:
 
 
 def _canonical_link(model: Element) -> str:
-    """Name of the link that the model's own frame is fixed to."""
+    """Name of the link to which the model's frame is fixed."""
     named = model.attributes.get("canonical_link", "").strip()
     return named or next((link.text("name") for link in model.all("link")), "")
 
@@ -223,10 +223,10 @@ def _end(joint: Element, which: str) -> str:
     return name
 
 
-# ── From the elements of an SDF file to the builder's links and joints
+# ── Conversion of SDF elements to the builder's links and joints
 
 TWO_AXES = ("universal", "revolute2")
-"""Types of joints that turn about two axes."""
+"""Joint types with two axes of rotation."""
 _KINDS = {
     **{kind: kind for kind in ("revolute", "continuous", "prismatic", "fixed", "ball")},
     "screw": "helical", **dict.fromkeys(TWO_AXES, "revolute"),
@@ -236,18 +236,18 @@ _KINDS = {
 def read_sdf(
     root: Element, source: str = "", *, floating_base: bool | None = None, model: str | None = None
 ) -> ModelBuilder:
-    """A builder filled with the links and joints of one model of an ``<sdf>`` element; its base is the link ``world``.
+    """Builder with the links and joints of one model of an ``<sdf>`` element; its base is the link ``world``.
 
-    ``model`` names it where several could be meant. ``floating_base=True`` lets links that no joint holds float; otherwise they
-    are fixed where the file puts them. Raises :class:`~twistwrench.RobotFileError` with element and line, and
-    :class:`~twistwrench.UnknownNameError` for a model that is not there.
+    ``model`` selects one of several models. ``floating_base=True`` lets links without a joint float; otherwise they are
+    fixed at the file's pose. Raises :class:`~twistwrench.RobotFileError` with element and line, and
+    :class:`~twistwrench.UnknownNameError` for a missing model.
     """
     chosen, world = chosen_model(root, model)
     return _SdfReader(root, chosen, world, source, floating_base).read()
 
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
-    """Model of a file by its name, by default the one that can move, and its world."""
+    """Model of a file by name, by default the one that can move, and its world."""
     worlds = root.all("world")
     models = [(one, None) for one in root.all("model")] + [(one, w) for w in worlds for one in w.all("model")]
     if name is not None:
@@ -286,7 +286,7 @@ class _SdfReader:
         self.parts: SdfModel = unpacked(model)
 
     def read(self) -> ModelBuilder:
-        """Links in the file's order, then joints, then frames."""
+        """Read links in the file's order, then joints, then frames."""
         builder = self.builder
         builder.add_link(WORLD)
         for name, link in self.parts.links.items():
@@ -361,7 +361,7 @@ class _SdfReader:
         return WORLD if name == WORLD else self.parts.link_of(scope + name, joint)
 
     def _add_axis(self, name: str, frame: SdfFrame, which: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
-        """Add a joint of one degree; T_cj is the pose of the file's joint in its child link."""
+        """Add a one-degree joint; T_cj is the pose of the file's joint in its child link."""
         joint, scope = frame.element, frame.scope
         kind = _KINDS[joint.text("type")]
         axis = joint.required(which, f"<{which}><xyz>0 0 1</xyz></{which}>")
@@ -384,7 +384,7 @@ class _SdfReader:
             self.builder.add_spring({name: 1.0}, stiffness, rest, where=joint.place)
 
     def _direction(self, axis: Element, T_cj: Array, scope: str, link: str) -> Array:
-        """The axis in the frame of the child link."""
+        """Joint axis in the frame of the child link."""
         xyz = axis.child("xyz")
         if xyz is None:
             raise axis.error("has no <xyz>. Give a direction such as <xyz>0 0 1</xyz>.")
@@ -398,7 +398,7 @@ class _SdfReader:
 def add_ball(
     builder: ModelBuilder, name: str, parent: str, child: str, T: Array, point: Array, where: str, **losses: Any
 ) -> None:
-    """Add a ball joint that turns about a point of its child; T (4, 4) is the pose of the child in the parent."""
+    """Add a ball joint about a point of its child; T (4, 4) is the pose of the child in the parent."""
     below = child
     there, back = (se3.pose(np.eye(3), sign * point) for sign in (1.0, -1.0))
     if point.any():
@@ -429,7 +429,7 @@ def _mimic(axis: Element, scope: str) -> Mimic | None:
 
 
 def _pitch(joint: Element) -> float:
-    """m/rad: ``screw_thread_pitch`` is metres a turn, ``thread_pitch`` radians a metre the other way."""
+    """Pitch [m/rad]; ``screw_thread_pitch`` is in metres per turn, ``thread_pitch`` in radians per metre, reversed."""
     if joint.child("screw_thread_pitch") is not None:
         return number(joint, "screw_thread_pitch", 1.0) / (2.0 * math.pi)
     per_metre = number(joint, "thread_pitch", 1.0)

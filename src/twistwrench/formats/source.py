@@ -1,4 +1,4 @@
-"""Source of robot text: a file, or the text itself; xacro, and the files of meshes that a robot file names."""
+"""Sources of robot descriptions: files or text, xacro, and mesh files."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from ..errors import MissingExtraError, NotFoundError, RobotFileError, UnknownNa
 from .xml import Element, parse
 
 MAX_BYTES = 64 * 2**20
-"""Larger files are refused; the largest robot descriptions in use are a few MiB."""
+"""Largest accepted file [bytes]; the largest robot descriptions in use have a few MiB."""
 
 _BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
 _NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
-"""Python's encodings that XML files do not use."""
+"""Python encodings that XML files do not use."""
 
 DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
 
 
 def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -> tuple[str, str]:
-    """The text of a robot description, and a name for it in messages: the path, or "the text given".
+    """Text of a robot description, and its name in messages: the path, or "the text given".
 
-    ``source`` is a path, or XML text, whose first non-blank character is "<". A path may lead to a pipe,
-    which can be read once. ``data``: the bytes of the file, where they are read already.
-    Raises :class:`~twistwrench.NotFoundError`, naming similar files, or :class:`~twistwrench.RobotFileError`.
+    ``source`` is a path, or XML text, whose first non-blank character is "<". A path may be a pipe, which can be read
+    only once. ``data``: content of the file, if already read.
+    Raises :class:`~twistwrench.NotFoundError` with similar file names, or :class:`~twistwrench.RobotFileError`.
     """
     if is_text(source):
         source = str(source)
@@ -51,7 +51,7 @@ def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -
 
 
 def robot_file(path: Path) -> tuple[bytes, str]:
-    """The bytes of a robot file and their text; raises as :func:`read_robot_text`."""
+    """Content of a robot file as bytes and text; raises as :func:`read_robot_text`."""
     data = bytes_of(path)
     return data, _decoded(data, str(path))
 
@@ -62,7 +62,7 @@ def is_text(source: object) -> bool:
 
 
 def standard_input_text() -> str:
-    """The text of a robot description that comes by standard input. Raises :class:`~twistwrench.RobotFileError`."""
+    """Robot description from standard input. Raises :class:`~twistwrench.RobotFileError`."""
     with third_party_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
         text = _decoded(read_standard_input(MAX_BYTES), "standard input")
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
@@ -72,10 +72,10 @@ def standard_input_text() -> str:
 
 
 def bytes_of(path: Path) -> bytes:
-    """The bytes of a file; raises as :func:`read_robot_text`."""
+    """Content of a file; raises as :func:`read_robot_text`."""
     name = str(path)
     clipped = name if len(name) <= 200 else name[:200] + "…"
-    # A name no file system takes (too long, a NUL in it) is most often text that was meant to be XML.
+    # A name that file systems reject (too long, with a NUL) is probably text that was meant to be XML.
     advice = "Pass a path, or XML text that begins with '<'."
     with third_party_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
         if path.is_dir():
@@ -106,11 +106,11 @@ def _similar(path: Path) -> str:
 
 
 def _bundled(path: Path) -> str:
-    """A hint for the name of a bundled robot in place of a path."""
+    """Hint if the path is the name of a bundled robot."""
     name = path.stem.lower()
     if name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file():
         return f" A robot of that name is bundled: twistwrench.robots.{name}()."
-    # A word alone is a name rather than a path.
+    # A single word is a name rather than a path.
     return f" Robots are found by name with twistwrench.find({path.name!r})." if str(path) == path.stem else ""
 
 
@@ -124,7 +124,7 @@ def _offer(names: list[str]) -> str:
 
 
 def _decoded(data: bytes, name: str) -> str:
-    """The text of the bytes: by their byte order mark, else as XML declares, else UTF-8."""
+    """Decode by byte order mark, XML declaration, or UTF-8, in this order."""
     declared = DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
     if data.startswith(b"\xef\xbb\xbf"):
         encoding = "utf-8-sig"
@@ -148,24 +148,23 @@ def _decoded(data: bytes, name: str) -> str:
             raise RobotFileError(unknown) from None
 
 
-# ── Meshes that a robot file names
+# ── Mesh files of a robot file
 
 MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
-"""Endings of the files that are opened; a robot file may come from anywhere, and names no others."""
+"""Suffixes of mesh files. Others are never opened, as a robot file may come from an untrusted source."""
 _PACKAGES = ("package://", "model://")
 
 
 def find_resource(uri: str, robot_file: Path) -> Path | None:
-    """The file that ``uri`` means in ``robot_file``, or None if it is nowhere.
+    """Path of ``uri`` in ``robot_file``, or None if it is not found.
 
-    A package is looked for in the folders around the robot file, then in those of ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``; a name that leads out of it counts as missing. So does a file whose ending is not that of a mesh, and
-    what would have to be fetched, as with http://.
+    Packages are searched in the folders above the robot file, then in ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
+    Files outside of the package, files without the suffix of a mesh, and remote files (http://) count as not found.
     """
     try:
         places = _places(uri.strip(), robot_file)
         return next((path for path in places if path.suffix.lower() in MESHES and path.is_file()), None)
-    except (OSError, ValueError):  # names that no file system takes
+    except (OSError, ValueError):  # names that file systems reject
         return None
 
 
@@ -190,15 +189,15 @@ def _places(uri: str, robot_file: Path) -> Iterator[Path]:
         yield robot_file.parent / uri
 
 
-# ── xacro, a language of macros with Python expressions, in which robot files are written
+# ── xacro, a macro language with Python expressions for robot files
 
 _XACRO = "xacro:", "${"
 EXPAND = "`xacro file.xacro > robot.urdf`"
-"""Command that expands a xacro file elsewhere."""
+"""Command for expanding a xacro file."""
 
 
 def xacro_in(text: str, root: Element | None = None) -> str:
-    """First element that xacro would expand in the text of a URDF file, in words; empty if there is none."""
+    """Name of the first element that xacro would expand in the text of a URDF file; empty if there is none."""
     if not any(mark in text for mark in _XACRO):
         return ""
     root = parse(text) if root is None else root
@@ -210,7 +209,7 @@ def xacro_in(text: str, root: Element | None = None) -> str:
 
 
 class _Arguments(dict[str, str]):
-    """Values of a xacro file's arguments, and the names that it declares while it is expanded."""
+    """Values of a xacro file's arguments, and the names declared during expansion."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
         super().__init__(
@@ -224,10 +223,10 @@ class _Arguments(dict[str, str]):
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, Any], folders: Sequence[Path], found: str) -> str:
-    """URDF text of a xacro file. Packages are those above the file, in the folders, and in ``ROS_PACKAGE_PATH``.
+    """URDF text of a xacro file. Packages are searched above the file, in the folders, and in ``ROS_PACKAGE_PATH``.
 
-    The file's expressions are evaluated as Python, so this is for files that the user names. Raises MissingExtraError with
-    what was ``found``, UnknownNameError for arguments that the file does not declare, and RobotFileError.
+    The file's expressions are evaluated as Python, so use this only for files that the user names. Raises
+    MissingExtraError with the text ``found``, UnknownNameError for undeclared arguments, and RobotFileError.
     """
     try:
         import xacro
@@ -242,7 +241,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, Any], folders: Sequence[Pat
     packages.reset()
     if folders:
         packages.look_in([str(folder) for folder in folders])
-    xacro.init_stacks(str(path))  # relative includes begin there
+    xacro.init_stacks(str(path))  # start of relative includes
     known = "Folders of packages that are not above the file go into include_paths or ROS_PACKAGE_PATH"
 
     def failed(reason: str) -> RobotFileError:
@@ -258,7 +257,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, Any], folders: Sequence[Pat
 
 
 def xacro_arguments(arguments: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Arguments of a xacro file, checked. Raises :class:`~twistwrench.ValueRangeError`."""
+    """Check the arguments of a xacro file. Raises :class:`~twistwrench.ValueRangeError`."""
     given = {} if arguments is None else arguments
     plain = isinstance(given, Mapping) and all(
         isinstance(name, str) and isinstance(value, str | int | float) for name, value in given.items()

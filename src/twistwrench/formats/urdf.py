@@ -1,4 +1,4 @@
-"""URDF, the robot description format of ROS: links and joints of a tree, and tensors of inertia."""
+"""URDF, the robot description format of ROS: links and joints of a tree, and inertia tensors."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .known_elements import unread
 from .xml import Element
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-"""Name in URDF and SDF → row and column."""
+"""Row and column by the name in URDF and SDF."""
 IN_MJCF = sorted(ENTRIES, key=lambda name: ENTRIES[name][0] != ENTRIES[name][1])
-"""In the order of MJCF's ``fullinertia``: moments, then products."""
+"""Names in the order of MJCF's ``fullinertia``: moments, then products."""
 
 
 def tensor_of(entry: Callable[[str], float]) -> Array:
-    """The symmetric tensor (3, 3) of its entries by name."""
+    """Symmetric tensor (3, 3) from its entries by name."""
     I = np.zeros((3, 3))
     for name, (i, j) in ENTRIES.items():
         I[i, j] = I[j, i] = entry(name)
@@ -38,32 +38,32 @@ def tensor_of(entry: Callable[[str], float]) -> Array:
 
 
 def entries_of(I: Array) -> dict[str, float]:
-    """The six entries of a tensor (3, 3) by name."""
+    """Six entries of a tensor (3, 3) by name."""
     return {name: float(I[at]) for name, at in ENTRIES.items()}
 
 
 # ── Links and joints
 
 # https://wiki.ros.org/urdf/XML
-# Looks, shapes, transmissions and simulator settings are passed over, and mesh files never opened.
+# Appearance, shapes, transmissions and simulator settings are skipped; mesh files are never opened.
 
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-"""The joint types of URDF."""
+"""Joint types of URDF."""
 LIMITS_OF_1_2 = ("acceleration", "deceleration", "jerk")
-"""Limits that URDF has since version 1.2; they are read whatever the file's ``version``."""
+"""Limits defined since URDF 1.2; they are read for every ``version``."""
 ENDLESS = 1e15
-"""Limits beyond this stand for none: files write ±1e16, as the format requires a number."""
+"""Limits above this value mean no limit: files have ±1e16, as the format requires a number."""
 
 _NOTHING = [0.0, 0.0, 0.0]
 _UNIT_LENGTH = 1e-3
-"""Error of a quaternion's length that is normalised; a larger one is refused."""
+"""Largest error of a quaternion's length that is normalised; larger errors raise."""
 
 
 def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> ModelBuilder:
-    """A builder filled with the links and joints of a ``<robot>`` element; ``snap`` acts here on inertial frames.
+    """Builder with the links and joints of a ``<robot>`` element; ``snap`` applies to inertial frames.
 
-    Raises :class:`~twistwrench.RobotFileError` with element and line for what the format does not allow, and what
-    :class:`~twistwrench.model.builder.ModelBuilder` raises for what no robot can mean.
+    Raises :class:`~twistwrench.RobotFileError` with element and line for violations of the format, and the errors of
+    :class:`~twistwrench.model.builder.ModelBuilder` for inconsistent robots.
     """
     builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
     notes = unread("URDF", robot)
@@ -89,7 +89,7 @@ def _inertia(link: Element, snap: float) -> SpatialInertia | None:
         return None
     mass, T, I = inertial_of(inertial)
     R = T[:3, :3]
-    if R.tolist() != UPRIGHT:  # the tensor is about the centre of mass, in the axes of the inertial frame
+    if R.tolist() != UPRIGHT:  # tensor about the centre of mass, in the axes of the inertial frame
         R = snap_rotation(R, snap)
         I = R @ I @ R.T
     return SpatialInertia.from_com(mass, T[:3, 3], I)
@@ -103,7 +103,7 @@ def inertial_of(inertial: Element) -> tuple[float, Array, Array]:
 
 
 def origin_of(element: Element) -> Array:
-    """The pose (4, 4) of an element's ``<origin>``, each of whose parts may be left out."""
+    """Pose (4, 4) of an element's ``<origin>``; missing parts are zero."""
     return _pose(element.child("origin"))
 
 
@@ -118,7 +118,7 @@ def _pose(origin: Element | None) -> Array:
 
 
 def _rows_of_quaternion(origin: Element) -> list[list[float]]:
-    """The rotation of URDF 1.1's ``quat_xyzw``: a unit quaternion, scalar last."""
+    """Rotation of URDF 1.1's ``quat_xyzw``: a unit quaternion, scalar last."""
     if "rpy" in origin.attributes:
         raise origin.error("has both rpy and quat_xyzw; one rotation is allowed. Remove one of them.")
     x, y, z, w = origin.values("quat_xyzw", 4)
@@ -148,7 +148,7 @@ def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
 def rpy_of_rotation(R: Array) -> Array:
     """Roll, pitch and yaw (3,) of a rotation, accurate at any pitch; yaw is 0 at ±90°."""
     yaw = np.arctan2(R[1, 0], R[0, 0]) if R[1, 0] or R[0, 0] else 0.0
-    s, c = np.sin(yaw), np.cos(yaw)  # roll is what is left once the yaw is taken off
+    s, c = np.sin(yaw), np.cos(yaw)  # roll of the rotation after removal of the yaw
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return np.array([roll, np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])), yaw])
 
@@ -163,7 +163,7 @@ def onto(z: Array) -> Array:
 
 
 def direction(element: Element, attribute: str, vector: object) -> Array:
-    """Unit vector of a vector; an error if it is zero."""
+    """Normalised vector; raises for a zero vector."""
     found = np.asarray(vector, float)
     length = float(np.linalg.norm(found))
     if not length > 1e-14:
@@ -181,7 +181,7 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
         )
     parent = joint.required("parent", '<parent link="base"/>').text("link")
     child = joint.required("child", '<child link="arm"/>').text("link")
-    moves = kind != "fixed"  # whatever else a fixed joint says has no meaning, and is not even read
+    moves = kind != "fixed"  # other attributes of a fixed joint are meaningless and not read
     axis = joint.child("axis") if moves and kind != "floating" else None
     dynamics = joint.child("dynamics") if moves else None
     numbers = _limits(builder, joint, kind) if moves else {}
@@ -202,7 +202,7 @@ def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
             builder.remark(f"{joint} is {kind} and has no <limit>, so it is taken to be unlimited")
         return {}
     given = {name: limit.optional_number(name) for name in _SIDES}
-    if bounded:  # the format's default for either bound is 0
+    if bounded:  # default of the format for either bound
         given |= {name: given[name] or 0.0 for name in ("lower", "upper")}
     return known_limits(**given)
 
@@ -211,19 +211,19 @@ _SIDES = {"lower": -1.0, "upper": 1.0} | dict.fromkeys(("velocity", "effort", *L
 
 
 def known_limits(**given: float | None) -> dict[str, Any]:
-    """Limits of a joint without those that stand for none."""
+    """Limits of a joint, without values that mean no limit."""
     return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < ENDLESS}
 
 
 _ROWS = {
     "revolute": "wx wy vx vy vz", "prismatic": "wx wy wz vx vy", "spherical": "vx vy vz", "link": "wx wy wz vx vy vz",
 }  # fmt: skip
-"""Rows that a cut joint or link holds, z along its axis."""
+"""Constrained rows of a cut joint or link, z along its axis."""
 _ENDS = ("parent", "child")
 
 
 def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
-    """Offer the loop of a ``<constraint>`` in the form proposed for URDF (ros/urdfdom_headers#108); else remark it."""
+    """Register the loop of a ``<constraint>`` as proposed for URDF (ros/urdfdom_headers#108); else add a note."""
     name, said = (constraint.attributes.get(what, "").strip() for what in ("name", "type"))
     links = [
         end.attributes.get("link", "").strip() if (end := constraint.child(tag)) is not None else "" for tag in _ENDS

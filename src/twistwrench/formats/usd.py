@@ -1,9 +1,9 @@
-"""USD with UsdPhysics: the bodies of a stage, their mass properties, and the joints of an articulation.
+"""USD with UsdPhysics: bodies of a stage, their mass properties, and the joints of an articulation.
 
-https://openusd.org/release/api/usd_physics_page_front.html. The stage is opened by Pixar's own library, ``pxr`` of the package
-usd-core, which is an extra. Numbers become SI by the ``metersPerUnit`` and ``kilogramsPerUnit`` of the stage, angles radians;
-most are of single precision. Links are the rigid bodies, in their own frames without scale. Looks, contacts and gains of drives
-are passed over.
+https://openusd.org/release/api/usd_physics_page_front.html. Pixar's library ``pxr`` (package usd-core, an extra) opens
+the stage. Numbers are converted to SI by the stage's ``metersPerUnit`` and ``kilogramsPerUnit``, and angles to radians;
+most are in single precision. Links are the rigid bodies, in their own frames without scale. Appearance, contacts and
+drive gains are skipped.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SINGLE = 1e-5
 
 
 def open_stage(path: Path, folders: Sequence[Path]) -> Any:
-    """The stage of a file whose layers all lie below ``folders``. Raises MissingExtraError and RobotFileError."""
+    """Open the stage of a file whose layers are all below ``folders``. Raises MissingExtraError and RobotFileError."""
     try:
         from pxr import Usd
     except ImportError:
@@ -49,7 +49,7 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
         captured_stderr() as said,
     ):
         stage = Usd.Stage.Open(str(path.resolve()))
-    if str(said):  # a layer that is not there is a warning to the library, and a part of the robot to us
+    if str(said):  # a missing layer is a warning of the library, but a missing part of the robot
         raise RobotFileError(f"it cannot be read whole: {' '.join(str(said).split())[:300]}")
     allowed = [folder.resolve() for folder in folders]
     for layer in stage.GetUsedLayers():
@@ -63,7 +63,7 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """One side of a joint: the body it is on, None for the world, and the joint's frame there."""
+    """One side of a joint: its body, None for the world, and the joint's frame in it."""
 
     body: Any
     T: Array
@@ -75,7 +75,7 @@ class End:
 
 
 class Stage:
-    """Bodies and joints of a stage in its order, poses in metres."""
+    """Bodies and joints of a stage in document order, with poses in metres."""
 
     def __init__(self, stage: Any, max_bodies: int) -> None:
         from pxr import Usd, UsdGeom, UsdPhysics
@@ -103,12 +103,12 @@ class Stage:
         self.prim_at = stage.GetPrimAtPath
 
     def placed(self, prim: Any) -> tuple[Array, Array]:
-        """The pose (4, 4) of a prim on the stage, and the scale (3,) of what lies in it."""
+        """Pose (4, 4) of a prim on the stage, and the scale (3,) of its content."""
         M = np.array(self.cache.GetLocalToWorldTransform(prim))
         scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))
         if not scale.min() > 0:
             raise RobotFileError(f"{who(prim)} is scaled to nothing.")
-        R = (M[:3, :3] / scale[:, None]).T  # rows of theirs are the images of the axes
+        R = (M[:3, :3] / scale[:, None]).T  # rows of the library's matrices are the images of the axes
         if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE or np.linalg.det(R) < 0:
             raise RobotFileError(
                 f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
@@ -116,7 +116,7 @@ class Stage:
         return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
 
     def parts(self, body: Any) -> Iterator[Any]:
-        """Prims of a body, itself first, without those of nested bodies."""
+        """Prims of a body, starting with the body, without those of nested bodies."""
         from pxr import Usd
 
         prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
@@ -139,7 +139,7 @@ class Stage:
         return [prim for prim in self.parts(body) if prim.HasAPI(UsdPhysics.CollisionAPI)]
 
     def gravity(self) -> Array:
-        """(3,) m/s²: of the scene, else of the earth, downward."""
+        """Gravity (3,) of the scene [m/s²]; by default the earth's, downward."""
         down = -np.eye(3)[self.up]
         if not self.scenes:
             return STRENGTH * down
@@ -150,7 +150,7 @@ class Stage:
         return size * (direction / length if length > 0 else down)
 
     def end(self, joint: Any, which: int) -> End:
-        """Body at one side of a joint, and the joint's frame there; the stage if there is none."""
+        """Body and joint frame at one side of a joint; the stage if the side has no body."""
         targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
         if len(targets) > 1:
             raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
@@ -164,7 +164,7 @@ class Stage:
         local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
         turn = quaternion_of(joint, f"physics:localRot{which}")
         T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
-        while prim is not None and prim and prim.GetPath() not in self.numbers:  # a part of a body is held by the body
+        while prim is not None and prim and prim.GetPath() not in self.numbers:  # a part of a body belongs to the body
             prim = prim.GetParent()
         if prim is None or not prim:
             return End(None, T)
@@ -177,14 +177,14 @@ def who(prim: Any) -> str:
 
 
 def value_of(prim: Any, name: str, *, default: Any) -> Any:
-    """Value of an attribute, by default the schema's, then ``default``."""
+    """Value of an attribute: the file's, the schema's default, or ``default``."""
     attribute = prim.GetAttribute(name)
     value = attribute.Get() if attribute else None
     return default if value is None else value
 
 
 def number_of(prim: Any, name: str, default: float = 0.0) -> float:
-    """The value of an attribute that is one number."""
+    """Value of a scalar attribute."""
     return _decimal(prim, name, value_of(prim, name, default=default))
 
 
@@ -204,7 +204,7 @@ def _decimal(prim: Any, name: str, x: Any) -> float:
 
 
 def quaternion_of(prim: Any, name: str) -> list[float]:
-    """Quaternion (w, x, y, z); zeros stand for the identity."""
+    """Quaternion (w, x, y, z); zeros mean the identity."""
     value = value_of(prim, name, default=None)
     Q = [1.0, 0.0, 0.0, 0.0] if value is None else [float(value.GetReal()), *map(float, value.GetImaginary())]
     return Q if any(Q) else [1.0, 0.0, 0.0, 0.0]
@@ -222,13 +222,13 @@ def moves(prim: Any) -> bool:
     )
 
 
-# ── Articulation: bodies and joints of a stage, in order from the base
+# ── Articulation: bodies and joints of a stage, ordered from the base
 
 HOW_TO_SPLIT = (
     "Write it as revolute, prismatic, spherical and fixed joints with bodies between, or load the URDF or MJCF file that the "
     "stage was made of"
 )
-"""Advice for a joint that is not read."""
+"""Advice for a joint that is not supported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,11 +239,11 @@ class TreeJoint:
     near: End
     far: End
     forward: bool
-    """True if the far body is the joint's body1."""
+    """True if the distal body is the joint's body1."""
 
 
 class UsdTree:
-    """One articulation of a stage: ``model`` names its root, by its name or path, where there are several."""
+    """One articulation of a stage; ``model`` selects the root by name or path if there are several."""
 
     def __init__(self, stage: Stage, model: str | None) -> None:
         self.stage = stage
@@ -263,9 +263,9 @@ class UsdTree:
         return roots[0] if roots else None
 
     def joints(self) -> tuple[list[TreeJoint], list[Any], Any]:
-        """The joints outward from the base, those that close loops, and the body that no joint holds, if there is one."""
+        """Joints ordered from the base, loop-closing joints, and the body without a joint to the world, if any."""
         inside = [joint for joint in self.stage.joints if not _excluded(joint)]
-        tied: dict[Any, list[Any]] = {None: []}  # the joints of each body, and of the world
+        tied: dict[Any, list[Any]] = {None: []}  # joints of each body, and of the world
         for joint in inside:
             paths = {end.path for end in self.ends[joint.GetPath()]}
             if len(paths) == 1:
@@ -278,7 +278,7 @@ class UsdTree:
         found: dict[Any, TreeJoint] = {}  # by the path of the joint
         waiting = [None if start is None else start.GetPath()]
         met = set(waiting)
-        for at in waiting:  # which grows on the way
+        for at in waiting:  # the list grows during the loop
             for joint in tied.get(at, []):
                 if joint.GetPath() in found:
                     continue
@@ -298,7 +298,7 @@ class UsdTree:
         )
 
     def _within(self, tied: dict[Any, list[Any]]) -> set[Any]:
-        """Bodies of the articulation: all that joints connect with one below its root, or with its joint."""
+        """Bodies of the articulation: those connected by joints to a body below its root, or to its joint."""
         paths = [body.GetPath() for body in self.stage.bodies]
         if not paths:
             raise RobotFileError("it has no rigid body (PhysicsRigidBodyAPI). Is it a stage of looks only?")
@@ -319,7 +319,7 @@ class UsdTree:
         return found
 
     def _first(self, within: set[Any]) -> Any:
-        """Floating body: the articulation's root if it is a body, else the first that is not the body1 of a joint."""
+        """Floating body: the articulation's root if it is a body, otherwise the first that is not a joint's body1."""
         mine = [body for body in self.stage.bodies if body.GetPath() in within]
         if self.root and self.root.GetPath() in within:
             return self.root
@@ -332,7 +332,7 @@ def _excluded(joint: Any) -> bool:
 
 
 def _too_many(joint: Any, near: End, far: End, found: Iterable[TreeJoint]) -> str:
-    """Message for a joint between two links that are joined already."""
+    """Error message for a joint between two links that are already joined."""
     twin = next((one.joint for one in found if {one.near.path, one.far.path} == {near.path, far.path}), None)
     if twin is not None:
         return f"{who(joint)} and {who(twin)} join the same two bodies. {HOW_TO_SPLIT}."
@@ -341,25 +341,25 @@ def _too_many(joint: Any, near: End, far: End, found: Iterable[TreeJoint]) -> st
 
 # ── Mass properties of colliders
 
-# A collider has the mass of its own MassAPI; else its volume times a density: its own, that of the body's MassAPI, that of its
-# material, else a tonne a cubic metre. A mass that the body has is spread over the colliders so that they have the same shape
-# of inertia. Meshes and planes are not weighed.
+# The mass of a collider is that of its MassAPI; otherwise its volume times a density: its own, that of the body's
+# MassAPI, that of its material, or 1000 kg/m³, in this order. A given mass of the body is distributed over the
+# colliders, which keeps the shape of the inertia. Meshes and planes have no mass.
 
 _WATER = 1000.0
-"""kg/m³, the format's density."""
+"""Default density of the format [kg/m³]."""
 _ADVICE = "Give the body a PhysicsMassAPI with mass, centerOfMass, diagonalInertia and principalAxes"
 _TURNS = (
     np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
     np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
     np.eye(3),
 )
-"""Rotations from z, the axis of the solids, to x, y and z."""
+"""Rotations from z, the solids' axis, to x, y and z."""
 
 
 def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
-    """Inertia of the colliders of a body about its frame's origin, scaled to ``mass`` [kg] if that is above 0.
+    """Inertia of the colliders of a body about its frame's origin, scaled to ``mass`` [kg] if positive.
 
-    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if it has no such volume or no collider.
+    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if it has no collider or no such volume.
     """
     total, colliders = SpatialInertia.zero(), stage.colliders(body)
     if not colliders:
@@ -373,7 +373,7 @@ def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
 
 
 def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
-    """Inertia in the frame of the collider."""
+    """Inertia of a collider in its frame."""
     given = _mass_or_density(stage, prim, body)
     kind, metres = str(prim.GetTypeName()), scale * stage.metre
     if kind == "Cube":
@@ -409,7 +409,7 @@ def _material(prim: Any) -> Any:
 # ── Reader of one articulation
 
 WORLD = "world"
-"""Name of the link of the stage."""
+"""Link name of the stage."""
 
 _KINDS = {
     "PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsSphericalJoint": "ball",
@@ -426,14 +426,14 @@ def read_usd(
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
 ) -> tuple[ModelBuilder, bool]:
-    """Builder with the bodies and joints of one articulation, and True if its root link floats besides.
+    """Builder with the bodies and joints of one articulation, and True if its root link floats.
 
-    ``model`` names the articulation's root, by its name or path, where there are several. ``floating_base`` None follows
-    the file: a root that no joint holds to the world floats; False fixes it where the stage has it. Layers are read from the
-    folder of the file and from ``include_paths`` only.
+    ``model`` selects the articulation by the name or path of its root. ``floating_base`` None follows the file: a root
+    without a joint to the world floats; False fixes it at its pose on the stage. Layers are read only from the folder
+    of the file and from ``include_paths``.
 
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
-    :class:`~twistwrench.UnknownNameError` for an articulation that is not there.
+    :class:`~twistwrench.UnknownNameError` for a missing articulation.
     """
     stage = Stage(open_stage(path, [path.parent, *include_paths]), max_bodies)
     return _Reader(stage, source, floating_base, model).read()
@@ -451,7 +451,7 @@ class _Reader:
         self.builder.gravity = stage.gravity()
 
     def read(self) -> tuple[ModelBuilder, bool]:
-        """The builder, and True if its root floats."""
+        """Read the articulation; returns the builder, and True if its root floats."""
         tree, closing, start = self.tree.joints()
         members = {link.far.path for link in tree} | ({start.GetPath()} if start is not None else set())
         self.builder.add_link(WORLD)
@@ -483,7 +483,7 @@ class _Reader:
         return self.builder, bool(self.floating_base) and start is None
 
     def _name(self, prim: Any) -> str:
-        """Name of a link or joint; of the world for None."""
+        """Name of a link or joint; the world's name for None."""
         return WORLD if prim is None else self.names[str(prim.GetPath())]
 
     def _hold(self, body: Any) -> None:
@@ -507,7 +507,7 @@ class _Reader:
         self.builder.add_joint(name, kind, parent, child, placement=placement, axis=S, where=where, **options)
 
     def _options(self, joint: Any, kind: str) -> dict[str, Any]:
-        """Limits of a joint of one degree, including its drive, and the values of PhysX's and Newton's schemas."""
+        """Limits of a one-degree joint, including its drive, and the values of PhysX's and Newton's schemas."""
         turns = kind == "revolute"
         unit = math.pi / 180.0 if turns else self.stage.metre
         force = self.stage.kilogram * self.stage.metre ** (2 if turns else 1)
@@ -525,7 +525,7 @@ class _Reader:
         return {name: x for name, x in given.items() if math.isfinite(x) and abs(x) < 1e30}
 
     def _offer(self, joint: Any) -> None:
-        """Offer a joint outside the articulation as a closure of two frames."""
+        """Register a joint outside the articulation as a closure of two frames."""
         kind, name = str(joint.GetTypeName()), self._name(joint)
         if kind not in _KINDS:
             self.builder.note(who(joint), f"is a {kind} outside the articulation, which is left out")
@@ -541,7 +541,7 @@ class _Reader:
         self.builder.remark(f"{who(joint)} is left open: robot.close({frames[0]!r}, {frames[1]!r}, {rows!r}) closes it")
 
     def _inertia(self, body: Any) -> SpatialInertia:
-        """Inertia of the MassAPI, completed by the colliders."""
+        """Inertia from the MassAPI, completed by the colliders."""
         metre, kilogram = self.stage.metre, self.stage.kilogram
         mass = number_of(body, "physics:mass") * kilogram
         com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3)
@@ -558,7 +558,7 @@ class _Reader:
 
 
 def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
-    """Note attributes and schemas of a prim that are not read."""
+    """Add notes on unread attributes and schemas of a prim."""
     row = unread.row(kind)
     written = {one.GetName(): one for one in prim.GetAuthoredAttributes() if ":" in one.GetName() and one.HasValue()}
     for name, attribute in written.items():
@@ -567,16 +567,16 @@ def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
             unread.unknown(kind, name, who(prim))
         elif isinstance(entry, LeftOut) and entry.acts([str(attribute.Get())]):
             if name.replace("mjc:", "newton:").removesuffix("loss") in written and name.startswith("mjc:"):
-                continue  # converters write both, and Newton's is read
+                continue  # converters write both; Newton's is read
             unread.left_out(kind, name, entry, f"{name} of {who(prim)}")
-    for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # those that no plugin defines too
+    for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # including those without a plugin
         entry = unread.entry(row, f"<{schema.partition(':')[0]}>")
         if isinstance(entry, LeftOut):
             unread.left_out(kind, schema, entry, f"{schema} of {who(prim)}")
 
 
 def _names(prims: Sequence[Any], *taken: str) -> dict[str, str]:
-    """Name of each prim by path: its own name if it is unique, else its path."""
+    """Name of each prim by path: its name if unique, otherwise its path."""
     count = Counter([*taken, *(prim.GetName() for prim in prims)])
     return {
         str(prim.GetPath()): prim.GetName() if count[prim.GetName()] == 1 else str(prim.GetPath()) for prim in prims

@@ -1,4 +1,4 @@
-"""XML elements with their file and line, a safe parser of XML text into them, and their exact text."""
+"""XML elements with file and line, a safe XML parser, and exact serialisation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from ..typing import Array
 _WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 _NUMBER = re.compile(_WORD)
 _NUMBERS = re.compile(rf"{_WORD}(?:\s++{_WORD})*+")
-_LARGEST = 1e60  # far above anything meant, and products of five such numbers are still finite
+_LARGEST = 1e60  # far above realistic values; products of five such numbers are still finite
 _SHORT = 60
-"""Texts of fewer characters without an exponent have no number that is too large."""
+"""Texts with fewer characters and no exponent cannot contain numbers above the limit."""
 _NAMES = {"name", "reference"}
-"""Attributes that distinguish elements of one tag; Gazebo's refer to a link or joint."""
+"""Attributes that distinguish elements of one tag; Gazebo elements reference a link or joint."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class Place:
     Attributes
     ----------
     element : int, number of the element in document order
-    attribute : str; empty: the text within the element
-    position : int, which of several numbers; -1: all there is
+    attribute : str; if empty, the text within the element
+    position : int, index among several numbers; -1 for the whole value
     """
 
     element: int
@@ -43,28 +43,28 @@ class Place:
 
 @dataclass(eq=False, slots=True)
 class Element:
-    """XML element with its tag (prefix included), attributes, line, children and text."""
+    """XML element with tag (including prefix), attributes, line, children and text."""
 
     tag: str
     attributes: dict[str, str]
     line: int
     parent: Element | None
     children: Sequence[Element] = ()
-    """A list if there are any; a tuple otherwise, to save memory."""
+    """List if there are children; otherwise a tuple, to save memory."""
     file: str = ""
-    """File name if another file includes it, else empty."""
+    """Name of the included file, else empty."""
     content: str = ""
     """Text of the element."""
     index: int = -1
-    """Position in the document order of its own file."""
+    """Position in the document order of its file."""
 
     @property
     def place(self) -> str:
-        """Position in messages: ``line 12`` or ``common/parts.xml, line 12``; empty where no file has it."""
+        """Position for messages: ``line 12`` or ``common/parts.xml, line 12``; empty if not from a file."""
         return f"{self.file}, line {self.line}" if self.file else f"line {self.line}" if self.line else ""
 
     def __str__(self) -> str:
-        """Name in messages: ``<mass> of link 'arm' (line 12)``."""
+        """Name for messages: ``<mass> of link 'arm' (line 12)``."""
         place = f" ({self.place})" if self.place else ""
         if "name" in self.attributes:
             return f"<{clipped(self.tag)} name={clipped(self.attributes['name'])!r}>{place}"
@@ -91,7 +91,7 @@ class Element:
             self.children = [*self.children, child]
 
     def walk(self) -> Iterator[Element]:
-        """The element itself and all within, in document order."""
+        """Iterate over the element and its descendants, in document order."""
         stack: list[Element] = [self]
         while stack:
             element = stack.pop()
@@ -99,11 +99,11 @@ class Element:
             stack.extend(reversed(element.children))
 
     def all(self, tag: str) -> list[Element]:
-        """The children with a tag."""
+        """Children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
     def child(self, tag: str) -> Element | None:
-        """The child with a tag, or None; an error if there are several."""
+        """Child with a tag, or None; raises if there are several."""
         found = None
         for element in self.children:
             if element.tag == tag:
@@ -118,36 +118,36 @@ class Element:
         return self.error(f"has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
 
     def required(self, tag: str, example: str) -> Element:
-        """The child with a tag; an error that shows ``example`` if there is none."""
+        """Child with a tag; raises an error with ``example`` if there is none."""
         found = self.child(tag)
         if found is None:
             raise self.error(f"has no <{tag}>. Add one, such as {example}.")
         return found
 
     def text(self, attribute: str) -> str:
-        """An attribute's text, blanks at its ends removed; an error if it is absent or empty."""
+        """Text of an attribute without leading and trailing blanks; raises if it is absent or empty."""
         value = self.attributes.get(attribute, "").strip()
         if not value:
             raise RobotFileError(f'{self} needs the attribute {attribute}="…", which is absent or empty.')
         return value
 
     def number(self, attribute: str) -> float:
-        """An attribute as one finite number; an error if it is absent or anything else."""
+        """Attribute as a finite number; raises if it is absent or invalid."""
         text = self.attributes.get(attribute, "")
         if _NUMBER.fullmatch(text) and abs(x := float(text)) <= _LARGEST:
             return x
-        return self.values(attribute, 1)[0]  # with blanks around it, or it says what is wrong
+        return self.values(attribute, 1)[0]  # with blanks around it, or raises an error
 
     def optional_number(self, attribute: str) -> float | None:
-        """An attribute as one finite number; None if it is absent."""
+        """Attribute as a finite number; None if absent."""
         return self.number(attribute) if attribute in self.attributes else None
 
     def numbers(self, attribute: str, count: int) -> Array:
-        """An attribute as ``count`` finite numbers (count,), separated by blanks."""
+        """Attribute as ``count`` finite numbers (count,), separated by blanks."""
         return np.array(self.values(attribute, count))
 
     def values(self, attribute: str, count: int) -> list[float]:
-        """An attribute as a list of ``count`` finite numbers."""
+        """Attribute as a list of ``count`` finite numbers."""
         text = self.text(attribute)
         values = self._numbers(attribute, text)
         if len(values) != count:
@@ -155,7 +155,7 @@ class Element:
         return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
-        """An attribute as finite numbers, as many as ``default`` at most; those left out are the default's."""
+        """Attribute as finite numbers, at most as many as ``default``, which supplies missing ones."""
         if attribute not in self.attributes:
             return list(default)
         values = self._numbers(attribute, self.attributes[attribute].strip())
@@ -167,18 +167,18 @@ class Element:
         return values + list(default[len(values) :])
 
     def word(self, attribute: str, choices: Sequence[str], default: str) -> str:
-        """An attribute that is one of ``choices``."""
+        """Attribute with one of the values ``choices``."""
         value = self.attributes.get(attribute, default).strip()
         if value not in choices:
             raise RobotFileError(f'{self} has {attribute}="{clipped(value)}". Allowed: {", ".join(choices)}.')
         return value
 
     def flag(self, attribute: str, *, default: bool) -> bool:
-        """An attribute that is ``true`` or ``false``."""
+        """Boolean attribute, ``true`` or ``false``."""
         return self.word(attribute, ("true", "false"), "true" if default else "false") == "true"
 
     def with_attributes(self, attributes: dict[str, str]) -> Element:
-        """The same element with other attributes."""
+        """Copy of the element with other attributes."""
         return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content, self.index)
 
     def _numbers(self, attribute: str, text: str) -> list[float]:
@@ -187,7 +187,7 @@ class Element:
             short = len(text) < _SHORT and "e" not in text and "E" not in text
             if short or max(map(abs, values)) <= _LARGEST:
                 return values
-        return [self._number(attribute, word) for word in text.split()]  # which says what is wrong
+        return [self._number(attribute, word) for word in text.split()]  # raises an error for the invalid word
 
     def _number(self, attribute: str, word: str) -> float:
         value = float(word) if _NUMBER.fullmatch(word) else None
@@ -211,43 +211,43 @@ BLANK = "\ufeff \t\r\n"
 """Characters allowed before the first element."""
 
 _VERSION_ONE = re.compile(r"""<\?xml\s+version\s*=\s*(["'])1\1[^>]*\?>""")
-"""A declaration of version 1 in place of 1.0, as some robot files have it."""
+"""XML declaration with version 1 in place of 1.0, as in some robot files."""
 
 MOST_BODIES = 20_000
 """Default of ``max_bodies``, the largest number of links or bodies of a file."""
 
 _BODIES = ("link", "body")
 _PARTS = ("frame", "geom", "site")
-"""Elements counted against at least MOST_BODIES, as a body may have many."""
+"""Elements with a limit of at least MOST_BODIES, as a body may have many."""
 _ELEMENTS = 50
-"""Elements that a file may have for each body that it may have."""
+"""Largest number of elements per allowed body."""
 
 _WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
-"""Root elements of formats that use attributes only; their text is skipped, which saves time."""
+"""Root elements of formats that use only attributes; text is skipped, which saves time."""
 _WITH_TEXT = ("gazebo", "gravity", "kinematic")
 """Elements with text in URDF: Gazebo's."""
 
 _LEVELS = 1_000
-"""Largest depth of elements, beside nested bodies."""
+"""Largest depth of elements, without nested bodies."""
 
 
 class _Forbidden(Exception):
-    """Declaration that is refused in robot files."""
+    """Declaration that is not allowed in robot files."""
 
 
 class _TreeMaker:
-    """Collects the parser's events into a tree; ``skipped`` lines were removed above the text."""
+    """Builder of a tree from parser events; ``skipped`` is the number of lines removed above the text."""
 
     def __init__(self, skipped: int, file: str, most: int) -> None:
         from xml.parsers import expat
 
-        # Without namespaces: an undeclared prefix somewhere inside a plugin's settings does not refuse a robot.
+        # Without namespaces, so that an undeclared prefix in a plugin's settings is accepted.
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._text
-        # Entities are how XML exhausts memory and reads other files; expat fetches nothing unless told how.
+        # Entities can exhaust memory and read other files; expat fetches nothing by default.
         self.parser.EntityDeclHandler = self._entity
         self.parser.UnparsedEntityDeclHandler = self._entity
         self.parser.StartDoctypeDeclHandler = self._doctype
@@ -321,7 +321,7 @@ class _TreeMaker:
 
 
 def without_loose_declaration(body: str) -> str:
-    """Text with blanks for a declaration that newer versions of expat refuse; positions stay."""
+    """Replace a declaration that newer versions of expat reject by blanks; positions are unchanged."""
     return (
         _VERSION_ONE.sub(lambda found: re.sub(r"\S", " ", found[0]), body, count=1)
         if body.startswith("<?xml")
@@ -330,11 +330,11 @@ def without_loose_declaration(body: str) -> str:
 
 
 def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
-    """The root element of an XML text. Blank lines before its declaration are accepted.
+    """Parse an XML text and return the root element. Blank lines before the declaration are accepted.
 
-    ``file`` is named in messages. More links or bodies than ``max_bodies`` are refused at the first that is too many.
+    Messages name ``file``. If there are more links or bodies than ``max_bodies``, the error names the first excess one.
 
-    Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
+    Entities and external references are rejected, as a robot file may come from an untrusted source.
     Raises :class:`~twistwrench.RobotFileError` with the line.
     """
     body = text.lstrip(BLANK)
@@ -358,13 +358,13 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     return maker.root
 
 
-# ── XML text of elements: two blanks a level, numbers exact to the bit
+# ── XML text of elements: indentation by two blanks, exact numbers
 
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 
 def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes: str) -> Element:
-    """A new element, appended to its parent's children."""
+    """Create an element and append it to its parent's children."""
     element = Element(tag, attributes, 0, parent, content=text)
     if parent is not None:
         parent.add(element)
@@ -372,12 +372,12 @@ def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes
 
 
 def figures(values: ArrayLike) -> str:
-    """Numbers with blanks between, the fewest digits that are the same doubles; no minus before a zero."""
+    """Numbers separated by blanks, with the fewest digits that give the same doubles; -0 becomes 0."""
     return " ".join(_figure(float(x)) for x in np.ravel(np.asarray(values, float)))
 
 
 def exact(values: ArrayLike) -> str:
-    """Numbers with blanks between, exact to the last digit and the sign of zero."""
+    """Numbers separated by blanks, exact to the last digit and the sign of zero."""
     return " ".join(repr(x) for x in np.ravel(np.asarray(values, float)).tolist())
 
 
@@ -386,11 +386,11 @@ def _figure(x: float) -> str:
 
 
 def xml_text(root: Element) -> str:
-    """The document of an element. Raises :class:`~twistwrench.ModelError` for characters that are not allowed in one."""
-    from xml.sax.saxutils import escape, quoteattr  # imports urllib, whose SSL takes longer than a robot file
+    """XML document of an element. Raises :class:`~twistwrench.ModelError` for characters that XML does not allow."""
+    from xml.sax.saxutils import escape, quoteattr  # slow: imports urllib and its SSL
 
     lines = ['<?xml version="1.0" encoding="utf-8"?>']
-    stack: list[tuple[Element | None, str, int]] = [(root, "", 0)]  # a chain may be longer than Python's stack is deep
+    stack: list[tuple[Element | None, str, int]] = [(root, "", 0)]  # a chain may be deeper than Python's stack
     while stack:
         element, closing, depth = stack.pop()
         pad = "  " * min(depth, 60)

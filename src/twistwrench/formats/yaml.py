@@ -50,13 +50,13 @@ UNITS: dict[str, dict[str, float]] = {
     "temperature": {"degC": 1.0, "°C": 1.0},
     "life": {"h": 1.0},
 }
-"""Units of each kind of quantity, SI first, with their values in SI."""
+"""Units of each kind of quantity, SI first, with their SI values."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)", re.DOTALL)
 
 
 def in_si(value: object, kind: str, where: str) -> float:
-    """The number in SI units. Raises ModelError naming ``where``, and the units that are known."""
+    """Number in SI units. Raises ModelError with ``where`` and the known units."""
     known = UNITS[kind]
     first = next(iter(known))
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -74,7 +74,7 @@ def in_si(value: object, kind: str, where: str) -> float:
     number = float(found[1]) * factors[unit]
     if not math.isfinite(number):
         raise ModelError(f"{where} is {value!r}, which is not a finite number.")
-    return float(f"{number:.15g}")  # 33.3 g cm² is 3.33e-6 kg m², whatever 1e-7 is in binary
+    return float(f"{number:.15g}")  # decimal rounding: 33.3 g cm² is 3.33e-6 kg m²
 
 
 def _listed(known: dict[str, float]) -> str:
@@ -82,7 +82,7 @@ def _listed(known: dict[str, float]) -> str:
 
 
 def _plain(unit: str) -> str:
-    """Unit without spaces, dots and carets: kg·m², kg m^2 and kgm2 are equal."""
+    """Unit without spaces, dots and carets, so that kg·m², kg m^2 and kgm2 are equal."""
     return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")
 
 
@@ -90,7 +90,7 @@ def _plain(unit: str) -> str:
 
 
 def shown(value: object) -> str:
-    """Text of a value, shortened, as aliases can make a value very long."""
+    """Text of a value, shortened: aliases can make it very long."""
     short = reprlib.Repr()
     short.maxlevel, short.maxstring, short.maxother = 2, 60, 60
     return short.repr(value)
@@ -98,7 +98,7 @@ def shown(value: object) -> str:
 
 @dataclass(frozen=True)
 class Section:
-    """A mapping of the file, and the path of keys that leads to it."""
+    """Mapping of the file, with its key path."""
 
     content: Any
     path: str
@@ -109,28 +109,28 @@ class Section:
             raise ModelError(f"{self.path or 'the file'} is {shown(self.content)}, expected entries 'name: value'.")
 
     def where(self, key: str) -> str:
-        """Path of an entry: the keys that lead to it."""
+        """Key path of an entry."""
         return f"{self.path} → {key}" if self.path else key
 
     def only(self, *allowed: str) -> None:
-        """Raise UnknownNameError for an entry that is not among those allowed."""
+        """Raise UnknownNameError for entries other than those allowed."""
         for key in self.content:
             if key not in allowed:
                 raise UnknownNameError.from_choices(f"entry of {self.path or 'an actuator file'}", key, allowed)
 
     def section(self, key: str) -> Section:
-        """The mapping below a key."""
+        """Mapping under a key."""
         return Section(self.content[key], self.where(key))
 
     def number(self, key: str, kind: str) -> float:
-        """A number with a unit; with no unit at all where ``kind`` is empty."""
+        """Number with a unit; without a unit if ``kind`` is empty."""
         value = self.content[key]
         if kind:
             return in_si(value, kind, self.where(key))
         return plain_number(value, f"{self.where(key)} is {shown(value)}, expected a plain number.")
 
     def vector(self, key: str, kind: str) -> Any:
-        """Three numbers (3,), each with its unit."""
+        """Three numbers (3,), each with a unit."""
         values = self.content[key]
         if isinstance(values, str | Mapping) or np.ndim(np.asarray(values, object)) != 1 or len(values) != 3:
             raise ModelError(f"{self.where(key)} is {shown(values)}, expected three entries in brackets.")
@@ -138,15 +138,15 @@ class Section:
         return np.array([items.number(k, kind) for k in "xyz"])
 
     def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
-        """``{key: get(key)}``, empty if the key is absent."""
+        """``{key: get(key)}``, or empty if the key is absent."""
         return {key: get(key, *args)} if key in self.content else {}
 
 
 def plain_number(value: object, problem: str) -> float:
-    """Finite number, or text of one; booleans and Python's 1_0 are refused."""
+    """Finite number, or text of one; rejects booleans and Python's 1_0."""
     try:
         if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
-            raise ValueError  # noqa: TRY301  one sentence answers all of it
+            raise ValueError  # noqa: TRY301  one message for all cases
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ModelError(problem) from None
@@ -155,21 +155,21 @@ def plain_number(value: object, problem: str) -> float:
     return number
 
 
-# ── YAML from a path, from text or from a mapping, as mappings, lists and text
+# ── YAML from a path, text or mapping, as mappings, lists and text
 
 Source = str | os.PathLike[str] | Mapping[str, Any]
 
 _MOST_BYTES = 2**18
-"""Larger files are refused: YAML is read slowly, and a robot of a hundred motors takes 40 kB."""
+"""Largest accepted file: parsing is slow, and a robot with a hundred motors takes 40 kB."""
 
 _BELOW = {"actuators": "joints", "motors": "motors of the catalogue"}
 
 _MOST_LEVELS = 50
-"""Deeper nesting is refused; an actuator file needs five levels, and YAML takes quadratic time for more."""
+"""Largest nesting depth: an actuator file needs five levels, and parsing time grows quadratically."""
 
 
 def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuators") -> tuple[object, str]:
-    """Content of YAML, and a name of its source for messages. Raises NotFoundError and ModelError."""
+    """Content of YAML, and the name of its source for messages. Raises NotFoundError and ModelError."""
     if isinstance(source, Mapping):
         return source, f"the {entry} given"
     if not isinstance(source, str | os.PathLike):
@@ -192,7 +192,7 @@ def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuato
 
 
 def _parsed(text: str, origin: str) -> object:
-    """The text's mappings, lists and strings: YAML itself would read 101:1 as a number to the base of sixty."""
+    """Mappings, lists and strings of the text, without number conversion: YAML would read 101:1 as base sixty."""
     import yaml
 
     def no_deeper(levels: int) -> None:
@@ -218,4 +218,4 @@ def _parsed(text: str, origin: str) -> object:
             return super().construct_mapping(node, deep)
 
     with third_party_errors(lambda reason: ModelError(f"{origin} is no YAML: {reason}.")):
-        return yaml.load(text, Loader)  # a BaseLoader makes nothing but text
+        return yaml.load(text, Loader)  # a BaseLoader creates only text
