@@ -1,4 +1,4 @@
-"""Doctor of robot files: checks, the effect of findings, and repairs in the file itself."""
+"""Doctor of robot files: checks, effects of findings, and repairs of the file."""
 
 from ..formats.edit import Edit
 from ..formats.xml import Place

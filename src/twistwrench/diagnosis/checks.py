@@ -1,4 +1,4 @@
-"""Checks of joints, and the table of all checks of the doctor."""
+"""Checks of joints, and the table of all checks."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ __all__ = ["CHECKS", "Options"]
 _SINGLE = ("revolute", "continuous", "prismatic")
 _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0
-"""rad or m: a larger limit stands for none."""
+"""Largest limit [rad or m]; larger ones mean no limit."""
 _STROKE = 5.0
 _CRUSHED = 10.0
-"""Times the effort that the robot's own weight may take at some pose before it is a mistake; at most 5.7 in real files."""
+"""Ratio of the torque due to weight to the effort limit above which there is an error; up to 5.7 in real files."""
 _NAMED = 6
 
 
@@ -39,7 +39,7 @@ def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Limits of revolute joints beyond two turns either way that are whole numbers: degrees."""
+    """Integer limits of revolute joints beyond ±2 turns: probably degrees."""
     for joint in robot.joints.values() if robot.format == "urdf" else ():
         limit = joint.child("limit")
         if limit is None or joint.text("type") != "revolute":
@@ -60,7 +60,7 @@ def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Zero outside the limits, and strokes of several metres."""
+    """Limits that exclude zero, and strokes of several metres."""
     outside, long = [], []
     model = robot.model
     for body in model.leaders:
@@ -77,7 +77,7 @@ def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Missing limits of effort and velocity, and joints whose own weight exceeds their effort."""
+    """Missing effort and velocity limits, and joints whose own weight exceeds their effort limit."""
     leaders = {body.joint.name for body in robot.model.leaders}
     for what in ("effort", "velocity") if robot.format == "urdf" else ():
         limits = {name: _limit(joint, what) for name, joint in robot.joints.items() if joint.text("type") in _SINGLE}
@@ -103,7 +103,7 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Efforts that are probably placeholders: far above the torques of the robot's weight."""
+    """Effort limits that are probably placeholders: far above the torques due to weight."""
     said = placeholder_limits(Robot(robot.model))
     if said:
         yield Finding(
@@ -113,7 +113,7 @@ def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[F
 
 
 def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Axes that are not of unit length; they are normalised on loading, and other programs may not do so."""
+    """Axes without unit length; loading normalises them, but other programs may not."""
     for joint in robot.joints.values() if robot.format == "urdf" else ():
         axis = joint.child("axis") if joint.text("type") not in ("fixed", "floating") else None
         direction = np.zeros(3) if axis is None else axis.numbers("xyz", 3)
@@ -128,7 +128,7 @@ def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Robots in which nothing damps a joint."""
+    """Robots without joint damping."""
     model = robot.model
     if model.nv and not model.friction.any and not model.armature.any():
         yield Finding(
@@ -153,7 +153,7 @@ def _finding(
 def _of_several(
     robot: ParsedFile, check: str, names: list[str], sentence: str, severity: Severity = Severity.NOTE
 ) -> Iterator[Finding]:
-    """One finding on all joints with the same problem."""
+    """One finding for all joints with the same problem."""
     if not names:
         return
     first = robot.joints.get(names[0])

@@ -1,7 +1,7 @@
 """Findings of the doctor, their repairs, and the effect of changed inertias on a model.
 
-With the pseudo-inertia J of a body in the base frame and the twist [A] that a velocity gives it, both (4, 4),
-M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4: linear in J, so that a change needs the changed bodies alone.
+With the pseudo-inertia J of a body in the base frame and the twist [A] of the body due to a unit velocity, both (4, 4),
+M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4. Both are linear in J, so only the changed bodies are evaluated.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ class Severity(StrEnum):
     """Severity of a finding."""
 
     ERROR = "error"
-    """The part cannot exist, or cannot be read."""
+    """The part is physically impossible or cannot be read."""
     WARNING = "warning"
-    """Very probably a mistake that changes results."""
+    """Very probably an error that changes results."""
     NOTE = "note"
 
 
 _ALL = 1e8
-"""Percentage from which a repair leaves a joint almost without inertia."""
+"""Percentage above which a repair leaves a joint with almost no inertia."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Effect of a finding: the largest changes between the file and its repair, over random configurations.
+    """Effect of a finding: the largest changes between file and repair over random configurations.
 
     Attributes
     ----------
-    inertia_percent : float, of a diagonal entry of the mass matrix, in percent of the repaired robot's
-    inertia_joint : str, whose entry that is; empty where none changes
-    torque : float, of a gravity torque or force [N m or N]
+    inertia_percent : float, change of a diagonal entry of the mass matrix, in percent of the repaired robot's
+    inertia_joint : str, joint of that entry; empty without a change
+    torque : float, change of a gravity torque or force [N m or N]
     torque_joint : str
-    effort_percent : float, of a gravity torque in percent of the joint's effort limit; 0 where no limit is given
+    effort_percent : float, change of a gravity torque in percent of the effort limit; 0 without a limit
     effort_joint : str
 
     Examples
@@ -76,12 +76,12 @@ class Effect:
         return "; ".join(said) or "none"
 
     def reaches(self, percent: float, effort: float = 1.0) -> bool:
-        """True if an entry of M changes by that much, or a gravity torque by that much of its limit.
+        """True if an entry of M or a gravity torque changes by at least the given percentage.
 
         Parameters
         ----------
-        percent : float, of M
-        effort : float, of the effort limit, percent
+        percent : float, of the entry of M
+        effort : float, of the effort limit
 
         Examples
         --------
@@ -97,11 +97,11 @@ class FileRepair:
 
     Attributes
     ----------
-    kind : str, "slip" where one slip explains the numbers, "nearest", "entropic", "shape", "mirror", "number" or "advice"
+    kind : str, "slip" for a single entry error, "nearest", "entropic", "shape", "mirror", "number" or "advice"
     sentence : str
-    inertias : {link: SpatialInertia} about the link's origin, what they become
-    edits : the numbers of the file to change; empty where nothing is written
-    metric : str, what "nearest" is measured in
+    inertias : {link: SpatialInertia}, repaired inertias about the link's origin
+    edits : numbers of the file to change; empty if nothing is written
+    metric : str, metric of "nearest"
     """
 
     kind: str
@@ -119,13 +119,13 @@ class Finding:
     ----------
     check : str, name of the check
     severity : Severity
-    where : str, the link or joint
-    line : int, in the file; 0 where it is not known
-    sentence : str, what is wrong
-    numbers : {name: float}, what it is judged by
+    where : str, link or joint
+    line : int, line in the file; 0 if unknown
+    sentence : str, description of the error
+    numbers : {name: float}, values behind the finding
     effect : Effect, between the file and its repair
     repair : FileRepair, or None
-    file : str, the included file that the line is of; empty for the robot's own
+    file : str, included file that contains the line; empty for the robot's own
     """
 
     check: str
@@ -150,15 +150,15 @@ def _percent(value: float) -> str:
 # ── Effects over random configurations
 
 CONFIGURATIONS = 200
-"""Number of random configurations of which the largest effect counts."""
+"""Number of random configurations for the largest effect."""
 _STEPS = 3_000_000
-"""Largest product of bodies, configurations and depth; beyond it, fewer configurations are used."""
+"""Largest product of bodies, configurations and depth; above it, fewer configurations are used."""
 _TINY = 1e-9
-"""Relative changes below this are rounding."""
+"""Relative changes below this are rounding errors."""
 
 
 class Effects:
-    """Effects on one model at seeded configurations."""
+    """Effects on one model at random configurations with a fixed seed."""
 
     def __init__(self, model: Model, seed: int = 0, count: int = CONFIGURATIONS) -> None:
         self.model = model
@@ -170,7 +170,7 @@ class Effects:
         self._screws: list[list[tuple[int, Array]] | None] = [None] * len(model.bodies)
 
     def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
-        """Effect of other inertias of links, each given whole, about its link's origin."""
+        """Effect of changed inertias of links, each about its link's origin."""
         deltas: dict[int, Array] = {}
         for link, wanted in changes.items():
             frame = self.model.frames[link]
@@ -184,7 +184,7 @@ class Effects:
         return self._largest(columns, dM, dg)
 
     def _largest(self, columns: Array, dM: Array, dg: Array) -> Effect:
-        """Largest effect of changes (count, k) in some columns."""
+        """Largest effect of changes (count, k) in the given columns."""
         if not len(columns):
             return Effect()
         names = [self.model.velocity_names[k] for k in columns]
@@ -206,12 +206,12 @@ class Effects:
 
     @cached_property
     def diagonal(self) -> Array:
-        """The diagonal of M with armature, (count, nv)."""
+        """Diagonal of M (count, nv), including armature."""
         return self._totals[0] + self.model.armature
 
     @cached_property
     def gravity_torques(self) -> Array:
-        """(count, nv), without springs."""
+        """Gravity torques (count, nv), without springs."""
         return self._totals[1]
 
     @cached_property
@@ -222,7 +222,7 @@ class Effects:
         return M, g
 
     def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Σ over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in the bodies' frames: columns (k,), and (count, k) of each."""
+        """Sums over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in body frames: columns (k,), (count, k) each."""
         found: dict[int, tuple[Array, Array]] = {}
         zero = np.zeros(self.count)
         for i, inertia in inertias.items():
@@ -237,7 +237,7 @@ class Effects:
         return columns, M, g
 
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
-        """Columns of the velocities that move a body, each with the twist (count, 4, 4) of a unit velocity."""
+        """Columns of the velocities that move a body, with the twist (count, 4, 4) of a unit velocity."""
         found: dict[int, Array] = {}
         for i in ancestors(self.model, body):
             if self._screws[i] is None:

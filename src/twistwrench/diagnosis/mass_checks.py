@@ -1,4 +1,4 @@
-"""Checks of masses: placeholders, masses without inertia, densities, symmetry, and centres of mass outside the shapes."""
+"""Checks of masses: placeholders, missing inertias, densities, symmetry, and centres of mass outside the shapes."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from .shapes import hull_solid
 from .tensor_checks import MATTERS, UNITS, Options, identified, no_tensor, placeholder, shape_repair
 
 _POINT = 10.0
-"""% of M from which a mass without inertia matters; below, it is a point mass as in textbook models."""
+"""Percentage of M above which a missing inertia is relevant; below it, the link is a textbook point mass."""
 _LEAST_PER_METRE = 0.01
-"""kg of moving links for each metre of reach: a thin carbon rod has twice as much."""
+"""Smallest mass of moving links per metre of reach [kg/m]: half of a thin carbon rod's."""
 _NAMED = 6
-"""Links that a sentence names; more are counted."""
+"""Largest number of links that a sentence names; further ones are counted."""
 _DENSITIES = 50.0, 8000.0
-"""kg/m³, of the hull of a part: foam to steel."""
+"""Range of plausible densities of a part's hull [kg/m³]: foam to steel."""
 
 
 def _stand_ins(
     robot: ParsedFile, is_one: Callable[[WrittenInertia], bool], least: float
 ) -> Iterator[tuple[ParsedLink, WrittenInertia, bool, Effect, FileRepair]]:
-    """Links with a mass and a placeholder tensor, with their repair, its effect, and True if that reaches ``least``."""
+    """Links with a mass and a placeholder tensor: repair, its effect, and True if the effect is at least ``least``."""
     for link in robot.links.values():
         written = link.written
         if written is None or written.mass <= 0 or not is_one(written):
@@ -45,7 +45,7 @@ def _stand_ins(
 
 
 def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Moments that are one power of ten: a stand-in that was never replaced."""
+    """Equal moments that are a power of ten: an unreplaced placeholder."""
     for link, written, matters, effect, repair in _stand_ins(robot, placeholder, MATTERS):
         moment = float(written.tensor[0, 0])
         said = (
@@ -56,7 +56,7 @@ def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]
 
 
 def check_no_inertia(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Mass with a tensor that is zero or rounding."""
+    """Mass with a tensor that is zero or a rounding error."""
     for link, written, matters, effect, repair in _stand_ins(robot, no_tensor, _POINT):
         largest = float(np.abs(written.tensor).max())
         yield link.finding(
@@ -80,7 +80,7 @@ def check_no_mass(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Moving links without mass; M is singular if nothing behind them has any."""
+    """Moving links without mass; M is singular if no link after them has mass."""
     diagonal = robot.effects.diagonal
     least = 1e-12 * float(np.abs(diagonal).max(initial=0.0))
     nothing: dict[str, list[str]] = {}
@@ -104,7 +104,7 @@ def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Robots whose links weigh a few grams for each metre: masses in kilograms that were meant to be more."""
+    """Robots with a few grams per metre: masses probably in a wrong unit."""
     model, length = robot.model, reach(robot.model)
     if not 0 < length < np.inf or not 0 < model.moving_mass < _LEAST_PER_METRE * length:
         return
@@ -117,7 +117,7 @@ def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Inertia that the file does not give: SDF's 1 kg and 1 kg m², and what MJCF's compiler settings change."""
+    """Inertia that is not in the file: SDF's default 1 kg and 1 kg m², and changes by MJCF's compiler settings."""
     for link in robot.links.values():
         if link.assumed:
             yield Finding(
@@ -131,7 +131,7 @@ def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Mass over the volume of the hull of the shapes."""
+    """Mass divided by the volume of the hull of the shapes."""
     least, most = _DENSITIES
     for link in robot.links.values():
         written = link.written
@@ -152,15 +152,15 @@ def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 # ── Symmetry of left and right
 
 _MASS, _COM, _TENSOR = 1e-3, 2e-3, 0.05
-"""Tolerances: share of the mass, metres, share of the trace."""
+"""Tolerances: fraction of the mass, metres, fraction of the trace."""
 _HEAVY = 1e-3
-"""Share of the robot's mass that one of the two has at least."""
+"""Smallest mass of either side as a fraction of the robot's mass."""
 _MATTERS, _TORQUE = 0.5, 0.2
-"""% of M and of the effort from which a difference matters."""
+"""Percentages of M and of the effort limit above which a difference is relevant."""
 
 
 def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
-    """Pairs whose frames mirror each other at zero, and whose masses, centres of mass or tensors do not."""
+    """Pairs of links with mirrored frames at zero, but without mirrored masses, centres of mass or tensors."""
     for pair in symmetric_links(robot):
         a, b = pair.left.written, pair.right.written
         if a is None or b is None or not (a.mass > 0 and b.mass > 0):
@@ -168,7 +168,7 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         image = mirrored(a.inertia, pair.D)
         said, numbers = _differences(b.inertia, image)
         same = np.allclose(a.inertia.parameters, b.inertia.parameters, rtol=1e-3, atol=1e-9)
-        if not said or (same and _shapes(pair.left) == _shapes(pair.right)):  # or one part is mounted twice
+        if not said or (same and _shapes(pair.left) == _shapes(pair.right)):  # or the same part is mounted twice
             continue
         copies = {"left": (pair.right, image), "right": (pair.left, mirrored(b.inertia, pair.D.T))}
         effects = {side: robot.effects.evaluate({link.name: G}) for side, (link, G) in copies.items()}
@@ -195,7 +195,7 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
 
 
 def _evidence(pair: SymmetricLinks) -> str:
-    """Side whose centre of mass is much nearer to that of its shapes, in words."""
+    """Sentence naming the side whose centre of mass is much nearer to the centre of its shapes."""
     unknown = "the file does not determine which is meant"
     away = []
     for link in (pair.left, pair.right):
@@ -210,7 +210,7 @@ def _evidence(pair: SymmetricLinks) -> str:
 
 
 def mirrored(inertia: SpatialInertia, D: Array) -> SpatialInertia:
-    """The inertia of the body's mirror image; D (3, 3) is what its points are multiplied by."""
+    """Inertia of the mirrored body; D (3, 3) maps its points."""
     return about_com(inertia.mass, D @ inertia.com, D @ inertia.moment_about_com @ D.T)
 
 
@@ -228,7 +228,7 @@ def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str
 def _parts_mirrored(pair: SymmetricLinks) -> bool:
     """True if the parts are mirror images: different mesh files on the sides, or a mesh with a negative scale.
 
-    Where all shapes were read, their boxes must mirror each other too.
+    If all shapes were read, their boxes must also be mirrored.
     """
     a, b = pair.left, pair.right
     files = [{spec.file for spec in link.shapes.specs if spec.kind == "mesh"} for link in (a, b)]
@@ -250,19 +250,19 @@ def _shapes(link: ParsedLink) -> list[tuple[str, tuple[float, ...], str]]:
 # ── Centres of mass outside the shapes, and shapes in another unit of length
 
 _MARGIN = 0.1, 0.01
-"""Share of the diagonal of the shapes, and metres, that a centre of mass may be outside."""
+"""Largest distance of a centre of mass from the shapes: fraction of their diagonal, and metres."""
 _REGROUPED = 0.25
-"""Share of the robot's span that an identified centre of mass may be outside."""
+"""Largest distance for identified parameters, as a fraction of the robot's span."""
 _SMALLEST = 0.005
-"""m, the gyration radius of a part that is worth a mass."""
+"""Smallest plausible gyration radius of a part with mass [m]."""
 _LARGEST, _LEAST = 20.0, 1e-3
-"""m, the diagonal of the shapes of one link."""
+"""Largest and smallest plausible diagonal of the shapes of a link [m]."""
 _BEYOND = 3.0
-"""Times the robot's span, and metres, from which a centre of mass is too far from its frame; 1.5 and 2 in real files."""
+"""Largest distance of a centre of mass from the link frame: ratio to the robot's span, and metres. Real files: 1.5, 2."""
 _GRAMS = 150.0
-"""Times the next heaviest link, and the median, from which a mass is too large; 100 in real files."""
+"""Ratio to the next heaviest link, and to the median, above which a mass is too large; up to 100 in real files."""
 _COMPACT = 0.008
-"""Share of the robot's span below which a gyration radius is too small; 0.0116 in real files."""
+"""Ratio to the robot's span below which a gyration radius is too small; at least 0.0116 in real files."""
 
 
 def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -292,7 +292,7 @@ def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def _fitting(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, high: Array) -> str:
-    """Other link in whose frame, all joints at zero, the centre of mass would be inside the shapes."""
+    """Other link in whose frame (at zero joint positions) the centre of mass would lie within the shapes."""
     frames, bodies = robot.model.frames, robot.model.bodies
     if link.name not in frames:
         return ""
@@ -301,7 +301,7 @@ def _fitting(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, high: 
     poses = robot.neutral_poses
     for name, frame in frames.items():
         if frame.body not in above and (frame.body == BASE or bodies[frame.body].parent != own):
-            continue  # neither the same body, nor what carries it or what it carries
+            continue  # same body, ancestor or descendant
         T = np.linalg.solve(poses[link.name], poses[name])
         place = T[:3, :3] @ com + T[:3, 3]
         if np.abs(T - np.eye(4)).max() > 1e-6 and (place >= low).all() and (place <= high).all():
@@ -310,7 +310,7 @@ def _fitting(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, high: 
 
 
 def check_units(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Shapes, centres of mass, masses and gyration radii out of all proportion to the robot."""
+    """Shapes, centres of mass, masses and gyration radii that are implausible for the robot's size."""
     span = robot.span
     for link in robot.links.values():
         written = link.written
@@ -330,7 +330,7 @@ def check_units(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def _far_com(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
-    """A centre of mass farther from the frame of its link than the robot is large: millimetres."""
+    """Centre of mass beyond the robot's span from its link frame: probably millimetres."""
     away = float(np.linalg.norm(written.com))
     if away <= (max(_BEYOND * span, _BEYOND) if span > 0 else _LARGEST) or link.shapes.complete:
         return
@@ -350,7 +350,7 @@ def _far_com(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span:
 
 
 def _grams(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
-    """A mass far above all others, or too large for its tensor: grams."""
+    """Mass far above all others, or too large for its tensor: probably grams."""
     others = [other.written.mass for other in robot.links.values() if other.written is not None and other is not link]
     others = [mass for mass in others if mass > 0]
     times = written.mass / max(others) if len(others) > 1 else 0.0
@@ -379,11 +379,11 @@ def _grams(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: f
 
 
 def _giant(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
-    """A gyration radius of more than a metre, and than the robot: moments in kg mm²."""
+    """Gyration radius above a metre and above the robot's span: moments in kg mm²."""
     radius = float(np.sqrt(max(np.linalg.eigvalsh(written.tensor)[-1], 0.0) / written.mass))
     if radius <= max(1.0, span) or link.shapes.complete:
         return
-    # Several units may be plausible; then nothing is written, and the effect is that of the largest.
+    # If several units are plausible, nothing is written, and the effect is that of the largest.
     units = [k for k in UNITS if _SMALLEST <= radius * 10.0 ** (-k / 2) <= 0.5 * max(span, 1e-9)]
     tensor = written.tensor * 10.0 ** -(units[0] if units else 6)
     edits, tensor = written.tensor_edits(tensor)

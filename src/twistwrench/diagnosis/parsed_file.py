@@ -1,4 +1,4 @@
-"""Parsed robot file for the doctor: links, joints, load errors, symmetric links, and the readers of URDF, SDF and MJCF."""
+"""Parsed robot file for the doctor: links, joints, load errors, symmetric links; readers of URDF, SDF and MJCF."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from ..typing import Array
 from .findings import Effect, Effects, FileRepair, Finding, Severity
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
 
-# ── Load errors of a URDF, all of them
+# ── All load errors of a URDF
 
 _MOST = 20
 
 
 @dataclass(frozen=True)
 class LoadError:
-    """One reason to refuse a file."""
+    """One reason why a file cannot be loaded."""
 
     where: str
     line: int
     sentence: str
     mimic: bool = False
-    """True if only a mimic joint's leader is missing: the robot loads with such joints independent."""
+    """True if only the leader of a mimic joint is missing; such joints can be loaded as independent."""
 
     def __str__(self) -> str:
         return self.sentence
 
 
 def load_errors(root: Element) -> list[LoadError]:
-    """All reasons to refuse a ``<robot>``, link by link and joint by joint; none for other formats."""
+    """All load errors of a ``<robot>``, by link and joint; empty for other formats."""
     if root.tag != "robot":
         return []
     found = [*_each_by_itself(root), *_ends(root), *_leaders(root)]
@@ -69,7 +69,7 @@ def _each_by_itself(root: Element) -> Iterator[LoadError]:
 
 
 def _ends(root: Element) -> Iterator[LoadError]:
-    """Parents and children that are not there, and links with two parents."""
+    """Missing parents and children, and links with two parents."""
     links = [link.attributes.get("name", "").strip() for link in root.all("link")]
     children: Counter[str] = Counter()
     for joint in root.all("joint"):
@@ -102,24 +102,24 @@ def _leaders(root: Element) -> Iterator[LoadError]:
                 yield LoadError(f"joint {joint.attributes.get('name', '')!r}", joint.line, said, mimic=True)
 
 
-# ── Links and joints, with the places of their numbers
+# ── Links and joints, with the places of their numbers in the file
 
 
 @dataclass(frozen=True, eq=False)
 class ParsedLink:
-    """One link."""
+    """Link in the file."""
 
     name: str
     line: int
     file: str = ""
     written: WrittenInertia | None = None
     assumed: tuple[str, ...] = ()
-    """Parts of its inertia (mass, inertia) that the file leaves out and the format defines."""
+    """Missing parts of its inertia (mass, inertia) for which the format defines a value."""
     read_shapes: Callable[[], LinkShapes] = LinkShapes
 
     @cached_property
     def shapes(self) -> LinkShapes:
-        """Shapes of the link; meshes are opened at the first access."""
+        """Shapes of the link; meshes are read at the first access."""
         return self.read_shapes()
 
     def finding(
@@ -131,7 +131,7 @@ class ParsedLink:
         effect: Effect | None = None,
         repair: FileRepair | None = None,
     ) -> Finding:
-        """Finding on the link's inertia, a warning if it matters."""
+        """Finding about the link's inertia; a warning if ``matters``."""
         place, severity = self.written or self, Severity.WARNING if matters else Severity.NOTE
         where, effect = f"link {self.name!r}", effect or Effect()
         return Finding(check, severity, where, place.line, sentence, numbers, effect, repair, place.file)
@@ -139,17 +139,17 @@ class ParsedLink:
 
 @dataclass(frozen=True, eq=False)
 class ParsedFile:
-    """A robot file beside the model that was made of it, its impossible bodies accepted."""
+    """Robot file and its model, loaded with physically impossible inertias accepted."""
 
     model: Model
     format: str
-    """"urdf", "mjcf", "sdf", or empty for a robot that has no file."""
+    """"urdf", "mjcf", "sdf", or empty for a robot without a file."""
     links: Mapping[str, ParsedLink]
     joints: Mapping[str, Element] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
-    """Changes of inertias by settings of the file, a sentence each."""
+    """Sentences about changes of inertias by settings of the file."""
     load_errors: tuple[LoadError, ...] = ()
-    """Load errors that the doctor can work around."""
+    """Load errors that do not prevent the checks."""
 
     @cached_property
     def effects(self) -> Effects:
@@ -158,7 +158,7 @@ class ParsedFile:
 
     @cached_property
     def neutral_poses(self) -> Mapping[str, Array]:
-        """Poses (4, 4) of the links in the base frame, all joints at zero."""
+        """Poses (4, 4) of the links in the base frame at zero joint positions."""
         model = self.model
         bodies = base_poses(model, joint_poses(model, model.neutral))
         return {
@@ -168,7 +168,7 @@ class ParsedFile:
 
     @cached_property
     def span(self) -> float:
-        """Diagonal of the bounding box of all link frames with the joints at zero [m]."""
+        """Diagonal of the bounding box of all link frames at zero joint positions [m]."""
         places = np.array([T[:3, 3] for T in self.neutral_poses.values()])
         return float(np.linalg.norm(np.ptp(places, axis=0)))
 
@@ -182,32 +182,32 @@ class ParsedFile:
         return link in self.model.frames and self.model.frames[link].body != BASE
 
     def heavy(self, link: ParsedLink, share: float = 0.01) -> bool:
-        """True if its mass is at least that share of the robot's."""
+        """True if the link has at least this share of the robot's mass."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
 
 
-# ── Symmetric links: pairs that mirror each other with the joints at zero
+# ── Symmetric links: mirrored pairs at zero joint positions
 
 _SIDES = {"left": "right", "l": "r", "fl": "fr", "rl": "rr", "hl": "hr", "bl": "br", "lf": "rf", "lh": "rh", "lr": "rr"}
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^A-Za-z0-9]+")
 _PLANES = (np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]))
 """Reflections of the base frame: left and right along y, and along x."""
 _ALIKE = 1e-3
-"""m, and entries of rotations: how far from mirrored frames may be."""
+"""Tolerance of mirrored frames, in m and in entries of rotations."""
 
 
 @dataclass(frozen=True, eq=False)
 class SymmetricLinks:
-    """Two links that mirror each other."""
+    """Two links that are mirror images."""
 
     left: ParsedLink
     right: ParsedLink
     D: Array
-    """(3, 3) what a point of the left link, in its frame, is multiplied by to be its image in the right one's."""
+    """Matrix (3, 3) that maps points of the left link to mirrored points of the right one, in link frames."""
 
 
 def right_side_names(name: str) -> Iterator[str]:
-    """Possible names of the right side of a left link: one word for the side, exchanged.
+    """Possible names of a left link's counterpart on the right, by exchanging one word.
 
     >>> list(right_side_names("arm_left_4_link")), list(right_side_names("LElbow")), list(right_side_names("tool"))
     (['arm_right_4_link'], ['RElbow'], [])
@@ -218,13 +218,13 @@ def right_side_names(name: str) -> Iterator[str]:
         if other is not None:
             cased = other.upper() if part.isupper() else other.capitalize() if part[0].isupper() else other
             yield "".join([*words[:k], cased, *words[k + 1 :]])
-    # One letter in front of a word in small letters, as in lshoulder.
+    # A single letter before a lower-case word, as in lshoulder.
     if re.match(r"l[a-z]{3}", name) and not name.startswith("left"):
         yield "r" + name[1:]
 
 
 def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
-    """All pairs of links by their names whose frames are mirror images of each other in one plane of the base."""
+    """Pairs of links with left and right names whose frames are mirror images in a plane of the base."""
     poses = robot.neutral_poses
     for left in robot.links.values():
         right = next((robot.links[name] for name in right_side_names(left.name) if name in robot.links), None)
@@ -236,7 +236,7 @@ def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
 
 
 def _mirrored(T_a: Array, T_b: Array) -> Array | None:
-    """R_b' Y R_a where it is a signed permutation and the places are mirrored; None elsewhere."""
+    """R_b' Y R_a if it is a signed permutation and the positions are mirrored; otherwise None."""
     for Y in _PLANES:
         gap = T_b[:3, 3] - Y @ T_a[:3, 3]
         if np.linalg.norm(gap) > _ALIKE or abs(T_a[:3, 3] @ (np.eye(3) - Y).diagonal()) < 0.02:
@@ -254,11 +254,11 @@ _SIZES = {
     "box": (("size", 3),), "sphere": (("radius", 1),), "cylinder": (("radius", 1), ("length", 1)),
     "capsule": (("radius", 1), ("length", 1)), "ellipsoid": (("radii", 3),),
 }  # fmt: skip
-"""Numbers of shapes in URDF, where they are attributes, and SDF, where they are elements."""
+"""Dimensions of shapes in URDF (attributes) and SDF (elements)."""
 
 
 def _parsed(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> ParsedFile:
-    """The links and joints of a root element that the loader accepts."""
+    """Links and joints of a root element that the loader accepts."""
     form = next(name for name, tag in FORMATS.items() if root.tag == tag)
     text = TEXTS[form](root, model.name, path)
     links = {}
@@ -275,14 +275,14 @@ def _parsed(root: Element, model: Model, reader: ShapeReader, path: Path | None)
 
 
 def _compiled(written: WrittenInertia | None, final: SpatialInertia, body: Element) -> WrittenInertia | None:
-    """The inertia as written if it is the loader's, else the loader's, from geoms and settings of the compiler."""
+    """Inertia in the file if the loader uses it; otherwise the loader's, from geoms and compiler settings."""
     if written is not None and np.allclose(written.inertia.parameters, final.parameters, rtol=1e-9, atol=1e-12):
         return written
     return WrittenInertia.from_inertia(final, body.line, body.file)
 
 
 def _shapes(text: RobotText, name: str, reader: ShapeReader) -> LinkShapes:
-    """The shapes of a link; what is not a shape is left out."""
+    """Shapes of a link; other elements are skipped."""
     if isinstance(text, MjcfText):
         specs = [_mjcf_shape(part, text) for part in text.bodies[name].geoms]
     else:
@@ -292,7 +292,7 @@ def _shapes(text: RobotText, name: str, reader: ShapeReader) -> LinkShapes:
 
 
 def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
-    """The shape of a ``<visual>`` or ``<collision>`` of URDF or SDF; None without a geometry."""
+    """Shape of a ``<visual>`` or ``<collision>`` of URDF or SDF; None without a geometry."""
     try:
         geometry = part.child("geometry")
         if geometry is None or not geometry.children or (in_elements and geometry.children[0].tag == "plane"):
@@ -308,7 +308,7 @@ def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
             return ShapeSpec("mesh", tuple(scale), T, file, role)
         sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in _numbers(shape, name, count, in_elements)]
         return ShapeSpec(shape.tag, tuple(sizes), T, role=role)
-    except RobotFileError:  # visuals that cannot be read do not stop a robot from loading
+    except RobotFileError:  # visuals that cannot be read do not prevent loading
         return ShapeSpec("unknown", (), np.eye(4), role=role)
 
 
@@ -319,7 +319,7 @@ def _numbers(shape: Element, name: str, count: int, in_elements: bool) -> list[f
 
 
 def _mjcf_shape(part: PlacedElement, text: MjcfText) -> ShapeSpec | None:
-    """The shape of a geom; None for planes and height fields."""
+    """Shape of a geom; None for planes and height fields."""
     geom = part.element
     kind = geom.attributes.get("type", "sphere").strip()
     if kind in WITHOUT_SHAPE:
@@ -327,7 +327,7 @@ def _mjcf_shape(part: PlacedElement, text: MjcfText) -> ShapeSpec | None:
     try:
         if "mesh" in geom.attributes:
             file, scale = text.meshes.named(geom.text("mesh"))
-            # MuJoCo moves a mesh to its centre of mass and back: in the body it is where its own frame is placed.
+            # MuJoCo moves a mesh to its centre of mass and back, so the geom's frame is also the mesh's.
             known = "mesh" if kind == "mesh" else "fitted"
             return ShapeSpec(known, scale, part.frame @ placement(geom, text.settings), file)
         T, half = shape_of(geom, kind, text.settings)
@@ -339,19 +339,19 @@ def _mjcf_shape(part: PlacedElement, text: MjcfText) -> ShapeSpec | None:
     return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")
 
 
-# ── From a file or a robot to the subject of the checks
+# ── From a file or a robot to the input of the checks
 
 MOST_BODIES = 2_000
-"""Default of ``max_bodies``: each link takes some milliseconds."""
+"""Default of ``max_bodies``: a link takes some milliseconds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A robot to look at, and the text of its file."""
+    """Robot to be checked, with the text of its file."""
 
     robot: ParsedFile
     text: str = ""
-    """Empty for a robot that has no file."""
+    """Text of the file; empty for a robot without a file."""
     path: Path | None = None
     data: bytes = b""
     """Bytes of the file."""
@@ -368,7 +368,7 @@ def read_subject(
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
 ) -> Subject:
-    """Read a file, impossible bodies accepted; raises NotFoundError, and ModelError for files that are not robots."""
+    """Read a file, accepting impossible inertias; raises NotFoundError, and ModelError if it is not a robot."""
     of = source.model.name if isinstance(source, Robot) else None
     if isinstance(source, Robot):
         path = Path(source.model.source) if source.model.source else None
@@ -405,7 +405,7 @@ def read_subject(
             problems = load_errors(parse(text, max_bodies=MOST_BODIES))
         if not problems:
             raise
-        if any(not problem.mimic for problem in problems):  # the loader's error is the first of them
+        if any(not problem.mimic for problem in problems):  # the loader's error is the first one
             others = [str(problem) for problem in problems if f"line {problem.line})" not in str(error)]
             more = f"{str(error).rstrip('.')}. Besides: {' '.join(others)}" if others else str(error)
             raise type(error)(more) from None
@@ -418,7 +418,7 @@ def read_subject(
 
 
 def _model_of(text: str, name: str) -> str | None:
-    """The model of an SDF file with several, that a robot was read from by its name."""
+    """Model name in an SDF file with several models, found by the robot's name."""
     root = parse(text)
     models = [one for place in (root, *root.all("world")) for one in place.all("model")]
     return name if len(models) > 1 and name in [one.text("name") for one in models] else None

@@ -1,4 +1,4 @@
-"""The doctor: all checks on one robot file, and the report of their findings with the repaired robot."""
+"""The doctor: runs all checks on a robot file and reports the findings with the repaired robot."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from .parsed_file import MOST_BODIES, Subject, read_subject
 from .shapes import METRICS
 
 ALWAYS = ("impossible", "mirror")
-"""Checks whose notes are repaired too: other programs refuse such links; a side was requested."""
+"""Checks whose notes are also repaired: other programs reject such links, or the user chose a side."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DoctorReport:
-    """Report of :func:`twistwrench.doctor`: what is wrong with a robot file, worst first.
+    """Report of :func:`twistwrench.doctor`: findings about a robot file, worst first.
 
     Attributes
     ----------
-    robot : str, its name
-    source : str, what was looked at
+    robot : str, name of the robot
+    source : str, description of the input
     findings : tuple of Finding
-    checks : tuple of str, those that ran
-    subject : Subject, what was read
+    checks : tuple of str, names of the executed checks
+    subject : Subject, parsed input
 
     Examples
     --------
@@ -68,18 +68,18 @@ class DoctorReport:
 
     @property
     def effect(self) -> Effect:
-        """Effect of all repairs together."""
+        """Combined effect of all repairs."""
         wanted = {link: G for f in reversed(self.findings) if f.repair for link, G in f.repair.inertias.items()}
         return self.subject.robot.effects.evaluate(wanted) if wanted else Effect()
 
     @property
     def summary(self) -> str:
-        """Number of findings of each severity, in words."""
+        """Number of findings by severity, as text."""
         counts = Counter(finding.severity for finding in self.findings)
         return ", ".join(f"{counts[s]} {s}{'s' if counts[s] != 1 else ''}" for s in Severity)
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
-        """Exit code of a command that prints the report: 1 with errors or warnings, with notes too if ``strict``.
+        """Exit code of a command that prints the report: 1 for errors or warnings; with ``strict``, also for notes.
 
         Parameters
         ----------
@@ -93,11 +93,11 @@ class DoctorReport:
         return ExitCode.NO if bad else ExitCode.FINE
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as plain data, in SI units: what ``--json`` prints.
+        """Report as plain data in SI units, as printed by ``--json``.
 
         Returns
         -------
-        report : dict, which ``json.dumps`` takes
+        report : dict, which ``json.dumps`` accepts
         """
         return {
             "robot": self.robot,
@@ -117,10 +117,10 @@ class DoctorReport:
 
     @property
     def repairs(self) -> tuple[Finding, ...]:
-        """The findings whose repairs :meth:`write` puts into the file.
+        """Findings whose repairs :meth:`write` applies to the file.
 
-        Those of errors and warnings, of all tensors that cannot exist, and of parts that mirror each other where a side is
-        given, as far as numbers of the file itself can be changed; none of two that change the same number.
+        Includes errors, warnings, impossible tensors, and parts to be mirrored if a side is given, provided that the
+        file contains the numbers. Of two findings that change the same number, neither is included.
         """
         found: list[Finding] = []
         taken: set[Place] = set()
@@ -135,7 +135,7 @@ class DoctorReport:
         return tuple(found)
 
     def repaired_text(self) -> str:
-        """The text of the file with the repairs: only the numbers concerned, and a comment before each element.
+        """Text of the repaired file: only the affected numbers change, with a comment before each element.
 
         Returns
         -------
@@ -157,7 +157,7 @@ class DoctorReport:
         return edited(self.subject.text, edits) if edits else self.subject.text
 
     def repaired(self) -> Robot:
-        """The robot that the repaired file describes.
+        """Robot of the repaired file.
 
         Returns
         -------
@@ -166,7 +166,7 @@ class DoctorReport:
         Raises
         ------
         InertiaError
-            A moving body still cannot exist.
+            A moving body is still physically impossible.
         ValueRangeError
             The robot has no file.
         """
@@ -177,16 +177,16 @@ class DoctorReport:
         )
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> tuple[Finding, ...]:
-        """Write the file with the repairs; everything else stays as it is, byte for byte.
+        """Write the repaired file; all other bytes are unchanged.
 
         Returns
         -------
-        findings : tuple of Finding, those that were repaired
+        findings : tuple of Finding, the repaired ones
 
         Raises
         ------
         ValueRangeError
-            The robot has no file, or the path cannot be written or is there already.
+            The robot has no file, or the path exists or cannot be written.
         """
         text = self.repaired_text()
         target = refuse_existing(path, overwrite=overwrite)
@@ -219,7 +219,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 
 def _known(value: Any) -> Any:
-    """None in place of what JSON has no number for."""
+    """Replace values that JSON cannot represent by None."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -243,31 +243,31 @@ def doctor(
 
     Parameters
     ----------
-    robot : str, Path or Robot, a URDF, MJCF or SDF file, its text, or a robot, whose file is read again if it has one
-    only : str or sequence of str, optional, names of the checks to run; None: all
-    meshes : bool or sequence of folders, whether mesh files are opened, and where they may be besides
-    metric : "frobenius" or "entropic", in which the nearest tensor is looked for where no one slip explains the numbers
-    mirror_from : "left" or "right", optional, the side that is copied, mirrored, if two sides are not mirror images
-    floating_base : bool, optional, let the root link float, so that its own inertia counts; None: as the file says
-    model : str, optional, look at one model of an SDF world
-    max_bodies : int, more are refused
+    robot : str, Path or Robot, a URDF, MJCF or SDF file, its text, or a robot (its file is read again if it has one)
+    only : str or sequence of str, optional, names of the checks to run; default: all
+    meshes : bool or sequence of folders, whether to read mesh files, and additional folders to search
+    metric : "frobenius" or "entropic", metric of the nearest tensor if no entry error explains the numbers
+    mirror_from : "left" or "right", optional, side to be mirrored if two sides are not mirror images
+    floating_base : bool, optional, let the root link float, so that its own inertia counts; default: as in the file
+    model : str, optional, name of a model in an SDF world
+    max_bodies : int, largest number of bodies
 
     Returns
     -------
     report : DoctorReport
-        Its ``findings`` are ordered by severity, then by what they change.
+        Its ``findings`` are ordered by severity, then by effect.
 
     Raises
     ------
     NotFoundError
-        There is no such file.
+        The file does not exist.
     ModelError
-        It cannot be read, or makes no robot.
+        The file cannot be read or is not a robot.
 
     Notes
     -----
-    The effect of a finding is the largest change of a diagonal entry of the mass matrix and of a gravity torque over 200
-    seeded configurations, between the file and its repair. A severity follows from it.
+    The effect of a finding is the largest change of a diagonal entry of the mass matrix and of a gravity torque between
+    the file and its repair, over 200 configurations with a fixed seed. The severity depends on it.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Shapes of a link as points and uniform solids in its frame, and the nearest tensor that a body can have."""
+"""Shapes of a link as points and uniform solids in its frame, and the nearest physically consistent tensor."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from ..typing import Array
 from ..viz import surface
 
 _LARGEST = 200 * 2**20
-"""Bytes of a mesh file that is opened."""
+"""Largest mesh file that is read [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeSpec:
-    """A shape as a file has it."""
+    """Shape as described in a file."""
 
     kind: str
-    """box, sphere, cylinder, capsule, ellipsoid, mesh, or another that is not read."""
+    """box, sphere, cylinder, capsule, ellipsoid, mesh, or an unsupported kind."""
     sizes: tuple[float, ...]
     """Edges; radius; radius and length; semi-axes; or the scale of a mesh."""
     pose: Array
-    """(4, 4) in the link's frame."""
+    """Pose (4, 4) in the link's frame."""
     file: str = ""
-    """File name of a mesh, as it is written."""
+    """File name of a mesh, as in the robot file."""
     role: str = "visual"
     """visual or collision."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """One shape that was read."""
+    """Shape that was read."""
 
     spec: ShapeSpec
     points: Array
-    """(n, 3) corners in the link's frame [m]."""
+    """Corners (n, 3) in the link's frame [m]."""
     inertia: SpatialInertia | None
-    """Inertia of the uniform solid, the hull for a mesh, at 1 kg/m³; None without volume."""
+    """Inertia of the uniform solid at 1 kg/m³; for a mesh, of its convex hull. None without volume."""
     path: Path | None = None
     """File of a mesh."""
 
@@ -60,22 +60,22 @@ class LinkShapes:
 
     @property
     def complete(self) -> bool:
-        """True if there are shapes, and every one was read."""
+        """True if there are shapes and all were read."""
         return bool(self.specs) and len(self.solids) == len(self.specs)
 
     @cached_property
     def points(self) -> Array:
-        """(n, 3) corners of all shapes, in the link's frame [m]."""
+        """Corners (n, 3) of all shapes, in the link's frame [m]."""
         return np.concatenate([np.zeros((0, 3)), *(solid.points for solid in self.solids)])
 
     @property
     def diagonal(self) -> float:
-        """Diagonal of the box along the link's axes [m]."""
+        """Diagonal of the bounding box along the link's axes [m]."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
 
     @cached_property
     def uniform(self) -> SpatialInertia | None:
-        """Visuals, else colliders, as solids at 1 kg/m³; None without volume."""
+        """Inertia of the visuals, or else the colliders, as solids at 1 kg/m³; None without volume."""
         for role in ("visual", "collision"):
             mine = [s.inertia for s in self.solids if s.spec.role == role and s.inertia is not None]
             if mine:
@@ -83,30 +83,30 @@ class LinkShapes:
         return None
 
     def tensor(self, mass: float) -> Array | None:
-        """(3, 3) about the solids' own centre of mass, along the link's axes, at another mass [kg m²]."""
+        """Tensor (3, 3) of the solids for another mass, about their centre of mass, along the link's axes [kg m²]."""
         if self.uniform is None:
             return None
         return np.asarray(self.uniform.moment_about_com * (mass / self.uniform.mass))
 
     def box(self, axes: Array) -> tuple[Array, Array]:
-        """The least and largest coordinates (3,) of the corners along axes (3, 3), columns in the link's frame [m]."""
+        """Smallest and largest coordinates (3,) of the corners along axes (3, 3), columns in the link's frame [m]."""
         along = self.points @ axes
         return along.min(axis=0), along.max(axis=0)
 
 
 @dataclass(eq=False)
 class ShapeReader:
-    """Reads the shapes of links, each mesh once."""
+    """Reader of the shapes of links; each mesh is read once."""
 
     path: Path | None
-    """The robot's file, which meshes are looked for around; None for none."""
+    """The robot's file, relative to which meshes are searched; None without a file."""
     folders: Sequence[Path] = ()
-    """Other folders where they may be, by their names or by what follows the package's."""
+    """Additional search folders; meshes are found by name or by their path within the package."""
     meshes: bool = True
     _known: dict[str, Array | None] = field(default_factory=dict)
 
     def read(self, specs: Sequence[ShapeSpec]) -> LinkShapes:
-        """Read shapes; those that cannot be read are left out of ``solids``."""
+        """Read shapes; ``solids`` omits those that cannot be read."""
         found = [self._solid(spec) for spec in specs]
         return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
 
@@ -120,7 +120,7 @@ class ShapeReader:
         return Solid(spec, points, None if inertia is None else inertia.in_frame(spec.pose), path)
 
     def _mesh(self, spec: ShapeSpec) -> tuple[Array, SpatialInertia | None] | None:
-        """Corners (n, 3) and hull of a mesh; None where it is not there or cannot be read."""
+        """Corners (n, 3) and hull of a mesh; None if it is missing or cannot be read."""
         if spec.file not in self._known:
             self._known[spec.file] = self._read(spec.file) if self.meshes else None
         corners = self._known[spec.file]
@@ -130,7 +130,7 @@ class ShapeReader:
         return corners, hull_solid(corners)
 
     def _read(self, name: str) -> Array | None:
-        """The corners of a mesh's hull in its own units."""
+        """Corners of a mesh's hull, in the units of the mesh."""
         path = self._find(name)
         try:
             if path is None or path.stat().st_size > _LARGEST:
@@ -157,7 +157,7 @@ class ShapeReader:
 
 
 def _simple(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia] | None:
-    """Corners and the uniform solid at 1 kg/m³; None for what is not read, or has no volume."""
+    """Corners and uniform solid at 1 kg/m³; None for unsupported kinds and for shapes without volume."""
     if not sizes or min(sizes) <= 0 or max(sizes) > 1e6:
         return None
     if kind not in _SOLIDS:
@@ -174,25 +174,25 @@ _SOLIDS: Mapping[str, tuple[Callable[..., surface.Surface], Callable[..., Spatia
     "cylinder": (surface.cylinder, SpatialInertia.cylinder),
     "capsule": (partial(surface.cylinder, round_ends=True), SpatialInertia.capsule),
 }
-"""Skin and uniform solid of each kind of shape."""
+"""Surface and uniform solid of each kind of shape."""
 
 
 def hull_solid(corners: Array) -> SpatialInertia | None:
-    """The uniform convex hull of points (n, 3) at 1 kg/m³; None where it is flat."""
+    """Uniform convex hull of points (n, 3) at 1 kg/m³; None if it is flat."""
     hull = convex_hull(corners)
     if hull is None:
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # of no usual size: there is a check of its own
+            warnings.simplefilter("ignore", ModelWarning)  # an unusual size is reported by another check
             return SpatialInertia.mesh(hull, density=1.0)
     except TwistWrenchError:
         return None
 
 
-# ── The nearest physically consistent tensor, in a named metric
+# ── Nearest physically consistent tensor in a metric
 
-# With S the second moments, ½ tr(I) 1 - I: a body can have I where S is positive semidefinite.
+# With the second moments S = ½ tr(I) 1 - I: I is physically consistent if S is positive semidefinite.
 
 METRICS = {
     "frobenius": "second moments, Frobenius norm",
@@ -200,18 +200,18 @@ METRICS = {
 }
 """Metrics with their full names."""
 _THINNEST = 1e-4
-"""Share of the second moments that the least one keeps, so that ten digits of a file do not lose it again."""
+"""Smallest second moment relative to their sum, so that rounding to ten digits does not make it negative."""
 _WEIGHT = 0.01
-"""Weight of the divergence beside the squared distance."""
+"""Weight of the divergence relative to the squared distance."""
 
 
 def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = None) -> Array:
-    """The nearest tensor (3, 3) that a body can have.
+    """Nearest physically consistent tensor (3, 3).
 
-    ``frobenius`` clips the second moments S. ``entropic`` minimises ½ |X - X_0|² + w (tr X - log det X) with S seen from the
-    second moments of ``reference``, X = L⁻¹ S L⁻ᵀ: invariant to units and axes, and always a body with volume (Wensing, Kim
-    and Slotine, 2018). Without a reference a ball of the same trace stands for it.
-    Raises :class:`~twistwrench.ValueRangeError` for another metric.
+    ``frobenius`` clips the second moments S. ``entropic`` minimises ½ |X - X_0|² + w (tr X - log det X) with X = L⁻¹ S
+    L⁻ᵀ, S relative to the second moments of ``reference``. It is invariant to units and axes, and the result always has
+    a volume (Wensing, Kim and Slotine, 2018). The default reference is a ball with the same trace. Raises
+    :class:`~twistwrench.ValueRangeError` for another metric.
     """
     if metric not in METRICS:
         raise ValueRangeError(f"metric={metric!r} is not allowed. Choose from: {', '.join(map(repr, METRICS))}.")

@@ -1,4 +1,4 @@
-"""Checks of tensors: impossible ones, those that do not fit the link's shapes, and the entry errors that explain them."""
+"""Checks of tensors: physical consistency, agreement with the link's shapes, and entry errors as explanations."""
 
 from __future__ import annotations
 
@@ -22,53 +22,53 @@ from .shapes import METRICS, nearest
 
 @dataclass(frozen=True)
 class Options:
-    """Options of all checks."""
+    """Options common to all checks."""
 
     metric: str = "frobenius"
-    """Metric of the nearest tensor, one of ``METRICS``."""
+    """Metric of the nearest tensor, a key of ``METRICS``."""
     mirror_from: str = ""
-    """Side, left or right, that is correct if two sides are not mirror images; empty: not known."""
+    """Correct side, left or right, if two sides are not mirror images; empty if unknown."""
 
 
-# ── Entry errors: single changes that turn a tensor into one that a body can have
+# ── Entry errors: single changes that make a tensor physically consistent
 
-# Tensors are about the centre of mass, along the axes they are written in [kg m²]. An entry error is accepted only if it is
-# the only one, or far nearer than all others to the tensor of the link's shapes at its mass.
+# Tensors are about the centre of mass, along the file's axes [kg m²]. An entry error is accepted only if it is the only
+# candidate, or far nearer than all others to the tensor of the link's shapes at its mass.
 
 _POWERS = range(1, 7)
 UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
-"""Units that are mistaken for kg m², by the power of ten."""
+"""Units that are mistaken for kg m², by power of ten."""
 _PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 _NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
-"""Relative distances to the tensor of the shapes: ratio to the second nearest, largest of the nearest, and cut-off."""
+"""Distances relative to the tensor of the shapes: ratio to the second nearest, largest of the nearest, and cut-off."""
 _ROUND = 1e-4
-"""Relative distance from a number of two digits at which a dimension is round."""
+"""Relative tolerance for a dimension to count as a round number of two digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class EntryError:
-    """An error in entering the numbers, and the tensor that was meant."""
+    """Error in entering the numbers, with the corrected tensor."""
 
     kind: str
     """sign, power, origin, dimension or unit."""
     sentence: str
     tensor: Array
     certain: bool = False
-    """True if it reproduces the numbers digit for digit."""
+    """True if it reproduces all digits of the numbers."""
     family: str = ""
-    """Equal for entry errors that differ only by the power of ten."""
+    """Equal for entry errors that differ only by a power of ten."""
 
 
 def possible(tensor: Array) -> bool:
-    """True if a body can have the tensor, by the loader's criterion, and it is not zero."""
+    """True if the tensor is nonzero and physically consistent by the loader's criterion."""
     fine = np.isfinite(tensor).all() and tensor.trace() > 0.0
     return bool(fine) and not SpatialInertia.from_com(1.0, moment_about_com=tensor).defects()
 
 
 def explain(errors: Iterable[EntryError], reference: Array | None) -> EntryError | None:
-    """The error that explains the numbers by a possible tensor: by far the nearest to that of the shapes, or the only one.
+    """Entry error that explains the numbers: the only one, or by far the nearest to the tensor of the shapes.
 
-    Among several powers of ten in one entry the smallest is taken if the shapes do not decide.
+    If the shapes do not decide between powers of ten in one entry, the smallest is used.
     """
     candidates = [error for error in errors if possible(error.tensor)]
     candidates = [error for error in candidates if error.certain] or candidates
@@ -83,7 +83,7 @@ def explain(errors: Iterable[EntryError], reference: Array | None) -> EntryError
 
 
 def _signs(tensor: Array) -> Iterator[EntryError]:
-    """Three products that are not zero: one of other sign changes the moments, and so do all three, but two do not."""
+    """Wrong signs of nonzero products: of one, or of all three. Two wrong signs do not change the principal moments."""
     if not all(tensor[at] for at in _PRODUCTS.values()):
         return
     for name, at in _PRODUCTS.items():
@@ -93,7 +93,7 @@ def _signs(tensor: Array) -> Iterator[EntryError]:
 
 
 def _entries(tensor: Array) -> Iterator[EntryError]:
-    """One entry a power of ten off, either way for moments, down for products, the least power first."""
+    """One entry wrong by a power of ten: moments in either direction, products too large; smallest power first."""
     for name, at in ((name, ENTRIES[name]) for name in IN_MJCF):
         for up in (False, True) if at[0] == at[1] else (False,):
             for k in _POWERS if tensor[at] else ():
@@ -107,7 +107,7 @@ def _entries(tensor: Array) -> Iterator[EntryError]:
 
 
 def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[EntryError]:
-    """Off by m (c.c 1 - c c') along the written axes."""
+    """Tensor about the origin: differs by m (c.c 1 - c c') along the file's axes."""
     c = written.R.T @ written.com
     steiner = written.mass * (c @ c * np.eye(3) - np.outer(c, c))
     if np.linalg.norm(steiner) > 0.05 * np.linalg.norm(tensor):
@@ -116,7 +116,7 @@ def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[EntryError
 
 
 def _units(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
-    """All entries one power of ten off, compared with the tensor of the shapes."""
+    """All entries wrong by one power of ten, compared with the tensor of the shapes."""
     if reference is None or tensor.trace() <= 0 or reference.trace() <= 0:
         return
     ratio = float(np.log10(tensor.trace() / reference.trace()))
@@ -127,7 +127,7 @@ def _units(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
 
 
 def _dimensions(tensor: Array, mass: float) -> Iterator[EntryError]:
-    """A uniform solid of round dimensions, one of which is ten, a hundred or a thousand times too large."""
+    """Tensor of a uniform solid with round dimensions, one of which is too large by a factor of 10, 100 or 1000."""
     moments = tensor.diagonal()
     if mass <= 0 or np.abs(tensor - np.diag(moments)).max() > 1e-6 * np.abs(moments).max():
         return
@@ -156,13 +156,13 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[EntryError]:
 
 
 def _too_large(said: str, family: str, k: int, wrong: float, right: float, moments: Array) -> EntryError:
-    """One dimension 10^k times too large; the least power is certain."""
+    """One dimension too large by 10^k; only k = 1 is certain."""
     said = f"{said} is {10**k} times too large: {printed(wrong)} m for {printed(right)} m"
     return EntryError("dimension", said, np.diag(moments), certain=k == 1, family=family)
 
 
 def _round(value: float) -> float:
-    """The value as a number of two digits; 0 if it is not one."""
+    """Nearest number of two digits; 0 if the value is not close to one."""
     near = float(f"{residual(value)}")
     return near if abs(value - near) <= _ROUND * near else 0.0
 
@@ -173,22 +173,22 @@ def _with(tensor: Array, at: tuple[int, int], value: float) -> Array:
     return changed
 
 
-# ── Checks of tensors: physically impossible ones, and those that do not fit the link's shapes
+# ── Checks of tensors: physical consistency, and agreement with the link's shapes
 
 _ABSORBED = 1.0
-"""% of M from which an impossible link within a possible body matters."""
+"""Percentage of M above which an impossible link within a consistent body is relevant."""
 MATTERS = 5.0
-"""% of M from which a tensor of another size than its shapes matters."""
+"""Percentage of M above which a disagreement of tensor and shapes is relevant."""
 _FACTOR = 2.0
-"""Factor above the largest moment in its box from which a moment is too large."""
+"""Ratio to the largest moment in the box above which a moment is too large."""
 _IDENTIFIED = 10.0
-"""Factor above that largest moment up to which base-parameter regrouping can explain it."""
+"""Ratio to this largest moment up to which base-parameter regrouping is an explanation."""
 _SMALL = 1.0 / 30.0
-"""Share of the diagonal of its shapes below which a gyration radius is too small."""
+"""Ratio to the diagonal of the shapes below which a gyration radius is too small."""
 
 
 def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
-    """Negative moments, or a broken triangle inequality, of a link by itself."""
+    """Negative moments, or a violated triangle inequality, of a single link."""
     refused = {i for i, body in enumerate(robot.model.bodies) if reasons(body.inertia)}
     for link in robot.links.values():
         written = link.written
@@ -211,10 +211,10 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
 
 
 def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """A moment above twice the largest that the mass could have within the box of the link's shapes."""
+    """Moment above twice the largest that the mass can have within the box of the link's shapes."""
     for link, written in judged(robot):
         reach, I = _reach(link, written), written.tensor
-        most = written.mass * (reach @ reach - reach**2)  # the largest moments within that reach
+        most = written.mass * (reach @ reach - reach**2)  # largest moments within the extent
         if (I.diagonal() <= _FACTOR * most).all() or not reach.all():
             continue
         axis = int((I.diagonal() / most).argmax())
@@ -238,7 +238,7 @@ def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """A largest gyration radius below a thirtieth of the diagonal of the shapes."""
+    """Largest gyration radius below a thirtieth of the diagonal of the shapes."""
     for link, written in judged(robot):
         largest = float(np.linalg.eigvalsh(written.tensor)[-1])
         radius, diagonal = float(np.sqrt(max(largest, 0.0) / written.mass)), link.shapes.diagonal
@@ -257,7 +257,7 @@ def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
-    """Links with a hundredth of the mass, a possible tensor, and shapes that were all read."""
+    """Links with at least 1 % of the mass, a consistent tensor, and completely read shapes."""
     for link in robot.links.values():
         written = link.written
         fine = written is not None and robot.heavy(link) and not reasons(written.inertia)
@@ -266,13 +266,13 @@ def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
 
 
 def no_tensor(written: WrittenInertia) -> bool:
-    """True if the tensor is zero, rounding beside the moments about the origin, or that of a body of a micrometre."""
+    """True if the tensor is zero, negligible beside the moments about the origin, or that of a micrometre body."""
     largest = float(np.abs(written.tensor).max())
     return largest <= max(1e-13 * float(np.abs(written.inertia.moment_about_origin).max()), 1e-12 * written.mass)
 
 
 def placeholder(written: WrittenInertia) -> bool:
-    """True if the moments are one power of ten, as in templates, and the products zero or the same."""
+    """True if the moments equal one power of ten, as in templates, and the products are zero or the same."""
     value = float(written.tensor[0, 0])
     if value <= 0 or (written.tensor.diagonal() != value).any():
         return False
@@ -281,7 +281,7 @@ def placeholder(written: WrittenInertia) -> bool:
 
 
 def reference_of(link: ParsedLink) -> Array | None:
-    """The tensor of the link's shapes at its mass, along the axes its own is written in; None without volume."""
+    """Tensor of the link's shapes at its mass, along the axes of the link's tensor; None without volume."""
     if link.written is None or not link.shapes.complete:
         return None
     tensor = link.shapes.tensor(link.written.mass)
@@ -290,14 +290,14 @@ def reference_of(link: ParsedLink) -> Array | None:
 
 
 def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair | None:
-    """Repair by the tensor that an entry error explains, if there is one."""
+    """Repair by correction of an entry error, if there is one."""
     if error is None:
         return None
     return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
 
 
 def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> FileRepair:
-    """The nearest tensor that can exist."""
+    """Repair by the nearest physically consistent tensor."""
     assert link.written is not None
     tensor = nearest(link.written.tensor, metric, reference if metric == "entropic" else None)
     change = float(np.linalg.norm(tensor - link.written.tensor) / np.linalg.norm(link.written.tensor))
@@ -310,7 +310,7 @@ def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> Fi
 def shape_repair(
     link: ParsedLink, why: str = "no one slip explains it; this is the tensor of its shapes as uniform solids"
 ) -> FileRepair:
-    """The tensor of the shapes at the link's mass, or advice where they have no volume."""
+    """Repair by the tensor of the shapes at the link's mass, or advice if they have no volume."""
     tensor = reference_of(link)
     if tensor is None:
         return FileRepair("advice", "give it the tensor of its shape at its mass")
@@ -324,7 +324,7 @@ def _repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, metric: s
 
 
 def _reach(link: ParsedLink, written: WrittenInertia) -> Array:
-    """Extent (3,) of the shapes from the centre of mass along the written axes [m]."""
+    """Extent (3,) of the shapes from the centre of mass along the file's axes [m]."""
     low, high = link.shapes.box(written.R)
     c = written.R.T @ written.com
     return np.maximum(np.abs(low - c), np.abs(high - c))
