@@ -1,1 +1,1 @@
-"""Pictures of results, one style for all."""
+"""Plots of results in a common style."""

@@ -1,4 +1,4 @@
-"""Plots of causes: a torque's explanation as stacked bars, and a sensor's readings before and after compensation."""
+"""Plots of causes: torque contributions as stacked bars, and sensor readings before and after compensation."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from . import style
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
 _APART = {"friction": style.GREY, "springs": style.OLIVE}
-"""Terms that do not belong to a body; wrenches are the remaining ones."""
+"""Colours of terms that do not belong to a body; the remaining ones are wrenches."""
 _MOST = 8
-"""Causes drawn by themselves; the smallest of more are drawn as one."""
+"""Maximum number of causes drawn separately; the smallest ones are combined."""
 
 
 def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """A colour for each cause, and hatches where there are more causes than colours.
+    """Colour for each cause, with hatches if there are more causes than colours.
 
     Parameters
     ----------
-    bodies : sequence of str, causes that are bodies; their colours are never those of another kind
+    bodies : sequence of str, causes that are bodies; other causes get other colours
     apart : sequence of str, the other causes
 
     Returns
@@ -51,11 +51,11 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
 
 
 def plot_explanation(why: Explanation, path: str | Path) -> Path:
-    """Bar chart of an explanation of torques; see :meth:`Explanation.plot`.
+    """Bar chart of torque contributions; see :meth:`Explanation.plot`.
 
     Parameters
     ----------
-    why : Explanation, of one state
+    why : Explanation, for one state
 
     Examples
     --------
@@ -97,7 +97,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
 # ── Readings before and after compensation
 
 _COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
-_FEW = 40  # readings up to which each is a dot
+_FEW = 40  # maximum number of readings drawn as dots
 
 
 def plot_compensation(
@@ -109,15 +109,15 @@ def plot_compensation(
     marked: Array,
     mark: str,
 ) -> None:
-    """Plot of readings with what the sensor's load explains (left) and what is left (right), forces above moments.
+    """Plot of readings with the prediction of the sensor's load (left) and residuals (right), forces above moments.
 
     Parameters
     ----------
     log : ReadingLog
     sensor : ForceTorqueSensor
     noise : (moment [N m], force [N]), standard deviations of a reading
-    marked : (n,) array of bool, readings that are shaded
-    mark : str, what they are called in the legend
+    marked : (n,) array of bool, shaded readings
+    mark : str, legend label of the shaded readings
 
     Examples
     --------
@@ -152,7 +152,7 @@ def plot_compensation(
                 axis.set_ylabel(f"{what} [{unit}]")
                 axis.legend(ncols=5, loc="upper left", bbox_to_anchor=(0.0, 1.0), columnspacing=1.0)
                 low, high = axis.get_ylim()
-                axis.set_ylim(low, high + 0.14 * (high - low))  # the legend's own room
+                axis.set_ylim(low, high + 0.14 * (high - low))  # room for the legend
         for axis in axes[1]:
             axis.set_xlabel("reading, from 0" if log.time is None else "time [s]", color=style.QUIET)
             if log.time is None:
@@ -173,7 +173,7 @@ def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: A
 
 
 def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
-    """Draw the readings predicted by bias and load: bars over dots, a thin dark line over lines."""
+    """Draw the readings predicted from bias and load: bars over dots, a thin dark line over lines."""
     dot = {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
     line: dict[str, Any] = dot if len(x) <= _FEW else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
     for k in range(3):

@@ -1,4 +1,4 @@
-"""Plots of the doctor and of identification: inertia ellipsoids, friction, residuals, parameter groups."""
+"""Plots of diagnosis and identification: inertia ellipsoids, friction, residuals, parameter groups."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from ..identification import IdentifiedRobot
 
 _MOST = 6
-"""Links in one picture: those with the worst findings."""
+"""Maximum number of links in a picture, worst findings first."""
 VIEWS = ((0, 1), (0, 2), (1, 2))
-"""Axes of a link that lie in each of the three pictures of it."""
+"""Pairs of link axes in the plane of each of the three views."""
 
 
 def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
-    """Draw the links whose inertia the doctor repairs: shapes, and ellipsoids of inertia before and after."""
+    """Draw the links with inertias repaired by the doctor: shapes, and inertia ellipsoids before and after."""
     pairs = links_drawn(report)
     if not pairs:
         raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
@@ -44,7 +44,7 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
         grid = drawn.subplots(len(pairs), 3, squeeze=False)
         for row, (link, check, after) in zip(grid, pairs, strict=True):
             described, before = report.subject.robot.links.get(link), report.subject.robot.model.link_inertias[link]
-            # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
+            # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
             inertias = [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")]
             for axes, view in zip(row, VIEWS, strict=True):
                 for k, shape in enumerate(described.shapes.solids if described is not None else ()):
@@ -57,7 +57,7 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
 
 
 def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
-    """The links whose inertia a finding changes in effect, each with the check's name and the inertia it gets."""
+    """Links with an inertia effectively changed by a finding, each with the check's name and the new inertia."""
     found: dict[str, tuple[str, SpatialInertia]] = {}
     for finding in report.findings:
         if finding.repair is not None and finding.effect.inertia_joint:
@@ -69,9 +69,9 @@ def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
 def draw_inertias(
     axes: style.Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]
 ) -> None:
-    """Outlines of the uniform ellipsoids that have these inertias, and their centres of mass: inertia, colour, dashes, name.
+    """Draw outlines and centres of mass of uniform ellipsoids: tuples of inertia, colour, dashes and name.
 
-    ``view`` are the axes of the link that lie in the picture.
+    ``view`` holds the link axes in the picture plane.
     """
     for inertia, colour, dashes, name in inertias:
         for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
@@ -86,7 +86,7 @@ def draw_inertias(
 
 
 def _outline(points: Array) -> Array:
-    """The convex outline (n, 2) of points, in order."""
+    """Convex hull (n, 2) of points, in order."""
     edges = hull_faces(points)
     if edges is None:
         return points
@@ -96,25 +96,25 @@ def _outline(points: Array) -> Array:
     return np.asarray(points[used][np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
 
 
-# ── Friction, residuals and bodies, on given axes
+# ── Friction, residuals and bodies on given axes
 
 _BAND, _FAR = 1.96, 4.0
-"""Deviations of a band that holds 95 %, and from which a residual is marked."""
+"""Standard deviations: half-width of a 95 % band, and threshold of marked residuals."""
 _SPEEDS, _USUAL = 201, 2.0
-"""Points of a curve, and the speed it goes to of a joint without a limit [rad/s, m/s]."""
+"""Number of points of a curve, and its maximum speed for joints without a limit [rad/s, m/s]."""
 _BAR = 0.2
-"""Width, of four beside each other in a joint's unit."""
+"""Width of each of the four bars of a joint, which has unit width."""
 _LAWS = ("viscous", "coulomb", "stribeck", "offset")
 
 
 def frictional(found: IdentifiedRobot) -> list[int]:
-    """The joints whose friction was identified."""
+    """Joints with identified friction."""
     names = found.original.velocity_names
     return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:3])]
 
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
-    """Friction over speed of each joint: viscous dq + coulomb tanh(dq / v) + offset, with a band of 95 %, and the file's."""
+    """Draw friction over speed for each joint: viscous dq + coulomb tanh(dq / v) + offset, its 95 % band, and the file's."""
     kinds, model = Coordinates.from_model(found.original.model), found.original.model
     for axes, k in zip(grid, frictional(found), strict=True):
         name, turns = found.original.velocity_names[k], bool(kinds.angular_velocity[k])
@@ -141,7 +141,7 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
 
 
 def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
-    """Draw residual torques of held-out rows over time, beside those of the training rows; outliers are marked."""
+    """Draw residual torques over time for held-out and training rows; outliers are marked."""
     kinds = Coordinates.from_model(found.original.model)
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
         sigma = float(found.sigma[j])
@@ -159,9 +159,9 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
 
 
 def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
-    """Draw the residual of each joint's torque by file, file with friction, groups and consistent bodies.
+    """Draw the residual of each joint's torque for the file, the file with friction, groups and consistent bodies.
 
-    Bars end at the whole torque; what is beyond is written on them.
+    Bars are cut off at the whole torque; larger values are written on them.
     """
     left, names = found.residuals, list(found.held_out.names)
     models = (
@@ -182,7 +182,7 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
 
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
-    """Ellipsoids of inertia of the moving bodies, in the file and identified: a row for each body, seen along each axis."""
+    """Draw inertia ellipsoids of the moving bodies from the file and identified: a row per body, a view per axis."""
     unknown, inertias = found.base.unknown, found.consistent.inertias
     for row, i in zip(grid, unknown.bodies, strict=True):
         body = unknown.model.bodies[i]
@@ -201,7 +201,7 @@ _PURPOSE = "Drawing the identification"
 
 
 def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
-    """Draw measured and predicted torques of rows held out, the groups with their intervals, and the weight of the prior."""
+    """Draw measured and predicted torques of held-out rows, groups with intervals, and the weight of the prior."""
     names = found.held_out.names
     height = 2.1 * len(names) + 4.6
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
@@ -250,12 +250,12 @@ def _plot(width: float, height: float, draw: Callable[[Any], None], title: str) 
 
 
 def _rows(drawn: Any, names: Sequence[str]) -> list[Any]:
-    """A panel for each name, below each other."""
+    """One panel for each name, one below another."""
     return style.panels(drawn, len(names), 1, sharex=True)
 
 
 def _torques(drawn: Any, found: IdentifiedRobot) -> None:
-    """Draw measured and predicted torques of each joint, and below them what is left, with the band of 95 % of it."""
+    """Draw measured and predicted torques of each joint, and below them residuals with their 95 % band."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
     units = units_of("tau", Coordinates.from_model(found.original.model).angular_velocity)
     ends = dict[float, float]()
@@ -289,7 +289,7 @@ def _torques(drawn: Any, found: IdentifiedRobot) -> None:
 
 
 def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
-    """Each group in units of its file's value or its own, whichever is larger, with its interval; the file as a tick."""
+    """Draw groups with intervals, in units of the larger of file value and estimate; the file value is a tick."""
     half = found.covariance.half_width()
     size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
     k = np.arange(min(len(size), _MOST_GROUPS))
@@ -312,7 +312,7 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
 
 
 def _short(group: str) -> str:
-    """A group by its first parameter."""
+    """Short name of a group: its first parameter."""
     first, plus, _ = group.partition(" + ")
     named = first if len(first) <= _LONGEST_NAME else f"{first[:_LONGEST_NAME]}…"
     return f"{named} + …" if plus else named
@@ -332,14 +332,14 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.legend()
 
 
-# ── The report in blocks
+# ── Blocks of the report
 
 _KINDS = {"test": "in the logs of --test", "five-fold": "in 5-fold cross-validation over time"}
 _MOST_NAMES = 5
 
 
 def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
-    """Verdict and its basis; with the essential groups if ``essential``."""
+    """Verdict and its basis; with essential groups if ``essential``."""
     joints = [f"{name} {percent(share, 3)}" for name, share in found.held_out.joints.items() if math.isfinite(share)]
     left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
     poor = f"{len(found.poorly_determined)} of {int((~found.base.held).sum())} parameter groups poorly determined."
@@ -407,7 +407,7 @@ def _essential(found: IdentifiedRobot) -> str:
 
 
 def bodies_view(found: IdentifiedRobot) -> Iterator[Block]:
-    """Physically consistent bodies beside those of the file, and how well they predict."""
+    """Physically consistent bodies compared with the file's, and their prediction error."""
     consistent, unknown = found.consistent, found.base.unknown
     yield (
         f"Weight of the prior γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} unexplained in 5-fold "

@@ -1,4 +1,4 @@
-"""Plots of a motion: causes of each torque, power and energy, phase plane, velocities and torques against limits."""
+"""Plots of a motion: torque contributions, power and energy, phase plane, velocities and torques against limits."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ _ZERO = 1e-9
 
 
 class Energies(NamedTuple):
-    """Energy balance of a motion over time; all but ``power`` are (n,) J, since its beginning."""
+    """Energy balance of a motion over time; all fields except ``power`` are (n,) J, relative to the first sample."""
 
     power: Array
     """(n, nv) τ dq of each joint [W]."""
     work: Array
-    """Names of the joints."""
+    """Work of the joints."""
     friction: Array
-    """Lost to it."""
+    """Energy lost to friction."""
     wrenches: Array
     """Work of the wrenches on the robot."""
     springs: Array
-    """Stored in them; part of the potential energy."""
+    """Energy stored in springs; part of the potential energy."""
     kinetic: Array
-    """Total, not since the beginning."""
+    """Kinetic energy, absolute."""
     potential: Array
-    """Total, not since the beginning."""
+    """Potential energy, absolute."""
 
 
 def energies(motion: DrawnMotion) -> Energies:
-    """Work and energies of a motion: work - friction + wrenches is what kinetic and potential energy gain.
+    """Work and energies of a motion: work - friction + wrenches equals the gain of kinetic and potential energy.
 
-    Works are integrals by the trapezoidal rule over the samples kept.
+    Works are trapezoidal integrals over the kept samples.
 
     Returns
     -------
@@ -85,9 +85,9 @@ def energies(motion: DrawnMotion) -> Energies:
 
 
 def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
-    """Plot of what the torque of each joint is made of, over time; the terms add up to τ.
+    """Plot the contributions to each joint's torque over time; they add up to τ.
 
-    MR eq. 8.1, with payload, wrenches, springs and friction apart.
+    Terms of MR eq. 8.1, with payload, wrenches, springs and friction separate.
 
     Examples
     --------
@@ -120,9 +120,9 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
 
 def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
-    """Plot of the power of each joint, and of work and energies over time.
+    """Plot the power of each joint, and work and energies over time.
 
-    Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain.
+    Work of the joints, minus friction losses, plus work of wrenches equals the gain of kinetic and potential energy.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
 def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
     """Phase plot: velocity over position of each joint.
 
-    Coloured by time; limits of position and velocity are dashed where the motion comes near them.
+    Coloured by time; position and velocity limits are dashed if the motion comes near them.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
     def draw(axis: style.Axes, k: int) -> None:
         place = int(coordinates.position_of[k])
-        # Velocities of ball, planar and floating joints are not rates of coordinates: their integrals are drawn.
+        # Velocities of ball, planar and floating joints are not coordinate rates, so their integrals are drawn.
         x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
         points = np.stack([x, motion.dq[:, k]], axis=1)
         steps = list(np.stack([points[:-1], points[1:]], axis=1))
@@ -218,7 +218,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
+        most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over all rows, as in the torque report
         used = f"torque {percent_of_limit(most)}" if some[k] else "no torque limit"
         style.titles(axis, robot.model.velocity_names[k], used, style.OVER if over_limit(most) else style.QUIET)
         axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL)
@@ -237,7 +237,7 @@ def _panels(
     below: str,
     shades: Any = None,
 ) -> Path:
-    """A panel for each joint, and one legend of what was ``seen`` in any; a bar for colours of time if they are ``shades``."""
+    """Draw one panel per joint and a common legend of the labels in ``seen``; a colour bar of time if ``shades``."""
     chosen = _chosen(motion, joints)
     rows, columns = style.panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
@@ -260,7 +260,7 @@ def _panels(
 
 
 def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
-    """Indices of the torques of the named joints; all of them if none is named."""
+    """Indices of the named joints' torques; all if none is named."""
     model = motion.load.with_load.model
     if not joints:
         return list(range(model.nv))
@@ -278,7 +278,7 @@ def _title(motion: DrawnMotion) -> str:
 
 
 def _work(t: Array, power: Array) -> Array:
-    """The integral from the first sample on, by the trapezoidal rule; (n,), (n,) → (n,)."""
+    """Integral from the first sample by the trapezoidal rule; (n,), (n,) → (n,)."""
     return np.concatenate([[0.0], np.cumsum(np.diff(t) * (power[1:] + power[:-1]) / 2)])
 
 
@@ -286,7 +286,7 @@ def _work(t: Array, power: Array) -> Array:
 
 
 def plot_motion(motion: Motion, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
-    """Plot of velocities and torques of a motion as shares of their limits.
+    """Plot velocities and torques of a motion as shares of their limits.
 
     Parameters
     ----------
@@ -333,16 +333,16 @@ def legend(axis: style.Axes) -> None:
 
 
 def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tuple[str, ...], what: str) -> None:
-    """Curves of a quantity of each joint, as shares of its limits where all have one that moves, else the values themselves.
+    """Draw a quantity of each joint, as shares of the limits if every moving joint has one, otherwise in its own unit.
 
     Parameters
     ----------
     axis : Matplotlib's Axes
     t : (n,) array [s]
     values : (n, nv) array
-    limits : (nv,) array, inf where nothing is limited
+    limits : (nv,) array, inf without a limit
     names : tuple of nv str
-    what : str, of the quantity
+    what : str, name of the quantity
 
     Examples
     --------

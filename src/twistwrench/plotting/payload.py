@@ -1,4 +1,4 @@
-"""Plots of statics: force polytope and ellipsoid, shares of the joints, and the payload map."""
+"""Plots of statics: force polytope and ellipsoid, limit shares of the joints, and the payload map."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ __all__ = ["plot_payload"]
 
 
 def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
-    """Draw the largest payload of the best and of the worst posture at each place, side by side; colours span ``answer``."""
+    """Draw the largest payloads of the best and worst posture at each place, side by side, on a scale for ``answer``."""
     from matplotlib.colors import LogNorm
 
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
     finite = chart.best[np.isfinite(chart.best)]
-    high = max(float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3)  # a few hold a hundred times more
+    high = max(float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3)  # a few are 100 times larger
     low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
     if 0 < answer < np.inf:
         low, high = min(low, answer / 3), max(high, 3 * answer)
@@ -61,7 +61,7 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
 
 
 def _round_ticks(low: float, high: float) -> list[float]:
-    """Round numbers from low to high, a few of them: steps of 1, 2, 5, or finer where these are fewer than three."""
+    """A few round numbers from low to high, in steps of 1, 2, 5, or finer if these give fewer than three."""
     ticks: list[float] = []
     for steps in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0), tuple(0.1 * k for k in range(10, 100))):
         decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -89,17 +89,17 @@ def plot_payload(
     limits: ArrayLike | None = None,
     chart: PayloadMap | None = None,
 ) -> None:
-    """Plot of one pose with its largest payload, and of the payload map if there is one.
+    """Plot one pose with its largest payload, and the payload map if given.
 
-    Forces are the robot's on the world at zero moment, along the base's axes. The ellipsoid holds where all torques
-    together stay within their limits in norm, without gravity.
+    Forces are those of the robot on the world at zero moment, along the axes of the base. The ellipsoid holds all
+    forces with a torque norm of at most 1 in units of the limits, without gravity.
 
     Parameters
     ----------
     q : (nq,) array, configuration
-    found : LargestPayload, there
-    where : str, where the payload is, for the title; the frame if empty
-    carried : str, what is carried besides
+    found : LargestPayload, at this configuration
+    where : str, place of the payload for the title; the frame if empty
+    carried : str, other loads
     chart : PayloadMap, optional
 
     Examples
@@ -126,7 +126,7 @@ def plot_payload(
 def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
     try:
         polytope = wrench_polytope(robot, q, frame, limits=limits)
-        # One of shares of the limits, given or the robot's own.
+        # Ellipsoid in units of the torque limits, given or the robot's own.
         ellipsoid = wrench_ellipsoid(robot, q, frame, limits=robot.limits.effort if limits is None else limits)
     except ValueRangeError as problem:
         axis = part.subplots()
@@ -152,12 +152,12 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
         label = f"weakest, {number(weakest.magnitude)} N, by {limited}"
         draw(axis, polytope, weakest.magnitude * weakest.wrench[3:], label)
     style.titles(axis, "Forces the robot can apply, at zero moment")
-    place = {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}  # only in space there is room beside the figure
+    place = {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}  # only a solid plot has room beside the figure
     axis.legend(loc="upper left", **place)
 
 
 def _flat_words(polytope: WrenchPolytope) -> str:
-    """Caption if at most one direction of force takes torque."""
+    """Caption for at most one direction of force that requires torque."""
     if polytope.borne.shape[1] > 2:
         return "The structure bears forces\nin every direction here."
     along = np.linalg.svd(polytope.borne.T)[2][-1]
@@ -197,7 +197,7 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
 
 
 def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
-    """The corners (k, 3) in the plane n · x = b, in their order around it."""
+    """Corners (k, 3) in the plane n · x = b, in order around it."""
     on = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
     if len(on) < 3:
         return on
@@ -207,7 +207,7 @@ def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
 
 
 def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
-    """A planar robot's forces, in its plane."""
+    """Draw the forces of a planar robot in its plane."""
     first, second = _plane(polytope)
     corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
     spokes = corners - corners.mean(axis=0)
@@ -224,7 +224,7 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
 
 
 def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
-    """Two unit vectors across the borne direction: the base axis nearest the plane first, upwards second."""
+    """Two unit vectors across the borne direction: the nearest base axis first, upwards second."""
     n = polytope.borne[:, 0]
     flat = np.eye(3) - np.outer(n, n)
     first = flat[0] if np.linalg.norm(flat[0]) > 0.5 else flat[1]
@@ -241,7 +241,7 @@ def _words(direction: Array) -> str:
 
 
 def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
-    """The force from no force to the nearest facet, which is shaded; a white rim lifts it off the ellipsoid's lines."""
+    """Draw the weakest force, up to the shaded nearest facet; a white outline separates it from the ellipsoid."""
     from matplotlib.patheffects import Normal, Stroke
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -257,7 +257,7 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
 
 
 def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
-    """The force from no force to the nearest side, which is drawn thick."""
+    """Draw the weakest force, up to the nearest side, which is drawn thick."""
     first, second = _plane(polytope)
     n = tip / np.linalg.norm(tip)
     on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
@@ -271,7 +271,7 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     from matplotlib.patches import Patch
 
     rows = np.arange(len(found.joint_names))
-    driven = np.where(found.limits > 0, found.limits, np.inf)  # a joint that can give nothing has no share to draw
+    driven = np.where(found.limits > 0, found.limits, np.inf)  # a limit of zero has no share to draw
     alone, full = found.unloaded / driven, found.torques / driven
     colours = [style.OVER if k == int(found.joint) or over_limit(abs(full[k])) else style.SKY for k in rows]
     axis.barh(rows, full, color=colours, height=0.62)

@@ -1,4 +1,4 @@
-"""Plots of a simulation and of a trajectory: coordinates, energies, drift, limits that bind, phase plane."""
+"""Plots of a simulation and of a trajectory: coordinates, energies, drift, active limits, phase plane."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
 
 
 def _panels(result: SimulationResult) -> dict[str, list[int]]:
-    """Titles of the panels of coordinates, and the coordinates that each shows."""
+    """Panel titles, each with the coordinates in the panel."""
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
     found = {said: [k for k, u in enumerate(units) if u == unit] for unit, said in _PANELS.items()}
     return {said: places for said, places in found.items() if places}
 
 
 def _draw_coordinates(axis: style.Axes, result: SimulationResult, said: str, places: list[int]) -> None:
-    """Draw the coordinates of one unit; those that move most in colour."""
+    """Draw the coordinates of one unit; those that move most have colours."""
     q, names = result.q[:, places], [result.coordinate_names[k] for k in places]
     turned = [result.coordinate_units[:k].count("") // _QUATERNION for k in places]  # a quaternion has three velocities
     colours = [k - n for k, n in zip(places, turned, strict=True)]
@@ -103,7 +103,7 @@ def _legend(axis: style.Axes) -> None:
     cast("Any", axis).legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
-# ── A trajectory: shares of limits, binding limits, phase plane
+# ── A trajectory: shares of limits, active limits, phase plane
 
 _SAMPLES = 3001
 
@@ -111,12 +111,12 @@ _SAMPLES = 3001
 def plot_trajectory(
     trajectory: Trajectory, path: str | Path, bounds: Limits | None = None, *, friction: bool = False
 ) -> Path:
-    """Plot of a trajectory, the phase plane beside it where it is a fastest one.
+    """Plot a trajectory, with the phase plane for a fastest motion.
 
     Parameters
     ----------
     trajectory : Trajectory
-    bounds : Limits, optional, limits that are drawn
+    bounds : Limits, optional, limits to draw
 
     Examples
     --------
@@ -156,7 +156,7 @@ def plot_trajectory(
 
 
 _NAMED = 0.013
-"""Share of the time per letter from which a name fits on its part of the strip."""
+"""Share of the time per letter that a label on the strip needs."""
 
 
 def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
@@ -203,7 +203,7 @@ def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> Non
 
 
 def _coloured(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
-    """Draw the rate of a time-optimal motion, each part in the colour of the joint that limits it."""
+    """Draw the rate of a time-optimal motion, each part in the colour of the limiting joint."""
     curves = fast.limit_curves()
     s, rate = curves.path
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")

@@ -1,4 +1,4 @@
-"""The style of all pictures and their files. Matplotlib is imported only when one is drawn."""
+"""Common style of all pictures and their files. Matplotlib is imported when a picture is drawn."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 __all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 
 LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#6b7079", "#555b63", "#222222", "#d5d9df"
-"""A curve, what is over a limit or in doubt, remarks, axes and zero lines, what is drawn over colours, and behind curves."""
+"""Colours of curves, of excess and doubt, remarks, axes and zero lines, marks over colours, and backgrounds of curves."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, GREY = "#D55E00", "#8C8C8C"
-"""Okabe and Ito's colours, which colour-blind readers can distinguish; sky and orange for areas alone."""
+"""Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only."""
 AMBER, PURPLE, AZURE, OLIVE, VIOLET = "#C98500", "#C76FA0", "#3B9AD9", "#8A8B1E", "#7A63D0"
-"""Colours of curves with a contrast of 3 : 1 on white and on dark paper."""
+"""Colours of curves with a contrast of 3 : 1 on white and on dark backgrounds."""
 SERIES = (BLUE, AMBER, GREEN, VERMILION, PURPLE, AZURE, OLIVE, VIOLET)
-"""Colours of joints, in their order, in every plot and in the viewer; after the last they repeat with other dashes."""
+"""Colours of joints in order, in every plot and in the viewer; further joints repeat them with other dashes."""
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
@@ -48,9 +48,9 @@ CAUSES: Mapping[str, str] = MappingProxyType(
 )
 """Colours of the causes of a torque."""
 LIMIT: Mapping[str, Any] = MappingProxyType({"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))})
-"""A line at a limit."""
+"""Line style of a limit."""
 SMALL = 8
-"""Points, of legends and remarks; titles and labels have their sizes from :data:`STYLE`."""
+"""Font size in points of legends and remarks; titles and labels use :data:`STYLE`."""
 STYLE = MappingProxyType(
     {
         "font.size": 9,
@@ -65,30 +65,30 @@ STYLE = MappingProxyType(
         "figure.dpi": 150,
         "legend.fontsize": SMALL,
         "legend.frameon": False,
-        "text.parse_math": False,  # names of robots, joints and files may have dollars
+        "text.parse_math": False,  # names of robots, joints and files may contain dollars
     }
 )
-"""Matplotlib's rcParams of every picture."""
+"""Matplotlib's rcParams for every picture."""
 
 
 @contextlib.contextmanager
 def figure(width: float, height: float, title: str, purpose: str = "Drawing (--plot)") -> Iterator[Figure]:
-    """Empty figure of a size and title; what is drawn within the ``with`` block has the one style.
+    """Empty figure of a given size and title, in the common style within the ``with`` block.
 
     Parameters
     ----------
     width, height : float [inches]
     title : str
-    purpose : str, begins the message where there is no matplotlib
+    purpose : str, first words of the message if matplotlib is missing
 
     Yields
     ------
-    figure : Matplotlib's Figure, which belongs to no window and no pyplot
+    figure : Matplotlib's Figure, without window and independent of pyplot
 
     Raises
     ------
     MissingExtraError
-        There is no matplotlib.
+        Matplotlib is not installed.
 
     Examples
     --------
@@ -109,17 +109,17 @@ def figure(width: float, height: float, title: str, purpose: str = "Drawing (--p
 
 
 def save(drawn: Figure, path: str | Path) -> Path:
-    """Write a figure whole, or leave what is there alone.
+    """Write a figure atomically: on failure an existing file is kept.
 
     Parameters
     ----------
     drawn : Matplotlib's Figure
-    path : str or Path; the suffix says the kind, .png if there is none
+    path : str or Path; the suffix selects the format, default .png
 
     Raises
     ------
     ValueRangeError
-        The kind is other than .png, .pdf and .svg, or nothing can be written.
+        The format is not .png, .pdf or .svg, or the file cannot be written.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def save(drawn: Figure, path: str | Path) -> Path:
     import matplotlib as mpl
 
     target = Path(picture_path(path))
-    # Ticks and their labels are made only now, so the style has to be on once more.
+    # Ticks and their labels are created on saving, so the style must be active again.
     with replacing(target) as scratch, mpl.rc_context(cast("Any", dict(STYLE))):
         _write_minus(drawn)
         drawn.savefig(scratch, format=target.suffix[1:].lower())
@@ -139,7 +139,7 @@ def save(drawn: Figure, path: str | Path) -> Path:
 
 
 SHORT, LONG = "#f8e3b5", "#c3e3d3"
-"""Regions of a motor: intermittent and continuous; drawn one over the other, so opaque."""
+"""Colours of a motor's intermittent and continuous regions; opaque, since they overlap."""
 _PAGE = {
     SHORT: "short",
     LONG: "long",
@@ -147,25 +147,25 @@ _PAGE = {
     "#000000": "ink",
     INK: "ink",
     AXIS: "axis",
-    **dict.fromkeys(("#e6e8eb", "#f2f2f2", "#e6e6e6", "#e5e5e5", "#ececec"), "grid"),  # also panes of figures in space
+    **dict.fromkeys(("#e6e8eb", "#f2f2f2", "#e6e6e6", "#e5e5e5", "#ececec"), "grid"),  # also panes of 3-D figures
     QUIET: "quiet",
     PALE: "pale",
     LINE: "curve",
     OVER: "over",
 }
-"""Colours that a page replaces by its own, which are others on dark screens."""
+"""Colours that a page replaces by its own, which differ on dark screens."""
 
 
 def page_svg(plot: Callable[[Path], object]) -> str:
-    """SVG of a plot for a page: text stays text, and two drawings of the same are equal byte for byte.
+    """Reproducible SVG of a plot for a page, with text kept as text.
 
     Parameters
     ----------
-    plot : callable, which draws into the file of the path that it gets
+    plot : callable, draws into the file with the given path
 
     Returns
     -------
-    text : str, an element whose neutral colours are variables of the page's style
+    text : str, SVG element with neutral colours as variables of the page's style
 
     Examples
     --------
@@ -190,7 +190,7 @@ def page_svg(plot: Callable[[Path], object]) -> str:
     text = re.sub(r"#[0-9a-f]{6}\b", lambda found: f"var(--{_PAGE[found[0]]})" if found[0] in _PAGE else found[0], text)
     text = re.sub(r"<[^>]*>", lambda found: _LONG.sub(r"\1", found[0]), text)
     text = re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
-    # Matplotlib's names hash coordinates with all their digits, and the last differs between runs.
+    # Matplotlib derives names from hashes of coordinates, whose last digit differs between runs.
     names = dict.fromkeys(name for _, name in _NAMES.findall(text))
     numbers = {name: str(k) for k, name in enumerate(names)}
     text = _NAMES.sub(lambda found: f"{found[1]}{numbers[found[2]]}", text)
@@ -199,12 +199,12 @@ def page_svg(plot: Callable[[Path], object]) -> str:
 
 _NAMES = re.compile(r'(\bid="|href="#|url\(#)([\w.-]+)')
 _LONG = re.compile(r"(\d\.\d\d)\d+")
-"""Numbers of an element: hundredths of a point are enough."""
+"""Numbers of an SVG element, to be rounded to hundredths of a point."""
 _MINUS = re.compile(r"(?<![\w.-])-(?=[\d.])")
 
 
 def _write_minus(drawn: Figure) -> None:
-    """Write the minus of numbers as U+2212 in all texts, as Matplotlib does at ticks."""
+    """Replace the minus of numbers by U+2212 in all texts, as Matplotlib does at ticks."""
     from matplotlib.text import Text
 
     for text in drawn.findobj(Text):
@@ -212,11 +212,11 @@ def _write_minus(drawn: Figure) -> None:
 
 
 def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
-    """The matplotlib package.
+    """Import matplotlib.
 
     Parameters
     ----------
-    purpose : str, begins the message where it cannot be imported
+    purpose : str, first words of the message if it cannot be imported
 
     Returns
     -------
@@ -225,7 +225,7 @@ def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
     Raises
     ------
     MissingExtraError
-        It cannot be imported; the extra is named.
+        Matplotlib cannot be imported; the message names the extra.
 
     Examples
     --------
@@ -242,14 +242,14 @@ def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
 
 
 def titles(axis: Axes, name: str, remark: str = "", colour: str = QUIET) -> None:
-    """Write the name of a panel at its left, and a small remark at its right."""
+    """Write the name of a panel at its left and a small remark at its right."""
     axis.set_title(name, loc="left", fontweight="bold")
     if remark:
         axis.set_title(remark, loc="right", color=colour, fontsize=SMALL)
 
 
 def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tuple[dict[str, Any], Array, Array]:
-    """Draw terms (label, colour, values) on each other, above and below zero; the areas, the lower and the upper edge."""
+    """Draw stacked terms (label, colour, values) above and below zero; returns the areas, lower edge and upper edge."""
     areas: dict[str, Any] = {}
     below, above = np.zeros(len(x)), np.zeros(len(x))
     for label, colour, values in terms:
@@ -264,16 +264,16 @@ def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tupl
 # ── Curves of joints
 
 MOST = 8
-"""Curves in colour; of more joints, the rest is grey."""
+"""Maximum number of coloured curves; further joints are grey."""
 
 
 def draw_joints(
     axis: Axes, t: Array, values: Array, names: Sequence[str], sizes: Array, places: Sequence[int] | None = None
 ) -> list[int]:
-    """Draw a curve for each joint in its colour and dashes; those beyond the eight of largest ``sizes`` in grey behind.
+    """Draw a curve for each joint in its colour and dashes; joints beyond the eight largest ``sizes`` are grey behind.
 
-    ``values`` (n, k) belong to ``names``; ``places`` are the numbers of their colours, if other than 0 to k - 1. Returns the
-    columns that are in colour.
+    ``values`` (n, k) belong to ``names``; ``places`` are colour indices, default 0 to k - 1. Returns the coloured
+    columns.
     """
     order = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
     chosen, rest = sorted(order[:MOST]), order[MOST:]
@@ -301,7 +301,7 @@ _MOST = 4
 
 
 def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
-    """Rows and columns for that many panels; ``most`` in a row if given.
+    """Rows and columns for ``count`` panels; at most ``most`` in a row if given.
 
     >>> panel_grid(6), panel_grid(5, most=4)
     ((2, 3), (2, 4))
@@ -311,7 +311,7 @@ def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
 
 
 def panels(drawn: Any, count: int, most: int | None = None, *, sharex: bool = False) -> list[Any]:
-    """Axes of that many panels in a figure or a part of one; what is left over of the grid is not drawn."""
+    """Axes of ``count`` panels in a figure or subfigure; unused cells of the grid are hidden."""
     axes = drawn.subplots(*panel_grid(count, most), sharex=sharex, squeeze=False).ravel()
     for axis in axes[count:]:
         axis.set_visible(False)

@@ -1,4 +1,4 @@
-"""Plots of the torque report: joint torques within their limits, causes of the worst, motors in speed-torque regions."""
+"""Plots of the torque report: joint torques with limits, contributions of the worst joint, motors in speed–torque regions."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from ..typing import Array
 from . import style
 
 _SEEN = 0.02
-"""Share of the curve's range from which an interval shows."""
+"""Minimum width of a visible interval, as a share of the curve's range."""
 _LEAST = 0.1
-"""Share of a joint's limit that its axis spans on either side at least, so that small torques look small."""
-_SHOWN_FROM = 0.3  # limits are drawn to scale from this share on; below, they would flatten the curve
+"""Minimum range of a joint's axis on either side, as a share of its limit, so that small torques look small."""
+_SHOWN_FROM = 0.3  # share above which limits are drawn to scale; below, they would flatten the curve
 
 
 def plot_report(report: TorqueReport, path: str | Path) -> None:
-    """Plot of a torque report: torques over time, and what they are made of.
+    """Plot a torque report: torques over time, and their contributions.
 
     Parameters
     ----------
     report : TorqueReport
-    path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
+    path : str or Path; the suffix selects the format (.png, .pdf, .svg)
     """
     count = len(report.joints)
     rows, columns = style.panel_grid(count)
@@ -51,7 +51,7 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
 
 
 def report_title(report: TorqueReport) -> str:
-    """Title of a torque report: robot, motion, and what it carries, in one line.
+    """Title of a torque report in one line: robot, motion and loads.
 
     Parameters
     ----------
@@ -70,11 +70,11 @@ def report_title(report: TorqueReport) -> str:
 
 
 def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
-    """The time and curves over it with a nan in every step longer than ``threshold``, where lines then break."""
+    """Time and curves with nan inserted in every step longer than ``threshold``, to break lines there."""
     if len(time) < 3 or not math.isfinite(threshold):
         return [time, *curves]
     steps = np.diff(time)
-    usual = float(np.median(steps))  # of bins of several rows, that many times the step of time
+    usual = float(np.median(steps))  # bins contain several rows, so their step is longer
     at = np.flatnonzero(steps > max(threshold, usual + threshold if usual > threshold / 2 else 0.0, 1.5 * usual)) + 1
     return [np.insert(time, at, time[at - 1]), *(np.insert(x, at, np.nan) for x in curves)]
 
@@ -83,7 +83,7 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
     joint = report.joints[k]
     colour = style.OVER if over_limit(joint.share) else style.LINE
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
-    if report.derived is not None:  # pale, and cut off where it would flatten the answer
+    if report.derived is not None:  # pale, and clipped if it would flatten the main curve
         _draw_band(axis, report, report.derived.envelope, k, style.PALE, 1)
     time, least, greatest = _draw_band(axis, report, report.envelope, k, style.LINE, 3)
     if report.band is not None:
@@ -134,20 +134,20 @@ def _draw_key(figure_: Any, report: TorqueReport) -> None:
 def _draw_band(
     axis: style.Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
 ) -> tuple[Array, Array, Array]:
-    """A joint's torque, from the least to the greatest of each bin of rows; what was drawn."""
+    """Draw a joint's torque as a band between the minimum and maximum of each bin of rows; returns the drawn arrays."""
     size = ZERO * report.scale
     edges = (np.where(np.abs(x[:, k]) <= size, 0.0, x[:, k]) for x in envelope[1:])
     time, least, greatest = _broken(envelope[0], report.gaps.threshold, *edges)
     axis.fill_between(time, least, greatest, color=colour, linewidth=0, zorder=order)
-    for edge in (least, greatest):  # a band of no width shows as a line
+    for edge in (least, greatest):  # a band of zero width shows as a line
         axis.plot(time, edge, color=colour, linewidth=1.0, zorder=order)
     return time, least, greatest
 
 
 def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float, *, most: float) -> None:
-    """Choose the range of torques shown: the curve with room for its label, and the limit on sides that near it.
+    """Set the displayed torque range: the curve with room for its label, and limits on the sides that come near them.
 
-    A range of less than a tenth of the limit on either side is widened to it, or to ``most`` if that is less.
+    A range below a tenth of the limit on either side is widened to that, or to ``most`` if that is less.
     """
     span = max(high, 0.0) - min(low, 0.0) or 1.0
     bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
@@ -193,16 +193,16 @@ _ABREAST = 3
 
 
 def plot_motors(report: TorqueReport, path: str | Path) -> Path:
-    """Plot of the motors' loads, a panel each.
+    """Plot the motors' loads, one panel each.
 
     Parameters
     ----------
     report : TorqueReport
-    path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
+    path : str or Path; the suffix selects the format (.png, .pdf, .svg)
 
     Returns
     -------
-    path : Path of the file written
+    path : Path of the written file
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
     rows, columns = style.panel_grid(len(motors), _ABREAST)
@@ -222,16 +222,16 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
 
 
 def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
-    """Plot of a sizing: the cycle of each motor in its speed–torque region, and the temperature of its winding below.
+    """Plot a sizing: the cycle of each motor in its speed–torque region, with the winding temperature below.
 
     Parameters
     ----------
     sizing : Sizing
-    path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
+    path : str or Path; the suffix selects the format (.png, .pdf, .svg)
 
     Returns
     -------
-    path : Path of the file written
+    path : Path of the written file
     """
     joints = list(sizing.joints.values())
     rows, columns = style.panel_grid(len(joints), _ABREAST)
@@ -252,18 +252,18 @@ def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
 
 
 def _use_of(sizing: Sizing, one: SizedJoint) -> MotorUse:
-    """Motor of a sized joint as the report of motors has it."""
+    """Motor of a sized joint in the form of the motor report."""
     motor = hot_motor(sizing.catalog.motors[one.drive[0]].motor, sizing.problem.ambient)
     limited = tuple(d for d in one.motor.demands if math.isfinite(d.limit))
     heat = motor.resistance * one.motor.rms_current**2
     power = float(one.motor.power.max())
-    time = np.linspace(0.0, one.cycle.time[-1], 2 * len(one.cycle.time))  # a mean over points is one over time
+    time = np.linspace(0.0, one.cycle.time[-1], 2 * len(one.cycle.time))  # uniform in time, for time averages
     speed, torque = (np.interp(time, one.cycle.time, x) for x in (one.motor.speed, one.motor.torque))
     return MotorUse(one.joint, motor, limited, power, heat, time, speed, torque)
 
 
 def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
-    """Draw the windings' temperatures through one of the repeated cycles."""
+    """Draw winding temperatures over one period of the repeated cycle."""
     warm = [one for one in joints if one.motor.temperature.size and np.isfinite(one.motor.temperature).all()]
     for k, one in enumerate(warm):
         heated = one.motor.temperature[:, 0]
@@ -280,7 +280,7 @@ def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
 
 
 def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
-    """Draw what a motor can give, and the motion as points in the colours of time; the points."""
+    """Draw the capability of a motor, and the motion as points coloured by time; returns the points."""
     motor, speed, torque = use.motor, use.speed, use.torque
     edge, seen = min(motor.voltage / motor.torque_constant, motor.speed), float(np.abs(speed).max(initial=0.0))
     top = 1.05 * max(seen, edge if math.isfinite(edge) else 1.5 * seen) or 1.0

@@ -1,4 +1,4 @@
-"""Bundled robots: small files without meshes, each with the source of its figures.
+"""Bundled robots: small files without meshes, each with the source of its parameters.
 
 >>> from twistwrench import robots
 >>> robots.names()[:3]
@@ -36,7 +36,7 @@ _FOLDER = Path(__file__).parent
 
 
 def names() -> tuple[str, ...]:
-    """Names of the bundled robots, sorted.
+    """List the names of the bundled robots, sorted.
 
     Returns
     -------
@@ -72,11 +72,11 @@ def path_of(name: str) -> Path:
 
 
 def _load(name: str, **options: Unpack[LoadOptions]) -> Robot:
-    # Importing a list of robots loads none of what computes with them.
+    # Importing the list of robots must not load the computing modules.
     from ..robot import load
 
     with warnings.catch_warnings():
-        # The books' point masses are meant as such, and said to be in the files; other remarks come through.
+        # Point masses of the books are intended and documented in the files; other warnings are shown.
         warnings.filterwarnings("ignore", message=".*as a point mass has", category=ModelWarning)
         return load(path_of(name), **options)
 
@@ -101,7 +101,7 @@ def ur5(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def panda(**options: Unpack[LoadOptions]) -> Robot:
-    """Franka Emika Panda, seven revolute joints, hand on, fingers closed, tip ``panda_hand_tcp``.
+    """Franka Emika Panda, seven revolute joints, with hand, fingers closed, tip ``panda_hand_tcp``.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def panda(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def planar_2r(**options: Unpack[LoadOptions]) -> Robot:
-    """The book's 2R arm in a vertical plane: point masses of 1 kg at the ends of links of 1 m.
+    """2R arm of the book in a vertical plane: point masses of 1 kg at the ends of links of 1 m.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ def planar_2r(**options: Unpack[LoadOptions]) -> Robot:
 
     Notes
     -----
-    Source: Modern Robotics, section 8.1.1; the angles are the book's, and gravity acts along -z of the base frame,
-    which is -y of the book's drawing.
+    Source: Modern Robotics, section 8.1.1, with the book's angles. Gravity acts along -z of the base frame, which is -y
+    of the book's drawing.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def planar_2r(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def planar_3r(**options: Unpack[LoadOptions]) -> Robot:
-    """A 3R arm in a vertical plane: three uniform cylinders, 1 kg, 1 m long, 20 mm in radius.
+    """3R arm in a vertical plane: three uniform cylinders, 1 kg, 1 m long, 20 mm in radius.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def planar_3r(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def pendulum(**options: Unpack[LoadOptions]) -> Robot:
-    """The mathematical pendulum, 1 kg at 1 m, hanging down at zero: τ = q̈ + 9.81 sin q.
+    """Mathematical pendulum, 1 kg at 1 m, hanging down at zero: τ = q̈ + 9.81 sin q.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def pendulum(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def cart_pole(**options: Unpack[LoadOptions]) -> Robot:
-    """The cart and pole, upright at zero: cart 1 kg, uniform pole 0.1 kg and 1 m long.
+    """Cart and pole, upright at zero: cart 1 kg, uniform pole 0.1 kg and 1 m long.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def cart_pole(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def floating_box(**options: Unpack[LoadOptions]) -> Robot:
-    """A uniform free box of 6 kg, 0.3 m × 0.2 m × 0.1 m, on a floating base.
+    """Uniform free box of 6 kg, 0.3 m × 0.2 m × 0.1 m, on a floating base.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def floating_box(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def quadruped(**options: Unpack[LoadOptions]) -> Robot:
-    """A quadruped of 15 kg with twelve revolute joints on a floating base.
+    """Quadruped of 15 kg with twelve revolute joints on a floating base.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
 
     Notes
     -----
-    Source: the Unitree Go2 of the ROS package go2_description, its motors' rotors left out.
+    Source: the Unitree Go2 of the ROS package go2_description, without the rotors of its motors.
 
     Examples
     --------
@@ -226,7 +226,7 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def __getattr__(name: str) -> Any:
-    """Raise an error that lists the bundled robots and where others are found."""
+    """Raise an error that lists the bundled robots and sources of others."""
     if name.startswith("_"):
         raise AttributeError(name)
     near = get_close_matches(name, names(), 1, 0.6)

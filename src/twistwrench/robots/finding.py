@@ -1,4 +1,4 @@
-"""Robots by name: the bundled ones, those of ``example-robot-data``, and those that ``robot_descriptions`` has fetched."""
+"""Robots by name: bundled, from ``example-robot-data``, or in the cache of ``robot_descriptions``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PATHS = ("URDF_PATH", "MJCF_PATH")
 
 @dataclass(frozen=True)
 class FoundRobot:
-    """Robot file with a name."""
+    """Named robot file."""
 
     name: str
     source: str
@@ -32,12 +32,12 @@ class FoundRobot:
 
 
 def find(name: str, *, download: bool = False) -> Path:
-    """File of a robot by its name: bundled, of ``example-robot-data``, or fetched before by ``robot_descriptions``.
+    """Find the file of a robot by name: bundled, in ``example-robot-data``, or in the cache of ``robot_descriptions``.
 
     Parameters
     ----------
-    name : str, in small or capital letters, such as ``"talos"``, ``"anymal_b"``, ``"panda_mj"``
-    download : bool, let ``robot_descriptions`` fetch what is not there; else nothing is ever fetched
+    name : str, case-insensitive, such as ``"talos"``, ``"anymal_b"``, ``"panda_mj"``
+    download : bool, allow ``robot_descriptions`` to download missing robots; by default nothing is downloaded
 
     Returns
     -------
@@ -48,12 +48,12 @@ def find(name: str, *, download: bool = False) -> Path:
     MissingExtraError
         ``download=True``, and ``robot_descriptions`` is not installed.
     NotFoundError
-        ``download=True``, and it could not be fetched.
+        ``download=True``, and the download failed.
 
     Notes
     -----
-    The packages are looked into where they are installed, in this order, and not imported: that one has a robot's name does not
-    mean that a file of another one is the same. ``twistwrench robots`` lists the names.
+    Installed packages are searched in this order without importing them. Files of the same robot may differ between
+    packages. ``twistwrench robots`` lists the names.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def find(name: str, *, download: bool = False) -> Path:
     True
     """
     wanted = plain_name(name) if isinstance(name, str) else ""
-    if wanted in names():  # without a look at other packages
+    if wanted in names():  # bundled robots need no search
         return path_of(wanted)
     known = known_robots()
     if wanted in known:
@@ -73,7 +73,7 @@ def find(name: str, *, download: bool = False) -> Path:
 
 
 def known_robots() -> dict[str, FoundRobot]:
-    """Every robot that :func:`twistwrench.find` finds without a download, by name; of one name, the first source's."""
+    """Every robot that :func:`twistwrench.find` finds without a download, by name; the first source takes precedence."""
     found: dict[str, FoundRobot] = {}
     for robot in (*_bundled(), *_examples(), *_fetched()):
         found.setdefault(robot.name, robot)
@@ -81,7 +81,7 @@ def known_robots() -> dict[str, FoundRobot]:
 
 
 def plain_name(name: str) -> str:
-    """Name in the form that is compared: small letters, ``_`` for blanks and dashes."""
+    """Normalised name for comparison: lower case, ``_`` for blanks and dashes."""
     return name.strip().lower().replace("-", "_").replace(" ", "_")
 
 
@@ -90,7 +90,7 @@ def _bundled() -> Iterator[FoundRobot]:
 
 
 def _examples() -> Iterator[FoundRobot]:
-    """Files by their names; folders by theirs, if one file is clearly the robot."""
+    """Files by file name, and folders by folder name if one file is clearly the robot."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     source = "example-robot-data"
@@ -124,7 +124,7 @@ def _folder_name(folder: str) -> str:
 
 
 def _fetched() -> Iterator[FoundRobot]:
-    """Robots in the cache of ``robot_descriptions``, whose modules would clone a repository on import."""
+    """Robots in the cache of ``robot_descriptions``, read without imports because its modules clone repositories."""
     spec = find_spec(_FETCHED)
     if spec is None or not spec.submodule_search_locations:
         return
@@ -140,7 +140,7 @@ def _fetched() -> Iterator[FoundRobot]:
 
 
 def _repositories(file: Path) -> dict[str, str]:
-    """The folder of each repository in the cache, by the package's table."""
+    """Folder of each repository in the cache, from the package's table."""
     found = {}
     for node in ast.walk(_parsed(file)):
         if isinstance(node, ast.Dict):
@@ -153,7 +153,7 @@ def _repositories(file: Path) -> dict[str, str]:
 
 
 def _path_said(module: Path, places: Mapping[str, Path]) -> Path | None:
-    """Robot file named by a description, from the few expressions that descriptions are made of."""
+    """Robot file of a description module, evaluated from the few kinds of expressions that such modules use."""
     known: dict[str, Path] = {}
     for node in _parsed(module).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
@@ -185,7 +185,7 @@ def _value(node: ast.expr | None, known: Mapping[str, Path], places: Mapping[str
 def _parsed(file: Path) -> ast.Module:
     try:
         return ast.parse(file.read_text(encoding="utf-8"))
-    except (OSError, SyntaxError, ValueError):  # a package of another make
+    except (OSError, SyntaxError, ValueError):  # a package with another layout
         return ast.Module([], [])
 
 

@@ -1,4 +1,4 @@
-"""Drive sizing: motors and gears for a motion that repeats, chosen from a catalogue."""
+"""Drive sizing: motors and gears from a catalogue for a repeated motion."""
 
 from __future__ import annotations
 

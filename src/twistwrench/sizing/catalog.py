@@ -15,10 +15,10 @@ from ..model.actuators import Actuator, Motor, check_actuator
 from .drives import KINDS, CatalogMotor, Gear
 
 Pair = tuple[str, str]
-"""Names of a motor and of a gear; the gear of a servo, whose data are those of its output, is ``DIRECT``."""
+"""Names of a motor and a gear. The gear of a servo, whose data apply to its output, is ``DIRECT``."""
 
 DIRECT = "none"
-"""Name of the gear that changes nothing."""
+"""Name of the identity gear, for direct drives."""
 
 _GEAR = {
     "no_load_torque": "torque", "mass": "mass", "price": "", "rated_torque": "torque", "rated_speed": "rotor speed",
@@ -35,13 +35,13 @@ SERVOS: Mapping[str, Mapping[str, str]] = {
     "AX-12A": {"stall_torque": "1.5 N m", "stall_current": "1.5 A", "no_load_speed": "59 rpm", "voltage": "12 V"},
     "STS3215": {"stall_torque": "30 kgf cm", "no_load_speed": "45 rpm", "voltage": "12 V"},
 }
-"""Servos by their makers' figures at the voltage given: ROBOTIS e-Manual; Feetech. Stall torque is not continuous: an STS3215
+"""Servo data by their makers at the given voltage: ROBOTIS e-Manual; Feetech. Stall torque is not continuous: an STS3215
 held 15 kgf cm for an hour at 48 °C and was overloaded at 20 (TheRobotStudio/SO-ARM100#134)."""
 
 
 @dataclass(frozen=True)
 class Catalog:
-    """Motors, gears and the pairs of them that may be used.
+    """Motors, gears and allowed pairs.
 
     Examples
     --------
@@ -54,21 +54,21 @@ class Catalog:
     gears: Mapping[str, Gear]
     pairs: tuple[Pair, ...]
     drives: Mapping[str, Pair] = field(default_factory=dict)
-    """Pairs of joints that have a drive already."""
+    """Pairs of joints that already have a drive."""
 
     def pair(self, names: Pair) -> tuple[CatalogMotor, Gear]:
-        """A motor and a gear by their names."""
+        """Motor and gear with the given names."""
         return self.motors[names[0]], self.gears[names[1]]
 
     def size(self, names: Pair) -> tuple[float, float, float]:
-        """Mass, price and rated torque of a pair, by which the smallest one is chosen."""
+        """Sort key of a pair for the choice of the smallest: mass, price, rated torque."""
         motor, gear = self.pair(names)
         torque = gear.repeated_peak if math.isfinite(gear.repeated_peak) else motor.motor.torque_constant * gear.ratio
         return motor.mass + gear.mass, motor.price + gear.price, torque
 
 
 def read_catalog(source: Source | Catalog) -> Catalog:
-    """Catalogue of a file, of YAML text, of a mapping, or ``"servos"``, the bundled table.
+    """Catalogue from a file, YAML text, a mapping, or ``"servos"``, the bundled table.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def _catalog(file: Section) -> Catalog:
 
 
 def _motor(name: str, section: Section) -> CatalogMotor:
-    """A motor, or a servo by its stall torque, for which the motor of its speed–torque line stands."""
+    """Motor, or a servo represented by the motor of its speed–torque line and its stall torque."""
     own = section.optional("mass", section.number, "mass") | section.optional("price", section.number, "")
     if "stall_torque" in section.content:
         section.only(*_SERVO, "mass", "price")

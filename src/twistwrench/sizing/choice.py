@@ -1,4 +1,4 @@
-"""Sizing of a robot's drives for a motion that repeats, and the choice of the smallest ones from a catalogue."""
+"""Sizing of a robot's drives for a repeated motion, and choice of the smallest drives from a catalogue."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _LIGHTEST = 1e-15
-"""Inertia of a rotor whose own is not known [kg m²]."""
+"""Inertia used for rotors of unknown inertia [kg m²]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,20 +39,20 @@ class SizedJoint:
     joint: str
     drive: Pair
     mass: float
-    """kg, of motor and gear."""
+    """kg, of motor and gear together."""
     motor: SizedMotor
     gear: SizedGear
     cycle: Cycle
 
     @property
     def excess(self) -> tuple[str, ...]:
-        """A sentence without its full stop for each limit passed, the largest excess first."""
+        """Sentence without a full stop for each exceeded limit, largest excess first."""
         found = [(d, part) for part in self._parts for d in part[1].excess]
         return tuple(_words(self.joint, part, d) for d, part in sorted(found, key=lambda x: -x[0].share))
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """A sentence without its full stop for each part that lacks ratings."""
+        """Sentence without a full stop for each part that lacks ratings."""
         return tuple(
             f"{self.joint}, {what} {part.name}: {', '.join(part.missing)}{'' if 'stall' in part.missing[-1] else ' not given'}"
             for what, part in self._parts
@@ -61,13 +61,13 @@ class SizedJoint:
 
     @property
     def tightest(self) -> tuple[str, Demand]:
-        """The demand nearest to its limit, with the part that it is of."""
+        """Demand nearest to its limit, with the name of its part."""
         what, part = max(self._parts, key=lambda x: x[1].tightest.share)
         return f"{what} {part.name}", part.tightest
 
     @property
     def fits(self) -> bool:
-        """True if no limit is passed."""
+        """True if all limits are kept."""
         return not (self.motor.excess or self.gear.excess)
 
     @property
@@ -85,14 +85,14 @@ class Chosen:
 
     joint: str
     drive: Pair | None
-    """None if no pair of the catalogue does it."""
+    """None if no pair of the catalogue is sufficient."""
     smaller: tuple[Pair, str] | None
-    """The next smaller pair, and why it does not do; None if there is none."""
+    """Next smaller pair and the reason for its rejection; None if there is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class SizingProblem:
-    """Robot, cycle and settings, which all candidates share."""
+    """Robot, cycle and settings shared by all candidates."""
 
     robot: Robot
     states: tuple[Array, Array, Array]
@@ -107,7 +107,7 @@ class SizingProblem:
     shared: bool
 
     def driven(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
-        """The robot with those drives as rotors that have their mass, and one of 1 kg m² without a gear at ``probe``."""
+        """Robot with the drives as rotors with mass, and a rotor of 1 kg m² without a gear at ``probe``."""
         entries: dict[str, Any] = {
             joint: {
                 "ratio": gear.ratio,
@@ -124,7 +124,7 @@ class SizingProblem:
         return self.robot.with_actuators({"actuators": entries}) if entries else self.robot
 
     def cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]], motion: Motion | None = None) -> Cycle:
-        """Loads of a joint where the others that load it have those drives."""
+        """Loads of a joint, given the drives of other joints that load it."""
         states, time = (self.states, self.time) if motion is None else ((motion.q, motion.dq, motion.ddq), motion.time)
         robot = self.driven({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
         q, dq, ddq = states
@@ -135,7 +135,7 @@ class SizingProblem:
             torque = torque + robot.friction_forces(dq, load=carried)[:, k]
         if self.brake and motion is None:
             torque[self.holding] = 0.0
-        mass = robot.mass_matrix(q)[:, k, k] - 1.0  # without the probe
+        mass = robot.mass_matrix(q)[:, k, k] - 1.0  # subtract the probe's inertia
         return Cycle(time, np.diff(time), dq[:, k], torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
 
     def sized(self, joint: str, drive: tuple[CatalogMotor, Gear], cycle: Cycle, emergency: Cycle | None) -> SizedJoint:
@@ -151,7 +151,7 @@ class SizingProblem:
 
 @dataclass(frozen=True, eq=False)
 class Sizing:
-    """Drives of a robot over a cycle, against their ratings.
+    """Drives of a robot over a cycle, compared with their ratings.
 
     Examples
     --------
@@ -171,7 +171,7 @@ class Sizing:
     """
 
     joints: Mapping[str, SizedJoint]
-    """By joint, with ``motor`` and ``gear``."""
+    """Sized drive of each joint, with ``motor`` and ``gear``."""
     supply: Supply
     """Electrical supply of all drives."""
     catalog: Catalog
@@ -185,7 +185,7 @@ class Sizing:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OVER LIMIT with each limit passed, UNSURE with each rating that is missing, or OK."""
+        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating, or OK."""
         over = [f"{name}: no pair of the catalogue does it" for name, x in self.choice.items() if x.drive is None]
         over += [words for one in self._by_share for words in one.excess]
         unsure = [words for one in self._by_share for words in one.missing]
@@ -201,9 +201,10 @@ class Sizing:
         return sum(one.mass for one in self.joints.values())
 
     def choose(self) -> Sizing:
-        """The smallest drives of the catalogue, by mass, then price, then torque.
+        """Smallest drives of the catalogue, by mass, then price, then torque.
 
-        From the tip to the base: a drive rides before its joint, so its mass loads only joints nearer the base.
+        Joints are processed from tip to base: a drive sits on the link before its joint and loads only joints nearer
+        the base.
 
         Returns
         -------
@@ -214,7 +215,7 @@ class Sizing:
         )
 
     def actuators(self) -> dict[str, Any]:
-        """The drives as the entries of an actuator file; docs/actuation.md shows one.
+        """Drives as entries of an actuator file; docs/actuation.md shows one.
 
         Returns
         -------
@@ -237,7 +238,7 @@ class Sizing:
         Raises
         ------
         ValueRangeError
-            It cannot be written.
+            The file cannot be written.
         """
         import yaml
 
@@ -285,23 +286,23 @@ def size_drives(
     add_masses: bool = True,
     shared_supply: bool = True,
 ) -> Sizing:
-    """Drive sizing: loads of motors and gears over a motion that repeats, against the ratings of a catalogue.
+    """Drive sizing: loads of motors and gears over a repeated motion, compared with the ratings of a catalogue.
 
-    Without ``actuators:`` in the catalogue the smallest pair is chosen for each joint that turns.
+    If the catalogue has no ``actuators:``, the smallest pair is chosen for each revolute joint.
 
     Parameters
     ----------
     robot : Robot, with its payload, without actuators
-    motion : Motion of this robot; the cycle is the motion, then the pause, repeated for ever
-    catalog : str, Path, mapping or Catalog; a YAML file, its text or what it says, or "servos"; docs/sizing.md shows it
-    pause : float, time at rest after the motion [s], in which the motors hold the robot
+    motion : Motion of this robot; the cycle is the motion followed by the pause, repeated indefinitely
+    catalog : str, Path, mapping or Catalog; YAML file, its text or content, or "servos"; see docs/sizing.md
+    pause : float, time at rest after the motion, while the motors hold the robot [s]
     ambient : float, temperature of the air [°C]
-    life : float, optional, wanted life L₁₀ of strain-wave gears [h]
+    life : float, optional, required life L₁₀ of strain-wave gears [h]
     brake : bool, brakes hold the robot in the pause
-    emergency : Motion, optional, a stop or collision, for the momentary peak torque of the gears
-    friction : bool, count the friction that the robot's file gives its joints
-    add_masses : bool, the links do not include the masses of the drives; False if they do
-    shared_supply : bool, a drive that brakes feeds the others through a common link
+    emergency : Motion, optional, stop or collision, for the momentary peak torque of the gears
+    friction : bool, include joint friction of the robot file
+    add_masses : bool, add the masses of the drives; False if the links include them
+    shared_supply : bool, a braking drive feeds the others through a common link
 
     Returns
     -------
@@ -310,13 +311,13 @@ def size_drives(
     Raises
     ------
     ModelError, UnknownNameError, NotFoundError
-        The catalogue contradicts itself, names a joint that is not there, or the robot has actuators.
+        The catalogue contradicts itself or names an unknown joint, or the robot has actuators.
     ValueRangeError
         A setting is not finite, or negative.
 
     Notes
     -----
-    Iron losses, bearing moments and the losses of the electronics are not counted.
+    Iron losses, bearing moments and losses of the electronics are neglected.
 
     Examples
     --------
@@ -361,7 +362,7 @@ def size_drives(
 
 
 def _with_pause(motion: Motion, pause: float) -> tuple[tuple[Array, Array, Array], Array, slice]:
-    """States and times of the motion and of the pause behind it, and the nodes of the pause."""
+    """States and times of the motion followed by the pause, and the nodes of the pause."""
     n, still = len(motion), np.zeros((2, motion.dq.shape[1]))
     time = motion.time - motion.time[0]
     if pause == 0:
@@ -374,7 +375,7 @@ def _with_pause(motion: Motion, pause: float) -> tuple[tuple[Array, Array, Array
 def _sizing(
     problem: SizingProblem, catalog: Catalog, drives: Mapping[str, Pair], choice: Mapping[str, Chosen]
 ) -> Sizing:
-    """All drives at once."""
+    """Sizing of all drives."""
     parts = {name: catalog.pair(pair) for name, pair in drives.items()}
     joints = {}
     for name, drive in parts.items():
@@ -387,7 +388,7 @@ def _sizing(
 
 
 def _chosen(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> Sizing:
-    """The smallest drive of each joint, from the tip to the base, then all of them on the robot."""
+    """Smallest drive of each joint, from tip to base, then the sizing with all of them on the robot."""
     order = [n for n in reversed(problem.robot.model.velocity_names) if n in set(names)]
     parts: dict[str, tuple[CatalogMotor, Gear]] = {}
     choice: dict[str, Chosen] = {}
@@ -412,12 +413,12 @@ def _chosen(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> S
 
 
 def drive_name(pair: Pair) -> str:
-    """Names of a pair in words."""
+    """Names of a pair as text."""
     return f"motor {pair[0]}" if pair[1] == "none" else f"gear {pair[1]} with motor {pair[0]}"
 
 
 def smallest_drives(now: Sizing, best: Sizing) -> list[str]:
-    """A sentence for each joint whose drive is too small, with the smallest one that does it and the mass it adds."""
+    """Sentence for each joint with an insufficient drive: the smallest sufficient one and the mass it adds."""
     lines = []
     for name, one in now.joints.items():
         if one.fits:

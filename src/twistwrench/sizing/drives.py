@@ -1,7 +1,7 @@
-"""One drive over a cycle: loads of the gear against its ratings, loads of the motor, and its winding's temperature.
+"""One drive over a cycle: gear loads compared with ratings, motor loads, and the winding temperature.
 
-A cycle is a sequence of nodes; between two of them torques and speeds are taken to change linearly, and the heat of the winding
-to be constant.
+A cycle is a sequence of nodes. Between two nodes torque and speed are linear in time, and the winding's heat is
+constant.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from ..typing import Array
 _RPM = 2 * math.pi / 60
 _HOUR = 3600.0
 _MOST = 2000
-"""Segments of a cycle in which the heat of the winding is averaged, at most."""
+"""Maximum number of segments of a cycle in which the winding's heat is averaged."""
 _EVENTS = 1e4
-"""Turns of the wave generator under a momentary peak torque that a strain-wave gear survives, times two."""
+"""Twice the turns of the wave generator that a strain-wave gear survives under a momentary peak torque."""
 
 KINDS = {"strain_wave": 3.0, "planetary": 3.0, "direct": math.nan}
-"""Kinds of gears with the usual exponent of the mean torque."""
+"""Kinds of gears, with the usual exponent of the mean torque."""
 
 
 @dataclass(frozen=True)
 class CatalogMotor:
-    """A motor of a catalogue."""
+    """Motor of a catalogue."""
 
     name: str
     motor: Motor
     inertia: float = 0.0
-    """Inertia of the rotor [kg m²]; 0 where none is given."""
+    """Inertia of the rotor [kg m²]; 0 if unknown."""
     mass: float = 0.0
     price: float = 0.0
     stall_only: bool = False
-    """True if the torque is known at stall alone, which no motor holds for long."""
+    """True if only the stall torque is known, which a motor cannot hold for long."""
 
 
 @dataclass(frozen=True)
 class Gear:
-    """A gear of a catalogue; ratings that are not given are inf. Torques at the output, speeds at the input [rad/s]."""
+    """Gear of a catalogue; missing ratings are inf. Torques at the output, speeds at the input [rad/s]."""
 
     name: str
     kind: str = "strain_wave"
@@ -61,34 +61,34 @@ class Gear:
     average_torque: float = math.inf
     """Limit of the mean torque [N m]."""
     repeated_peak: float = math.inf
-    """Limit of the peak torque of the cycle; of planetary gears the acceleration torque T_2B."""
+    """Limit of the peak torque of the cycle; for planetary gears the acceleration torque T_2B."""
     momentary_peak: float = math.inf
-    """Limit of the torque in an emergency stop or collision; of planetary gears T_2Not."""
+    """Limit of the torque in an emergency stop or collision; for planetary gears T_2Not."""
     average_speed: float = math.inf
     maximum_speed: float = math.inf
     life: float = math.inf
-    """Hours to which half of the gears live at rated torque and speed."""
+    """Life reached by half of the gears at rated torque and speed [h]."""
     mean_exponent: float = 3.0
 
 
 class Cycle(NamedTuple):
-    """Loads of one joint at the nodes of a cycle, (n,) each; ``duration`` (n - 1,) lies between them."""
+    """Loads of one joint at the nodes of a cycle, (n,) each, with ``duration`` (n - 1,) between nodes."""
 
     time: Array
     duration: Array
     speed: Array
-    """rad/s, of the joint."""
+    """Joint speed [rad/s]."""
     torque: Array
-    """N m, at the gear's output, friction included."""
+    """Torque at the gear's output, including friction [N m]."""
     acceleration: Array
-    """rad/s², of the joint."""
+    """Joint acceleration [rad/s²]."""
     carrier: Array
-    """rad/s², of the link with the motor about the rotor's axis."""
+    """Acceleration of the motor's link about the rotor axis [rad/s²]."""
     inertia: Array
-    """kg m², of the joint in M."""
+    """Inertia of the joint in M [kg m²]."""
 
     def rotor_torque(self, inertia: float, ratio: float) -> Array:
-        """Torque that accelerates the rotor, at the joint: G J (G q̈ + α). MR section 8.9.2."""
+        """Torque at the joint that accelerates the rotor: G J (G q̈ + α). MR section 8.9.2."""
         return ratio * inertia * (ratio * self.acceleration + self.carrier)
 
 
@@ -101,7 +101,7 @@ def between(x: Array) -> Array:
 
 
 def average_torque(torque: Array, speed: Array, duration: Array, exponent: float = 3.0) -> float:
-    """Mean torque that wears a gear as the cycle does: (Σ |n| t |T|^p / Σ |n| t)^(1/p); NaN if it does not turn.
+    """Mean torque with the same gear wear as the cycle: (Σ |n| t |T|^p / Σ |n| t)^(1/p); NaN at standstill.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def average_torque(torque: Array, speed: Array, duration: Array, exponent: float
 
 
 def average_speed(speed: Array, duration: Array) -> float:
-    """Mean of the speed's size over the phases, pauses included."""
+    """Mean absolute speed over the phases, including pauses."""
     return float(np.abs(speed) @ duration / duration.sum())
 
 
@@ -139,16 +139,16 @@ def emergency_events(speed: float, duration: float, ratio: float) -> float:
 
 @dataclass(frozen=True)
 class DrivePart:
-    """A motor or a gear with what the cycle demands of it."""
+    """Motor or gear with its demands over the cycle."""
 
     name: str
     demands: tuple[Demand, ...]
     missing: tuple[str, ...]
-    """Ratings that are not given."""
+    """Names of missing ratings."""
 
     @property
     def tightest(self) -> Demand:
-        """The demand nearest to its limit."""
+        """Demand nearest to its limit."""
         return max(self.demands, key=lambda d: d.share)
 
     @property
@@ -159,19 +159,19 @@ class DrivePart:
 
 @dataclass(frozen=True)
 class SizedGear(DrivePart):
-    """Loads of a gear; speeds are those of its input [rad/s]."""
+    """Loads of a gear; speeds are input speeds [rad/s]."""
 
     average_torque: float
-    """N m; NaN where the joint only holds."""
+    """N m; NaN for a joint that only holds."""
     peak_torque: float
     average_speed: float
     maximum_speed: float
     life: float
-    """L₁₀ [h]; inf where it is not known."""
+    """L₁₀ [h]; inf if unknown."""
 
 
 def sized_gear(gear: Gear, cycle: Cycle, life: float | None = None, emergency: Cycle | None = None) -> SizedGear:
-    """Loads of a gear over a cycle, and of an emergency; ``life`` [h] is the wanted one."""
+    """Loads of a gear over a cycle and an emergency; ``life`` is the required life [h]."""
     torque, speed = between(np.abs(cycle.torque)), between(np.abs(cycle.speed))
     mean, turning = average_torque(torque, speed, cycle.duration, gear.mean_exponent), np.abs(cycle.speed) * gear.ratio
     turning = np.abs(turning)
@@ -200,14 +200,14 @@ def sized_gear(gear: Gear, cycle: Cycle, life: float | None = None, emergency: C
     return SizedGear(gear.name, tuple(demands), missing, mean, most, mean_in, float(turning[fast]), hours)
 
 
-# ── Temperature of a winding. Maxon academy, Formulae Handbook: two masses, linear in each segment, so exact
+# ── Winding temperature. Maxon academy, Formulae Handbook: two thermal masses; exact, since linear in each segment
 
 
 def transitions(thermal: Thermal, resistance: float, squares: Array, duration: Array, ambient: float) -> Array:
-    """Transition of (winding, housing, 1) above ambient through each segment, (m, 3, 3), at mean squares of the current.
+    """Transition matrices (m, 3, 3) of (winding, housing, 1) above ambient through each segment, for mean squared currents.
 
-    C_w dθ_w/dt = R (1 + α (T_w - T_0)) i² - (θ_w - θ_h) / R_wh, C_h dθ_h/dt = (θ_w - θ_h) / R_wh - θ_h / R_ha. One mass
-    alone is the winding; the housing is then an entry of its own that cools by itself.
+    C_w dθ_w/dt = R (1 + α (T_w - T_0)) i² - (θ_w - θ_h) / R_wh, C_h dθ_h/dt = (θ_w - θ_h) / R_wh - θ_h / R_ha. A single
+    thermal mass is the winding; the housing is then a separate entry that cools alone.
     """
     R, alpha, heat = resistance, thermal.coefficient, np.asarray(squares, float)
     cold = 1 + alpha * (ambient - thermal.reference)
@@ -225,7 +225,7 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
     skew = np.stack([np.stack([half, np.full_like(half, b)], -1), np.stack([np.full_like(half, c), -half], -1)], -2)
 
     def blended(first: Array, second: Array) -> Array:
-        """The function of the matrix whose values at its two eigenvalues these are."""
+        """Matrix function from its values at the two eigenvalues."""
         plain = 0.5 * (first + second)[:, None, None] * np.eye(2)
         return np.asarray(plain + (0.5 * (first - second) / apart)[:, None, None] * skew)
 
@@ -242,9 +242,10 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
 def periodic_temperatures(
     thermal: Thermal, resistance: float, squares: Array, duration: Array, ambient: float
 ) -> Array:
-    """Temperatures of winding and housing, (m + 1, 2) [°C], at the ends of the segments of a cycle that repeats for ever.
+    """Periodic temperatures of winding and housing, (m + 1, 2) [°C], at the segment ends of a repeated cycle.
 
-    inf where no such state exists: the hotter winding heats more than its housing sheds (thermal runaway).
+    They are inf if there is no periodic state (thermal runaway): the hotter winding heats more than its housing
+    dissipates.
     """
     step = max(1, -(-len(squares) // _MOST))
     if step > 1:
@@ -265,13 +266,13 @@ def periodic_temperatures(
 
 
 def runaway_current(thermal: Thermal, resistance: float) -> float:
-    """Constant current [A] above which the winding's temperature grows without bound."""
+    """Constant current [A] above which the winding temperature grows without bound."""
     most = resistance * thermal.coefficient * (thermal.winding_housing + thermal.housing_ambient)
     return 1 / math.sqrt(most) if most > 0 else math.inf
 
 
 def allowed_current(thermal: Thermal, resistance: float, ambient: float) -> float:
-    """Constant current [A] at which the winding reaches its greatest temperature."""
+    """Constant current [A] at which the winding reaches its maximum temperature."""
     hot = resistance * (1 + thermal.coefficient * (thermal.maximum - thermal.reference))
     warmer = thermal.maximum - ambient
     if not warmer > 0 or hot == 0:
@@ -285,7 +286,7 @@ def allowed_current(thermal: Thermal, resistance: float, ambient: float) -> floa
 
 
 def hot_motor(motor: Motor, ambient: float) -> Motor:
-    """The motor at its greatest temperature: the resistance there, and the current that holds it there."""
+    """Motor at its maximum temperature: resistance at that temperature, and the current that maintains it."""
     thermal = motor.thermal
     if thermal is None or math.isinf(thermal.maximum):
         return motor
@@ -309,7 +310,7 @@ class SizedMotor(DrivePart):
     peak_speed: float
     mean_speed: float
     inertia_ratio: float
-    """The largest (M_jj / G²) / J over the cycle; NaN where the rotor's inertia is not known."""
+    """Maximum of (M_jj / G²) / J over the cycle; NaN for unknown rotor inertia."""
     power: Array
     """(n,) W, τ ω + R i²."""
     temperature: Array
@@ -319,7 +320,7 @@ class SizedMotor(DrivePart):
 def sized_motor(
     entry: CatalogMotor, gear: Gear, cycle: Cycle, *, ambient: float, holding: slice = slice(0, 0)
 ) -> SizedMotor:
-    """Loads of a motor behind a gear; no torque is made in the nodes ``holding``, of a brake."""
+    """Loads of a motor behind a gear; in the nodes ``holding`` a brake carries the torque."""
     motor, ratio = entry.motor, gear.ratio
     through = np.where(cycle.torque * cycle.speed >= 0, cycle.torque / gear.efficiency, cycle.torque * gear.efficiency)
     speed = ratio * cycle.speed
@@ -352,9 +353,9 @@ def _motor_demands(
     time: Array,
     ambient: float,
 ) -> tuple[list[Demand], list[str]]:
-    """Demands on a motor, and the ratings it lacks."""
+    """Demands on a motor, and its missing ratings."""
     motor, thermal = entry.motor, entry.motor.thermal
-    hot = replace(hot_motor(motor, ambient), speed=math.inf)  # speeds are a demand of their own
+    hot = replace(hot_motor(motor, ambient), speed=math.inf)  # speeds are a separate demand
     most = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(most > 0, np.abs(torque) / most, np.where(torque == 0, 0.0, math.inf))
@@ -387,20 +388,20 @@ def _motor_demands(
 
 
 class Supply(NamedTuple):
-    """Electrical supply of all drives of a cycle; electronics are not counted."""
+    """Electrical supply of all drives of a cycle; electronics are neglected."""
 
     peak: float
     """W, largest power drawn."""
     mean: float
     """W, mean power drawn."""
     drawn: float
-    """J drawn in a cycle."""
+    """Energy drawn in a cycle [J]."""
     braked: float
-    """J in a cycle that the drives return: to the brake resistor, unless the supply takes them."""
+    """Energy returned by the drives in a cycle [J], to the brake resistor unless the supply accepts it."""
 
 
 def supply_of(powers: Iterator[Array] | list[Array], duration: Array, *, shared: bool) -> Supply:
-    """Supply of drives from their powers (n,) at the nodes; ``shared``: one feeds another through a common link."""
+    """Supply of drives from their powers (n,) at the nodes; ``shared``: drives feed each other through a common link."""
     each = np.array(list(powers))
     flows = each.sum(axis=0)[None, :] if shared else each
     taken, given = (np.maximum(sign * flows, 0.0).sum(axis=0) for sign in (1.0, -1.0))

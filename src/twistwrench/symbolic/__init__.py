@@ -1,4 +1,4 @@
-"""Lagrange's equations in symbols: derived, checked, printed, and turned into source. Modern Robotics section 8.1."""
+"""Lagrange's equations in symbols: derivation, check, text and source code. Modern Robotics section 8.1."""
 
 from __future__ import annotations
 

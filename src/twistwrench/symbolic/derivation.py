@@ -31,24 +31,24 @@ from .factored_form import EquationWriter
 from .intermediate_names import named_derivation
 from .names import model_entries, require_sympy, sympy
 
-# ── Size of a derivation, estimated before it begins
+# ── Size of a derivation, estimated beforehand
 
 LARGEST_POSITION = 1500
-"""Terms of a coordinate of a centre of mass, beyond which nothing is expanded."""
+"""Maximum number of terms in a centre-of-mass coordinate for an expanded derivation."""
 LARGEST_ROTATION = 100
-"""Largest number of terms of an entry of a rotation."""
+"""Maximum number of terms in an entry of a rotation."""
 COMFORTABLE = 30_000
-"""Products of two terms in the kinetic energy, up to which equations are written out by default."""
+"""Maximum number of products of two terms in the kinetic energy for which equations are expanded by default."""
 LARGEST_EXPANDED = 1_000_000
-"""Products times coordinates, each of which differentiates them, beyond which even that is refused: hundreds of pages."""
+"""Maximum number of products times coordinates for an expanded derivation; more would fill hundreds of pages."""
 MOST_EXPANDED = 4
-"""Coordinates up to which equations are written out by default; longer ones are unreadable."""
+"""Maximum number of coordinates for which equations are expanded by default; longer ones are unreadable."""
 LARGEST_NAMED = 8_000
-"""Lines of named intermediate results beyond which a derivation is refused."""
+"""Maximum number of lines of named intermediate results."""
 
 
 def check_expanded(name: str, products: float, coordinates: int) -> None:
-    """ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
+    """Raise ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
     if products * coordinates > LARGEST_EXPANDED:
         count = (
             f"more than {LARGEST_POSITION:,} terms in a coordinate of a position, or {LARGEST_ROTATION} in a rotation"
@@ -79,7 +79,7 @@ def named_lines(robot: Robot) -> int:
 
 
 def check_named(robot: Robot) -> None:
-    """ValueRangeError beyond :data:`LARGEST_NAMED` lines."""
+    """Raise ValueRangeError beyond :data:`LARGEST_NAMED` lines."""
     lines = named_lines(robot)
     if lines > LARGEST_NAMED:
         raise ValueRangeError(
@@ -93,14 +93,14 @@ def check_named(robot: Robot) -> None:
 
 
 class Evaluator:
-    """Values of expressions, given those of their symbols; definitions are worked off first, in order."""
+    """Evaluator of expressions, given values of their symbols; definitions are evaluated first, in order."""
 
     def __init__(self, values: Mapping[Any, Any]) -> None:
         self._known: dict[Any, Any] = dict(values)
 
     @classmethod
     def from_state(cls, equations: Equations, q: Array, dq: Array, ddq: Array) -> Evaluator:
-        """At states (..., n), the parameters at their own values."""
+        """Evaluator at states (..., n), with parameters at their own values."""
         values: dict[Any, Any] = dict(equations.values)
         for symbols, array in ((equations.q, q), (equations.dq, dq), (equations.ddq, ddq)):
             values |= {symbol: array[..., k] for k, symbol in enumerate(symbols)}
@@ -110,7 +110,7 @@ class Evaluator:
         return found
 
     def __call__(self, expr: Any) -> Any:
-        """The value of one expression."""
+        """Value of one expression."""
         known = self._known.get(expr)
         if known is None:
             known = self._known[expr] = self._value(expr)
@@ -139,32 +139,32 @@ class Evaluator:
         return getattr(np, expr.func.__name__)(*map(self, expr.args))
 
 
-# ── The check against Newton and Euler, at random states
+# ── Comparison with Newton–Euler dynamics at random states
 
 TOLERANCE = 1e-12
-"""Tolerance relative to the largest torque, mass or force; both sides round some hundred sums of order-one terms."""
+"""Tolerance relative to the largest torque, mass or force; both sides round sums of a few hundred terms of order one."""
 
 _STATES, _SEED = 16, 8100
 
 
 @dataclass(frozen=True)
 class DerivationCheck:
-    """Check of a derivation: gap to the compiled kernels, relative to the largest entry of each quantity."""
+    """Check of a derivation: deviation from the compiled kernels, relative to the largest entry of each quantity."""
 
     inverse_dynamics: float
-    """Residual of τ."""
+    """Relative deviation of τ."""
     mass_matrix: float
-    """Residual of M."""
+    """Relative deviation of M."""
     coriolis_forces: float
-    """Residual of c."""
+    """Relative deviation of c."""
     gravity_forces: float
-    """Residual of g."""
+    """Relative deviation of g."""
     states: int
     """Number of random states."""
 
     @property
     def worst(self) -> float:
-        """The largest of the residuals."""
+        """Largest of the deviations."""
         return max(self.inverse_dynamics, self.mass_matrix, self.coriolis_forces, self.gravity_forces)
 
     def __str__(self) -> str:
@@ -176,7 +176,7 @@ class DerivationCheck:
 
 
 def checked(equations: Equations, robot: Robot) -> DerivationCheck:
-    """Compare; :class:`~twistwrench.KernelError` if the two sides disagree, for then one of them is wrong."""
+    """Compare with the kernels; raises :class:`~twistwrench.KernelError` if the two sides disagree."""
     n, rng = robot.nv, np.random.default_rng(_SEED)
     u, (du, ddu) = rng.uniform(-1.5, 1.5, (_STATES, n)), rng.standard_normal((2, _STATES, n))
     found = Evaluator.from_state(equations, u, du, ddu)
@@ -184,12 +184,12 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
     wanted: dict[str, list[Array]] = {name: [] for name in quantities}
     at_rest = np.zeros(n)
 
-    def still(q: Array) -> Array:  # springs hold against what gravity alone does not
+    def still(q: Array) -> Array:  # without gravity, springs still produce torque
         return robot.bias_forces(q, at_rest) if robot.model.springs else robot.gravity_forces(q)
 
     for x, dx, ddx in zip(u, du, ddu, strict=True):
         q, dq, ddq, N = to_robot(robot.model, x, dx, ddx)
-        bias = ddq - N @ ddx  # dN/dt du: what the coordinates alone put into c
+        bias = ddq - N @ ddx  # dN/dt du: part of c due to the choice of coordinates
         M = robot.mass_matrix(q)
         wanted["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
         wanted["mass_matrix"].append(N.T @ M @ N)
@@ -215,27 +215,28 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
 # ── The derivation. Modern Robotics section 8.1
 
 FORMS = ("auto", "expanded", "named")
-"""``expanded``: every term written out. ``named``: intermediate results get names. ``auto``: expanded where it is short."""
+"""``expanded``: every term is written out. ``named``: intermediate results get names. ``auto``: expanded if short."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Derivation(Equations):
-    """Symbolic equations of motion of a robot, with how they compare to the compiled kernels in ``check``.
+    """Symbolic equations of motion of a robot, with their comparison with the compiled kernels in ``check``.
 
     Torques belong to the coordinates ``q``: the robot's own, except for planar joints, (x, y, theta) with their rates,
-    and floating ones, (x, y, z, alpha, beta, gamma) with the ZYX Euler angles of MR appendix B.1.1.
+    and floating joints, (x, y, z, alpha, beta, gamma) with the ZYX Euler angles of MR appendix B.1.1.
     """
 
     form: str = "expanded"
     """"expanded" or "named"."""
     check: DerivationCheck | None = None
-    """Residuals against the compiled kernels."""
+    """Comparison with the compiled kernels."""
 
 
 def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "auto") -> Derivation:
     """Symbolic dynamics: Lagrange's equations of a robot with named symbols, checked against the kernels (MR section 8.1).
 
-    Friction is left out, as noted in ``remarks``. Numbers are the shortest decimals within 4e-16 of the model's.
+    Friction is left out, as noted in ``remarks``. Numbers are the shortest decimals within 4e-16 of the model's
+    numbers.
 
     Parameters
     ----------
@@ -244,7 +245,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         Kinds: lengths, coms, masses, inertias, gravity, springs, gears; names: ``"L_1"``, ``"m_2"``. The others stay
         numbers.
     form : "expanded", "named" or "auto"
-        ``"named"``: intermediate results get names, each printed.
+        ``"named"``: each intermediate result gets a name and is printed.
 
     Returns
     -------
@@ -255,7 +256,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     ValueRangeError
         The robot is too large; raised before the derivation.
     MissingExtraError
-        There is no SymPy.
+        SymPy is not installed.
     KernelError
         The result disagrees with Newton–Euler.
 
@@ -314,7 +315,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         parameters=tuple(p for p in entries.parameters if p.name in seen),
         meanings=tuple((c.name, c.meaning) for c in coordinates),
         remarks=_friction_remark(robot),
-        **found | {"split": True},  # whatever rounding left of numbers that cancel
+        **found | {"split": True},  # rounding errors of cancelled numbers
     )
     return replace(derivation, check=checked(derivation, robot))
 

@@ -71,7 +71,7 @@ class Latex(Notation):
 
 
 class MathML(Notation):
-    """Presentation MathML, which browsers show without any script."""
+    """Presentation MathML, which browsers display without scripts."""
 
     def symbol(self, name: str) -> str:
         stem, mark, index = name_parts(name)
@@ -114,7 +114,8 @@ class MathML(Notation):
 
     def matrix(self, rows: list[list[str]]) -> str:
         inner = "".join("<mtr>" + "".join(f"<mtd>{x}</mtd>" for x in row) + "</mtr>" for row in rows)
-        # Drawn brackets, by the page's style: stretched ones need a font with mathematical tables, which many systems lack.
+        # Brackets are drawn by the style sheet: stretched ones need a font with mathematical tables, which many systems
+        # lack.
         return f'<mtable class="matrix">{inner}</mtable>'
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
@@ -132,16 +133,16 @@ class MathML(Notation):
 
 # ── Line breaks: before + and − outside brackets first, never inside a function or a fraction
 
-# Parentheses need no partner in their line, in plain text as in LaTeX, so a line may end inside a bracket.
+# In plain text and in LaTeX, a line may end inside a bracket, since parentheses need not match within a line.
 
 LINE_SYMBOLS = 88
-"""Symbols in a line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
+"""Symbols per line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
 
-_EARLIEST = 0.35  # share of a line before which no break is better than a later one inside brackets
+_EARLIEST = 0.35  # share of a line; a later break inside brackets is preferred to an earlier one
 
 
 def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
-    """The lines of a formula, each at most ``width`` by ``measure`` where there are places to break it."""
+    """Break a formula into lines, each at most ``width`` by ``measure`` if there are enough places to break."""
     places = _places(text)
     cuts = [0, *(at for at, _ in places), len(text)]
     ends = [0.0, *accumulate(measure(text[a:b]) for a, b in pairwise(cuts))]
@@ -160,7 +161,7 @@ def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str
 
 
 def _places(text: str) -> list[tuple[int, int]]:
-    """Positions of line breaks, before plus and minus, with the number of open brackets."""
+    """Positions of possible line breaks, before plus and minus, with the number of open brackets."""
     found, brackets, braces = [], [], 0
     for k, character in enumerate(text):
         if character == "{":
@@ -178,7 +179,7 @@ def _places(text: str) -> list[tuple[int, int]]:
 
 
 def text_width(text: str) -> float:
-    """Columns of a terminal: dots over letters take none."""
+    """Width in terminal columns; combining dots have none."""
     return sum(not unicodedata.combining(character) for character in text)
 
 
@@ -188,13 +189,13 @@ _SYMBOL = re.compile(
 
 
 def latex_symbols(latex: str) -> int:
-    """Number of symbols of a formula, indices included; the name of a function counts as three, a fraction bar as none."""
+    """Number of symbols of a formula, including indices; a function name counts as three, a fraction bar as none."""
     return sum(0 if found["layout"] else 3 if found["name"] else 1 for found in _SYMBOL.finditer(latex))
 
 
 # ── LaTeX and Markdown files
 
-_MARGIN = 4  # symbols: the equals sign, or the indentation of a line that goes on
+_MARGIN = 4  # symbols: the equals sign, or the indentation of a continuation line
 _AXES = "xyz"
 
 _HEADINGS = {
@@ -213,25 +214,25 @@ _HEADINGS = {
 
 
 def heading(step: Step) -> str:
-    """The name of a step as a heading."""
+    """Name of a step as a heading."""
     return _HEADINGS.get(step.name, step.name.replace("_", " ").capitalize())
 
 
 def sentence(remark: str) -> str:
-    """Remark with a full stop, and a capital if it begins with a word."""
+    """Remark with a full stop, and a capital letter if it begins with a word."""
     first = remark.partition(" ")[0]
     return f"{remark[:1].upper()}{remark[1:]}." if first.isalpha() and len(first) > 1 else f"{remark}."
 
 
 def remarks_of(equations: Equations) -> list[str]:
-    """Sentences under the title: the check, if there is one, and the remarks."""
+    """Sentences below the title: the check, if there is one, and the remarks."""
     check = getattr(equations, "check", None)
     sentence = [] if check is None else [f"{str(check)[0].upper()}{str(check)[1:]}."]
     return [*sentence, *equations.remarks]
 
 
 def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Latex, *, whole: bool) -> str:
-    """Sections of aligned equations; a whole document if ``whole``."""
+    """Sections of aligned equations; a complete document if ``whole``."""
     parts = []
     for step in steps:
         parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(sentence(step.remark))}")
@@ -252,7 +253,7 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
 
 
 def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: Notation) -> str:
-    """Headings, a table of symbols, formulas between dollars."""
+    """Markdown: headings, a table of symbols, and formulas between dollars."""
     parts = [f"# Equations of motion of {_in_markdown(equations.name)}", *map(_in_markdown, remarks_of(equations))]
     if legend := _legend(equations):
         cells = ((notation.symbol(name), _in_markdown(meaning).replace("|", "\\|")) for name, meaning in legend)
@@ -265,7 +266,7 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
 
 
 def _in_markdown(text: str) -> str:
-    """Text without links and elements of HTML."""
+    """Text without links and HTML elements."""
     return visible(text).replace("](", "]\\(").replace("<", "&lt;")
 
 
@@ -274,7 +275,7 @@ def _legend(equations: Equations) -> list[tuple[str, str]]:
 
 
 def _aligned(step: Step, notation: Notation) -> list[str]:
-    """left &= right of each line, long sums over several lines of the page, long columns entry by entry."""
+    """Aligned ``left &= right`` for each line; long sums take several lines, long columns one line per entry."""
     room = _room(step.lines, notation)
     lines = [part for line in step.lines for part in _entries(line, room, notation)]
     room = min(room, _room(lines, notation))
@@ -288,12 +289,12 @@ def _aligned(step: Step, notation: Notation) -> list[str]:
 
 
 def _room(lines: Iterable[Line], notation: Notation) -> int:
-    """Symbols beside the widest left-hand side."""
+    """Number of symbols left of the widest left-hand side."""
     return LINE_SYMBOLS - _MARGIN - max((latex_symbols(label.write(notation)) for label, _ in lines), default=0)
 
 
 def _entries(line: Line, room: int, notation: Notation) -> list[Line]:
-    """A column that is too wide as three lines, p_2x, p_2y and p_2z."""
+    """Column that is too wide, as three lines such as p_2x, p_2y and p_2z."""
     label, expr = line
     if not hasattr(expr, "shape") or max(latex_symbols(notation.write(x)) for x in expr) + _MARGIN <= room:
         return [line]
@@ -310,7 +311,7 @@ _SPECIAL = re.compile("|".join(re.escape(plain) for plain in sorted(_PLAIN, key=
 
 
 def _in_latex(text: str) -> str:
-    """Names and sentences as LaTeX, formulas side by side as one."""
+    """Names and sentences in LaTeX, with adjacent formulas joined."""
     return re.sub(r"(?<!\\)\$\$", "", _SPECIAL.sub(lambda found: _PLAIN[found.group()], text))
 
 

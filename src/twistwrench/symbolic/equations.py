@@ -1,4 +1,4 @@
-"""Lagrange's equations of a system: terms by name, steps of the derivation, ways to print them, and their assembly."""
+"""Lagrange's equations of a system: named terms, steps of the derivation, output formats, and assembly."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from .trig_polynomial import TrigPolynomial
 
 @dataclass(frozen=True)
 class Label:
-    """Left-hand side of an equation: a symbol, or a derivative of L (or K, P) with respect to one."""
+    """Left-hand side of an equation: a symbol, or a derivative of L, K or P with respect to one."""
 
     name: str
     variable: str = ""
     rate: bool = False
     time: str = ""
-    """Symbol of time, for the part of a rate that is due to it alone."""
+    """Symbol of time, for the part of a rate due to time alone."""
 
     def write(self, notation: Notation) -> str:
-        """Text in one of the notations."""
+        """Text in the given notation."""
         top = notation.symbol(self.name)
         if not self.variable:
             return top
@@ -41,17 +41,17 @@ class Label:
 
 
 Line = tuple[Label, Any]
-"""A label and the SymPy expression or column that it equals."""
+"""Label and the SymPy expression or column that it equals."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """Step of a derivation: its name, a sentence about it, its lines."""
+    """Step of a derivation: name, remark and lines."""
 
     name: str
     """Name for :meth:`Equations.step`."""
     remark: str
-    """A sentence."""
+    """Sentence that explains the step."""
     lines: tuple[Line, ...]
     """Lines of the step."""
 
@@ -60,9 +60,9 @@ class Step:
 class Equations:
     """Symbolic equations of motion τ = M(q) q̈ + h(q, q̇) in SymPy.
 
-    Made by :func:`twistwrench.symbolic.lagrange` and ``derive``. Of a robot, and of a Lagrangian that is ½ q̇'M q̇ less
-    a potential, h = c + g: ``split`` is then False. Of one with terms linear in the rates (a magnetic force) or with time in
-    it, h has more in it; ``tau`` has it all.
+    Made by :func:`twistwrench.symbolic.lagrange` and ``derive``. For a robot, and for a Lagrangian ½ q̇'M q̇ minus a
+    potential, h = c + g. ``split`` is False for a Lagrangian that has terms linear in the rates (a magnetic force) or
+    depends on time: h then has further terms, which ``tau`` includes.
 
     Examples
     --------
@@ -94,30 +94,30 @@ class Equations:
     mass_matrix: Any
     """M, an ImmutableMatrix (n, n)."""
     christoffel: Any
-    """Γ_ijk of the first kind, an ImmutableDenseNDimArray (n, n, n): c_i = Σ_jk Γ_ijk q̇_j q̇_k."""
+    """Christoffel symbols Γ_ijk of the first kind, an ImmutableDenseNDimArray (n, n, n): c_i = Σ_jk Γ_ijk q̇_j q̇_k."""
     coriolis_matrix: Any
-    """C_ij = Σ_k Γ_ijk q̇_k: C q̇ = c and dM/dt - 2C is skew; (n, n)."""
+    """C_ij = Σ_k Γ_ijk q̇_k, (n, n), with C q̇ = c and dM/dt - 2C skew-symmetric."""
     coriolis_forces: Any
-    """c, the velocity products; (n, 1)."""
+    """c, the terms quadratic in the velocities; (n, 1)."""
     gravity_forces: Any
-    """g = ∂P/∂q, all that is left at rest; (n, 1)."""
+    """g = ∂P/∂q, the torques at rest; (n, 1)."""
     tau: Any
-    """The right-hand sides, (n, 1)."""
+    """Right-hand sides, (n, 1)."""
     steps: tuple[Step, ...]
-    """The derivation, step by step."""
+    """Steps of the derivation."""
     definitions: tuple[tuple[Any, Any], ...] = ()
-    """Symbol and expression of each intermediate result, in those before it; where there are any, everything else is
-    written in them."""
+    """Symbol and expression of each intermediate result, in terms of earlier ones. If there are any, everything else is
+    written in terms of them."""
     parameters: tuple[Parameter, ...] = ()
-    """The named numbers, with their values."""
+    """Named numbers, with their values."""
     meanings: tuple[tuple[str, str], ...] = ()
     """Symbol and meaning of the coordinates."""
     remarks: tuple[str, ...] = ()
-    """Remarks for the reader, in sentences."""
+    """Remarks, in sentences."""
     split: bool = True
-    """True if c and g are all of τ but M q̈."""
+    """True if τ = M q̈ + c + g."""
     cache: dict[str, Any] = field(default_factory=dict, repr=False)
-    """Results computed from these equations before."""
+    """Cached results of these equations."""
 
     def __repr__(self) -> str:
         sizes = f"{len(self.q)} coordinates, {len(self.definitions)} definitions"
@@ -125,26 +125,26 @@ class Equations:
 
     @property
     def centripetal(self) -> dict[tuple[int, int], Any]:
-        """The coefficient of q̇_j² in c_i, those that are not zero: Γ_ijj at (i, j), counted from 0."""
+        """Non-zero coefficients of q̇_j² in c_i: Γ_ijj at (i, j), counted from 0."""
         n = range(len(self.q))
         return {(i, j): self.christoffel[i, j, j] for i in n for j in n if self.christoffel[i, j, j] != 0}
 
     @property
     def coriolis(self) -> dict[tuple[int, int, int], Any]:
-        """The coefficient of q̇_j q̇_k, j < k, in c_i, those that are not zero: 2 Γ_ijk at (i, j, k), counted from 0."""
+        """Non-zero coefficients of q̇_j q̇_k, j < k, in c_i: 2 Γ_ijk at (i, j, k), counted from 0."""
         n = range(len(self.q))
         triples = ((i, j, k) for i in n for j in n for k in range(j + 1, len(self.q)))
         return {t: 2 * self.christoffel[t] for t in triples if self.christoffel[t] != 0}
 
     @property
     def values(self) -> dict[Any, float]:
-        """Symbol → number of the named parameters, for ``subs``."""
+        """Map from symbols of the named parameters to numbers, for ``subs``."""
         return {sympy.Symbol(p.name): p.value for p in self.parameters}
 
-    # ── ways out ──
+    # ── output ──
 
     def step(self, name: str) -> Step:
-        """Step by its name, hyphens as good as underscores.
+        """Step with a name; hyphens and underscores are equivalent.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Equations:
         raise UnknownNameError.from_choices("step", name, [s.name for s in self.steps])
 
     def chosen(self, steps: Iterable[str] | None) -> tuple[Step, ...]:
-        """Steps by their names, all of them for None.
+        """Steps with the given names, or all steps for None.
 
         Returns
         -------
@@ -188,7 +188,7 @@ class Equations:
 
         Parameters
         ----------
-        document : bool, a document that compiles; False: what goes between
+        document : bool, a complete document; False: only its body
 
         Returns
         -------
@@ -197,7 +197,7 @@ class Equations:
         return latex_document(self, self.chosen(steps), Latex(), whole=document)
 
     def markdown(self, steps: Iterable[str] | None = None) -> str:
-        """Markdown with formulas between dollars, as GitHub and notebooks show them.
+        """Markdown with formulas between dollars, as displayed by GitHub and notebooks.
 
         Returns
         -------
@@ -206,7 +206,7 @@ class Equations:
         return markdown_document(self, self.chosen(steps), Latex())
 
     def html(self, steps: Iterable[str] | None = None) -> str:
-        """HTML page that needs nothing else: formulas are MathML, which browsers show without scripts.
+        """Self-contained HTML page with formulas in MathML, which browsers display without scripts.
 
         Returns
         -------
@@ -215,7 +215,7 @@ class Equations:
         return html_page(self, self.chosen(steps))
 
     def numpy_source(self) -> str:
-        """Python module that needs NumPy only: functions of arrays with any leading batch shape.
+        """Python module that needs only NumPy: functions of arrays with any leading batch shape.
 
         Returns
         -------
@@ -224,16 +224,16 @@ class Equations:
         Raises
         ------
         ValueRangeError
-            No source can hold the equations, as :meth:`function`.
+            The equations cannot be written as source, see :meth:`function`.
         """
         return numpy_source(self)
 
     def c_source(self, prefix: str | None = None) -> str:
-        """C99 source that needs math.h only: one file, no allocation.
+        """C99 source that needs only math.h: one file, without allocation.
 
         Parameters
         ----------
-        prefix : str, optional, what names begin with, as in ``prefix_inverse_dynamics``; None: the equations' name
+        prefix : str, optional, of the names, as in ``prefix_inverse_dynamics``; None: the name of the equations
 
         Returns
         -------
@@ -242,7 +242,7 @@ class Equations:
         Raises
         ------
         ValueRangeError
-            A prefix begins no name in C, or as :meth:`function`.
+            The prefix cannot begin a C identifier, or as for :meth:`function`.
         """
         return c_source(self, prefix)
 
@@ -256,14 +256,14 @@ class Equations:
         Returns
         -------
         function : callable
-            Its last argument, ``parameters``, maps the name of every constant to its number; without it, the robot's
-            own. The time of a Lagrangian that depends on it is one of them. It raises UnknownNameError for constants
-            that are not there, and ValueRangeError where some are missing.
+            Its last argument, ``parameters``, maps names of constants to numbers; the default is the robot's own
+            values. The time of a time-dependent Lagrangian is one of the constants. The function raises
+            UnknownNameError for unknown constants, and ValueRangeError for missing ones.
 
         Raises
         ------
         ValueRangeError
-            No source can hold the equations (Max, Piecewise, what SymPy leaves as a derivative).
+            The equations cannot be written as source (Max, Piecewise, derivatives that SymPy leaves unevaluated).
         """
         if not isinstance(name, str) or name not in FUNCTIONS:
             raise UnknownNameError.from_choices("function", name, FUNCTIONS)
@@ -275,7 +275,7 @@ class Equations:
 
 
 def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
-    """Function with a check that each constant has a number."""
+    """Wrap the function with a check that every constant has a number."""
     wanted = signature(function)
 
     @wraps(function)
@@ -318,7 +318,7 @@ STEPS = {
     "gravity_forces": "g, torques at rest",
     "equations": "d/dt ∂L/∂q̇ − ∂L/∂q, the equations of motion",
 }
-"""Name and remark of the steps after the Lagrangian, in order."""
+"""Names and remarks of the steps after the Lagrangian, in order."""
 
 
 def entry_name(letter: str, *indices: int) -> str:
@@ -361,7 +361,7 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     written_c, written_g = matrix([moving(x) for x in c]), matrix([writer.by_angle(x) for x in g])
     ddq = [writer.symbols[x.acceleration] for x in terms.coordinates]
     inertial = [sympy.Add(*(written_M[i, j] * ddq[j] for j in range(n))) for i in range(n)]
-    # Whatever L has beside ½ q̇'M q̇ and its potential: terms linear in the rates push too.
+    # Further parts of L besides ½ q̇'M q̇ and its potential: terms linear in the rates also produce forces.
     rest = []
     for p, s, c_i, g_i, i in zip(momenta, slopes, c, g, range(n), strict=True):
         accelerated = sum((M[i, j] * push[j] for j in range(n)), terms.zero)
@@ -390,7 +390,7 @@ def equation_fields(
     explicit_time: Sequence[Line] = (),
     only: Iterable[str] = STEPS,
 ) -> dict[str, Any]:
-    """The terms as fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines, ``only`` some of them."""
+    """Fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines (only those in ``only``, if given)."""
     n = len(q)
     triples = [(i, j, k) for i in range(n) for j in range(n) for k in range(j, n) if gamma[i, j, k] != 0]
     lines: dict[str, Sequence[Line]] = {

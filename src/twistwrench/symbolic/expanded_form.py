@@ -1,6 +1,6 @@
-"""Lagrange's equations written out: kinematics over any arithmetic, independent coordinates, and energies as sums of products.
+"""Lagrange's equations written out: kinematics, independent coordinates, and energies as sums of products.
 
-Works over any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
+Kinematics works with any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from .trig_polynomial import Ring, TrigPolynomial
 
 
 class Arithmetic(Protocol):
-    """Interface of the numbers that kinematics computes with."""
+    """Interface of the numbers used in kinematics."""
 
     def number(self, entry: Entry) -> Any:
-        """A number of the model, or its symbol."""
+        """Number of the model, or its symbol."""
 
     def coordinate(self, k: int) -> Any:
-        """The k-th coordinate itself."""
+        """Coordinate number k."""
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """Cosine and sine of ``rate`` times the k-th coordinate plus ``offset``."""
+        """Cosine and sine of ``rate`` times coordinate k plus ``offset``."""
 
 
 def numbers_of(arithmetic: Arithmetic, entries: Any) -> Array:
-    """An array of entries in this arithmetic."""
+    """Array of entries in this arithmetic."""
     return np.asarray(np.frompyfunc(arithmetic.number, 1, 1)(np.array(entries, object)))
 
 
 def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
-    """R (3, 3) and p (3,), pose of a body's frame in its parent's; MR eq. 3.51 and 3.88."""
+    """Pose of a body's frame in its parent's frame, R (3, 3) and p (3,); MR eq. 3.51 and 3.88."""
     R0, p0 = exact(body.placement[:3, :3]), numbers_of(arithmetic, entries.place)
     joint, first = body.joint, body.v_index
     if not joint.moves_body:
@@ -52,7 +52,7 @@ def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tu
 
 
 def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
-    """Cosine and sine of the entries of a joint's chart."""
+    """Cosines and sines of the entries of a joint's chart."""
     return lambda k: arithmetic.cosine_sine(body.v_index + k, 1.0, 0.0)
 
 
@@ -71,13 +71,13 @@ def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Ar
 
 # ── Independent generalized coordinates and their names
 
-# Joints with one coordinate keep it. A planar joint has x, y and an angle; a floating one x, y, z and the ZYX Euler angles
-# of Modern Robotics appendix B.1.1, in place of a quaternion, whose four numbers are not independent.
+# Joints with one coordinate keep it. A planar joint has x, y and an angle. A floating joint has x, y, z and the ZYX
+# Euler angles of Modern Robotics appendix B.1.1, because the four numbers of a quaternion are not independent.
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Variable of differentiation: a coordinate, its rate and acceleration, by their symbols."""
+    """Variable of differentiation: symbols of a coordinate, its rate and acceleration."""
 
     name: str
     rate: str
@@ -86,7 +86,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Coordinate: its symbol, its meaning, and True for an angle."""
+    """Coordinate: symbol, meaning, and True for an angle."""
 
     name: str
     angle: bool
@@ -94,17 +94,17 @@ class Coordinate:
 
     @property
     def rate(self) -> str:
-        """The symbol of its rate."""
+        """Symbol of its rate."""
         return dotted(self.name)
 
     @property
     def acceleration(self) -> str:
-        """The symbol of its second derivative."""
+        """Symbol of its second derivative."""
         return dotted(self.name, "ddot")
 
 
 def dotted(name: str, mark: str = "dot") -> str:
-    """The naming rule of rates: theta_1 → thetadot_1, x → xdot.
+    """Symbol of a rate: theta_1 → thetadot_1, x → xdot.
 
     >>> dotted("theta_1"), dotted("x", "ddot")
     ('thetadot_1', 'xddot')
@@ -114,7 +114,7 @@ def dotted(name: str, mark: str = "dot") -> str:
 
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
-    """The coordinates, in the order of q; numbered by the joints that have coordinates of their own."""
+    """Coordinates in the order of q, numbered by joints with their own coordinates."""
     found = []
     for n, body in enumerate(model.leaders, 1):
         for entry in body.joint.chart:
@@ -124,9 +124,9 @@ def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
 
 
 def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
-    """One state in these coordinates, (nv,) each, as the robot's q (nq,), dq and ddq (nv,), and N (nv, nv) with dq = N du.
+    """State in these coordinates, (nv,) each, as the robot's q (nq,), dq and ddq (nv,), and N (nv, nv) with dq = N du.
 
-    Torques go the other way: those that belong to the coordinates are N' tau.
+    Torques of the coordinates are N' tau.
     """
     q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
     N = np.zeros((model.nv, model.nv))
@@ -141,16 +141,16 @@ def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Arra
 
 # ── Positions, velocities, energies and their derivatives
 
-# Nothing of the recursions is used: positions come from the joints' placements and axes, velocities are their derivatives,
-# K = Σ ½ m v'v + ½ ω'I ω, and everything after that is differentiation. Modern Robotics section 8.1.
+# The recursive algorithms are not used. Positions come from the joints' placements and axes, and velocities are their
+# derivatives. K = Σ ½ m v'v + ½ ω'I ω, and the rest is differentiation. Modern Robotics section 8.1.
 
 _DUST = 1e-14
-"""Share of the largest coefficient of an energy under which a term is round-off of terms that cancelled."""
+"""Terms below this share of an energy's largest coefficient are rounding errors of cancelled terms."""
 
 
 @dataclass(frozen=True, eq=False)
 class SymbolicMotion:
-    """Places of the centres of mass in the base frame, their velocities, and angular velocities in body axes; (3,) each."""
+    """Positions and velocities of the centres of mass in the base frame, and angular velocities in body axes; (3,) each."""
 
     positions: tuple[Array, ...]
     velocities: tuple[Array, ...]
@@ -173,19 +173,19 @@ class RingArithmetic:
         self._places = {name: k for k, name in enumerate(ring.angles)}
 
     def number(self, entry: Entry) -> TrigPolynomial:
-        """A number of the model, or its symbol."""
+        """Number of the model, or its symbol."""
         if entry.parameter is None:
             return self.ring.number(entry.value)
         return entry.sign * self.ring.symbol(entry.parameter.name)
 
     def coordinate(self, k: int) -> TrigPolynomial:
-        """The k-th coordinate itself."""
+        """Coordinate number k."""
         return self.ring.symbol(self.coordinates[k].name)
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigPolynomial, TrigPolynomial]:
-        """Cosine and sine of ``rate`` times the k-th coordinate plus ``offset``."""
+        """Cosine and sine of ``rate`` times coordinate k plus ``offset``."""
         f: list[Any] = [0] * len(self._places)
-        exact = Fraction(rate)  # a float is a fraction, so sums of multiples stay exact
+        exact = Fraction(rate)  # a float is a fraction, so sums of multiples are exact
         f[self._places[self.coordinates[k].name]] = int(exact) if exact.denominator == 1 else exact
         c, s = self.ring.wave("cos", f), self.ring.wave("sin", f)
         if not offset:
@@ -195,7 +195,7 @@ class RingArithmetic:
 
 
 def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
-    """The ring of a robot: its parameters, coordinates and rates."""
+    """Ring of a robot: its parameters, coordinates and rates."""
     names = [p.name for p in entries.parameters]
     names += [name for c in coordinates for name in (c.name, c.rate, c.acceleration)]
     return Ring(names, [c.name for c in coordinates if c.angle])
@@ -209,7 +209,7 @@ def motion_of(
     largest_position: int,
     largest_rotation: int,
 ) -> SymbolicMotion | None:
-    """Positions and velocities of all bodies; None once an entry of one has more terms than allowed."""
+    """Positions and velocities of all bodies; None if an entry has more terms than allowed."""
     arithmetic = RingArithmetic(ring, coordinates)
     poses: list[tuple[Array, Array]] = []
     positions, velocities, turning = [], [], []
@@ -224,7 +224,7 @@ def motion_of(
             return None
         R = np.array([[ring.number(0.0) + x for x in row] for row in R], object)
         spin = [ring.number(0.0)] * 3
-        if not body.joint.moves_body:  # turns in a frame that does not
+        if not body.joint.moves_body:  # rotates a frame of the same body
             rate = ring.symbol(coordinates[body.v_index].rate)
             spin = [float(x) * arithmetic.number(mine.ratio) * rate for x in body.joint.axes[0, :3]]
         dR = np.array([[_rate(x, coordinates, ring) for x in row] for row in R], object)
@@ -260,7 +260,7 @@ def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithme
 
 
 def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
-    """½ J q̇² of each drive that has an inertia of its own."""
+    """½ J q̇² of each drive with its own inertia."""
     found = []
     for k, J in enumerate(entries.armature):
         if J.value:
@@ -272,7 +272,7 @@ def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[Tr
 def energies(
     entries: ModelEntries, motion: SymbolicMotion, arithmetic: RingArithmetic
 ) -> tuple[list[TrigPolynomial], list[TrigPolynomial]]:
-    """K and P of every body; the formulas of MR section 8.1.2."""
+    """K and P of every body by the formulas of MR section 8.1.2."""
     gravity = numbers_of(arithmetic, entries.gravity)
     kinetic, potential = [], []
     for mine, p, v, w in zip(entries.bodies, motion.positions, motion.velocities, motion.turning, strict=True):
@@ -284,7 +284,7 @@ def energies(
 
 
 def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
-    """(n, n) integers: row j is the sum of joint angles that turns body j where the axes before it are parallel."""
+    """(n, n) integers: row j is the sum of joint angles that rotates body j if the preceding axes are parallel."""
     places = {name: k for k, name in enumerate(ring.angles)}
     sums = np.eye(len(places), dtype=int)
     for body in model.bodies:
@@ -302,7 +302,7 @@ def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Everything that follows from K and P by differentiation."""
+    """Derivatives of K and P that make up the equations."""
 
     ring: Ring
     coordinates: tuple[Coordinate | Variable, ...]
@@ -311,7 +311,7 @@ class Terms:
 
     @property
     def zero(self) -> TrigPolynomial:
-        """Nothing."""
+        """Zero of the ring."""
         return self.ring.number(0)
 
     @cached_property
@@ -341,7 +341,7 @@ class Terms:
 
     @cached_property
     def gravity_forces(self) -> Array:
-        """g_i = ∂P/∂q_i; with energies that rates do not enter, of L too."""
+        """g_i = ∂P/∂q_i; for energies without rates, also of L."""
         by_motion = (self.kinetic - self.potential).split([c.rate for c in self.coordinates])
         still = by_motion.get(0, self.zero)
         return np.array([-still.diff(c.name) for c in self.coordinates], object)

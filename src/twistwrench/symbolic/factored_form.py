@@ -1,7 +1,8 @@
-"""Sums of products as a person writes them: squares and products of sines where they are shorter, masses pulled out.
+"""Readable forms of sums of products: squares and products of sines if they are shorter, with masses factored out.
 
-Each coefficient of symbols is written in the shortest of a few forms: as sums of angles, cos(θ_1 + θ_2); or as products of
-sines and cosines, of single joint angles or of the angles along a chain of parallel axes, cos²(θ_2), cos θ_2 cos(θ_2 + θ_3).
+Each coefficient is written in the shortest of a few forms: with sums of angles, cos(θ_1 + θ_2); or with products of
+sines and cosines, either of single joint angles or of angles along a chain of parallel axes, cos²(θ_2), cos θ_2 cos(θ_2
++ θ_3).
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ Row = tuple[Any, int, Waves]
 Term = tuple[Any, int]
 """Coefficient and monomial."""
 
-_MOST_FACTORED, _MOST_NAMES = 28, 7  # terms and symbols of the square of a sum of seven
+_MOST_FACTORED, _MOST_NAMES = 28, 7  # numbers of terms and symbols in the square of a sum of seven
 
 
 class EquationWriter:
-    """Writes sums of one ring as SymPy expressions. ``expressions`` gives the meaning of the ring's symbols."""
+    """Writer of sums of one ring as SymPy expressions. ``expressions`` maps the ring's symbols to expressions."""
 
     def __init__(
         self,
@@ -51,7 +52,7 @@ class EquationWriter:
     # ── expressions ──
 
     def by_mass(self, total: TrigPolynomial) -> Any:
-        """Masses pulled out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
+        """Sum with masses factored out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
         parts: list[Any] = []
         for common, rows in _groups(self._rows(total), lambda row: self._mass_part(row[1])).items():
             if not common or len(rows) == 1:
@@ -63,7 +64,7 @@ class EquationWriter:
         return sympy.Add(*parts)
 
     def by_angle(self, total: TrigPolynomial) -> Any:
-        """Factors of equal sines and cosines together: (m_1 + m_2) L_1 g cos θ_1."""
+        """Sum with terms of equal sines and cosines collected: (m_1 + m_2) L_1 g cos θ_1."""
         parts: list[Any] = []
         for waves, rows in _groups(self._rows(total), lambda row: row[2]).items():
             common = self._common([m for _, m, _ in rows])
@@ -73,7 +74,7 @@ class EquationWriter:
         return sympy.Add(*parts)
 
     def _bracket(self, terms: list[Term]) -> Any:
-        """A sum without sines and cosines: as squares and products, else each mass once."""
+        """Sum without sines and cosines: as squares and products if possible, otherwise with each mass once."""
         if (whole := self._factored(terms)) is not None:
             return whole
         groups = _groups(terms, lambda term: self._mass_part(term[1]))
@@ -91,7 +92,7 @@ class EquationWriter:
         return sympy.Add(*parts)
 
     def _factored(self, terms: list[Term]) -> Any:
-        """A polynomial as squares and products, None where it has none: (L_2 + x_3)² of three terms or more."""
+        """Polynomial of three or more terms as squares and products such as (L_2 + x_3)²; None if there are none."""
         if not 3 <= len(terms) <= _MOST_FACTORED or not all(float(64 * c).is_integer() for c, _ in terms):
             return None
         key = frozenset(terms)
@@ -120,7 +121,7 @@ class EquationWriter:
         return sympy.Add(*(sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
 
     def by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
-        """Sorted by products of rates and accelerations; those whose coefficients are proportional stand together."""
+        """Sum sorted by products of rates and accelerations; terms with proportional coefficients are combined."""
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items(), reverse=False):
             for first, members in groups:
@@ -143,7 +144,7 @@ class EquationWriter:
         return sympy.Add(*parts)
 
     def _by_waves(self, rows: list[Row]) -> Any:
-        """A sum whose parts with the same sines and cosines are squares and products where they can be, common sums once."""
+        """Sum with equal sines and cosines collected, as squares and products if possible, and common factors once."""
         parts: list[Any] = []
         for waves, members in _groups(rows, lambda row: row[2]).items():
             terms = [(c, m) for c, m, _ in members]
@@ -161,7 +162,7 @@ class EquationWriter:
         return sympy.Mul(*shared, *sympy.Mul.make_args(rest))
 
     def _apart(self, terms: list[Term]) -> list[list[Term]]:
-        """Groups of terms that share no symbol: r² beside (L + x)²."""
+        """Groups of terms without common symbols: r² beside (L + x)²."""
         groups: list[tuple[set[str], list[Term]]] = []
         for term in terms:
             names, mine = set(self.ring.exponents(term[1])), [term]
@@ -204,7 +205,7 @@ class EquationWriter:
 
 
 def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
-    """The items by their keys, in order."""
+    """Items grouped by key, in order."""
     groups: dict[Any, list[Any]] = defaultdict(list)
     for item in items:
         groups[key(item)].append(item)
@@ -212,7 +213,7 @@ def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[A
 
 
 def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
-    """one / other where that is a number, else None."""
+    """one / other if it is a number, else None."""
     if one.terms.keys() != other.terms.keys() or not one.terms:
         return None
     ratios = [one.terms[key] / other.terms[key] for key in one.terms]
@@ -220,7 +221,7 @@ def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
 
 
 def _content(coefficients: list[Any]) -> Any:
-    """The largest simple number that divides all coefficients, with the sign of most; 1 where they are measured."""
+    """Largest simple number that divides all coefficients, with the majority sign; 1 for measured values."""
     if all(abs(c) == abs(coefficients[0]) for c in coefficients):
         return -abs(coefficients[0]) if all(c < 0 for c in coefficients) else abs(coefficients[0])
     fractions = [Fraction(c).limit_denominator(1 << 20) for c in coefficients]
@@ -234,7 +235,7 @@ def _content(coefficients: list[Any]) -> Any:
 
 
 def as_number(value: Any) -> Any:
-    """A SymPy number: rational where the value is a simple fraction exactly, else the float."""
+    """SymPy number: rational if the value is exactly a simple fraction, otherwise a float."""
     if isinstance(value, Fraction):
         return sympy.Rational(value.numerator, value.denominator)
     if isinstance(value, float) and not (64 * value).is_integer():

@@ -1,4 +1,4 @@
-"""Lagrange's equations with named intermediate results: definitions in order, and their derivatives."""
+"""Lagrange's equations with named intermediate results: ordered definitions and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ AXES = "xyz"
 
 
 def exact_number(value: float) -> Any:
-    """A SymPy number: whole ones exact, so that 0 and ±1 leave nothing behind."""
+    """SymPy number; integers are exact, so that 0 and ±1 simplify."""
     return sympy.sympify(exact(value))
 
 
 class Definitions:
-    """Definitions in order, with their derivatives."""
+    """Ordered definitions, with their derivatives."""
 
     def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
         self.q = [sympy.Symbol(c.name) for c in coordinates]
@@ -34,11 +34,11 @@ class Definitions:
         self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
 
     def group(self, name: str, remark: str) -> None:
-        """Step of the definitions from here on."""
+        """Begin a step, to which the following definitions belong."""
         self.groups.append((name, remark, len(self.definitions)))
 
     def name(self, name: str, expr: Any) -> Any:
-        """The expression itself where it is a number or at most a product of a number and a symbol; else a new name."""
+        """New name for the expression, or the expression itself if it is a number or a number times a symbol."""
         expr = sympy.sympify(expr)
         core = expr.as_coeff_Mul()[1]
         if core.is_Symbol or not expr.free_symbols:
@@ -52,11 +52,11 @@ class Definitions:
         return symbol
 
     def names(self, pattern: str, vector: Array) -> Array:
-        """Names for the entries of a vector: x, y, z appended."""
+        """Names for the entries of a vector, with x, y, z appended."""
         return np.array([self.name(f"{pattern}{AXES[k]}", x) for k, x in enumerate(vector)], object)
 
     def slope(self, expr: Any, k: int) -> Any:
-        """d(expr)/dq_k, through the definitions; derivatives of names get names."""
+        """d(expr)/dq_k by the chain rule through the definitions; derivatives of names get names."""
         total = sympy.Integer(0)
         for symbol in sorted(expr.free_symbols, key=str):
             inner = self._symbol_slope(symbol, k)
@@ -73,20 +73,20 @@ class Definitions:
             self._slopes[symbol, k] = self.name(f"d{symbol.name}_q{k + 1}", self.slope(self._expr[symbol], k))
         return self._slopes[symbol, k]
 
-    # ── the arithmetic of kinematics ──
+    # ── arithmetic of kinematics ──
 
     def number(self, entry: Entry) -> Any:
-        """A number of the model, or its symbol."""
+        """Number of the model, or its symbol."""
         if entry.parameter is None:
             return exact_number(entry.value)
         return entry.sign * sympy.Symbol(entry.parameter.name)
 
     def coordinate(self, k: int) -> Any:
-        """The k-th coordinate itself."""
+        """Coordinate number k."""
         return self.q[k]
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """Names for the cosine and sine; those of a coordinate itself are c_k and s_k."""
+        """Names for the cosine and sine; for a coordinate itself they are c_k and s_k."""
         key = (k, rate, offset)
         if key not in self._waves:
             again = sum(1 for other in self._waves if other[0] == k)
@@ -98,20 +98,20 @@ class Definitions:
                 self.name(f"s{letter}_{index}", sympy.sin(argument)),
             )
             c, s = self._waves[key]
-            if c in self._expr:  # their derivatives are each other, not sines and cosines anew
+            if c in self._expr:  # their derivatives refer to each other
                 self._slopes[c, k], self._slopes[s, k] = -exact_number(rate) * s, exact_number(rate) * c
         return self._waves[key]
 
 
 # ── The equations
 
-# Cosines and sines; rotations between links; velocities of centres of mass and links per unit of each rate, from which K;
-# the direction of gravity and the height in each link, from which P; their derivatives by the chain rule. Every line uses
-# names of lines before it. Modern Robotics sections 8.1 and 5.1.
+# Order of the definitions: cosines and sines; rotations between links; velocities of centres of mass and links per unit
+# of each rate, for K; the direction of gravity and the height in each link, for P; derivatives by the chain rule. Every
+# line uses only names of earlier lines. Modern Robotics sections 8.1 and 5.1.
 
 
 def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> dict[str, Any]:
-    """The fields of :class:`~twistwrench.symbolic.derivation.Derivation`."""
+    """Fields of :class:`~twistwrench.symbolic.derivation.Derivation`."""
     names = Definitions(coordinates, entries)
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
@@ -146,7 +146,7 @@ def _motions(names: Definitions, tags: list[str], raw: list[tuple[Array, Array]]
 def _velocities(
     names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
-    """Velocities of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
+    """Velocities of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in body axes."""
     remark = "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes"
     names.group("velocities", remark)
     origins: list[dict[int, tuple[Array, Array]]] = []
@@ -159,7 +159,7 @@ def _velocities(
                 columns[j] = (R.T @ w, R.T @ (u + _cross(w, p)))
         for k in range(body.v_index, body.v_index + body.joint.nv):
             own = _own(names, R, k, body, mine)
-            old = columns.get(k)  # a follower moves with its leader's rate too
+            old = columns.get(k)  # a follower also moves with its leader's rate
             columns[k] = own if old is None else (old[0] + own[0], old[1] + own[1])
         ends = {j: f"{mine.tag}_{j + 1}" for j in columns}
         named = {j: (names.names(f"w_{ends[j]}", w), names.names(f"u_{ends[j]}", u)) for j, (w, u) in columns.items()}
@@ -174,7 +174,7 @@ def _velocities(
 
 
 def _own(names: Definitions, R: Array, k: int, body: Any, mine: BodyEntries) -> tuple[Array, Array]:
-    """The joint's own part: ω and the origin's v in the child's axes, per unit of the rate of coordinate k."""
+    """Contribution of the joint itself: ω and v of the origin in child axes, per unit of the rate of coordinate k."""
     joint, number = body.joint, k - body.v_index
     if joint.nv > 1:
         R0 = body.placement[:3, :3]
@@ -191,7 +191,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
-    """- gravity · (place of the centre of mass) of each body: n_i is -gravity in its axes, eta_i that of its origin."""
+    """-gravity · (position of the centre of mass) of each body; n_i is -gravity in body axes, eta_i the origin's value."""
     remark = (
         "n_i: minus gravity in the axes of link i; eta_i, zeta_i: that times the place of its origin and centre of mass"
     )
@@ -210,7 +210,7 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
 
 
 def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
-    """½ k (Σ weight · coordinate - rest)², summed."""
+    """Sum of ½ k (Σ weight · coordinate - rest)²."""
     places = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
     for spring, k in zip(model.springs, entries.springs, strict=True):
@@ -274,7 +274,7 @@ def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P:
 
 
 def _defined(names: Definitions) -> list[Step]:
-    """The definitions as steps."""
+    """Definitions as steps."""
     ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
     return [
         Step(name, remark, tuple((Label(symbol.name), expr) for symbol, expr in names.definitions[start:end]))

@@ -1,4 +1,4 @@
-"""Lagrange's equations of any Lagrangian: a bead on a wire, a cart with a pole, coordinates other than joint angles."""
+"""Lagrange's equations of any Lagrangian, such as a bead on a wire, a cart with a pole, or any generalised coordinates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
 def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
-    """One symbol or several different ones, as a tuple; ShapeError for anything else."""
+    """Symbol, or several different ones, as a tuple; raises ShapeError for other input."""
     several = isinstance(given, Sequence | sympy.MatrixBase | sympy.Tuple)
     symbols = (given,) if isinstance(given, sympy.Symbol) else tuple(given) if several else ()
     if not symbols or not all(isinstance(s, sympy.Symbol) for s in symbols) or len(set(symbols)) < len(symbols):
@@ -41,7 +41,7 @@ def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
 
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
-    """Raise ValueRangeError for a symbol that looks like a constant but is not, and for an L without kinetic energy."""
+    """Raise ValueRangeError for a symbol that looks like a rate but is not listed, and for an L without kinetic energy."""
     if found := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
         raise ValueRangeError(
             f"L contains {_listed(found)}. Write coordinates and rates as symbols, theta and thetadot instead of theta(t) "
@@ -55,7 +55,7 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
             f"L contains another {_listed(twins)} than the coordinates, rates or time given: symbols of one name with "
             "different assumptions (real=True) differ in SymPy. Make each symbol once."
         )
-    # By the naming rule, xdot and thetaddot_1, or a common other one, theta_1dot and x_dot.
+    # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
     if moving := {s for s in others if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", s.name, flags=re.DOTALL)}:
         raise ValueRangeError(
             f"L contains {_listed(moving)}, by name the rate of a coordinate that is not in q={_listed(q)}, or a derivative "
@@ -83,17 +83,17 @@ def _listed(symbols: Any) -> str:
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
     """Lagrange's equations d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression (MR eq. 8.2 and 8.3).
 
-    Every other symbol is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms linear in the rates
-    in the equations, and g is whatever is left at rest, centrifugal forces of a wire that is turned included.
+    Every other symbol is a constant. Terms of L besides ½ q̇'M q̇ and a potential are included: terms linear in the
+    rates appear in the equations, and g contains all torques at rest, including centrifugal forces of a rotating wire.
 
     Parameters
     ----------
     L : SymPy expression
     q : coordinates, independent SymPy symbols
     rates : symbols of their rates in L, optional
-        Without it, by the naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot.
-    time : symbol of time, optional, where L depends on it
-        Then ∂/∂t of the momenta, a step of its own, is part of the equations.
+        Default: the naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot.
+    time : symbol of time, optional, if L depends on it
+        The equations then include ∂/∂t of the momenta as a separate step.
     name : str, of the system
 
     Returns
@@ -104,9 +104,9 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     ------
     ValueRangeError
         L depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t``
-        that ``time`` does not name.
+        without ``time=``.
     MissingExtraError
-        There is no SymPy.
+        SymPy is not installed.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
 
 
 def _expression(L: Any) -> Any:
-    # Never a string: SymPy would evaluate it as Python.
+    # Strings are rejected: SymPy would evaluate them as Python.
     if not isinstance(L, bool) and isinstance(L, Real):
         return sympy.sympify(L)
     if not isinstance(L, sympy.Expr) or L.is_Matrix:
@@ -167,7 +167,7 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
 def _parsed(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]
 ) -> tuple[Terms, Mapping[str, Any]] | None:
-    """L as a sum of products, with the meaning of its ring's symbols; None if it is not one."""
+    """L as a sum of products with the meaning of its ring's symbols, or None if it does not have that form."""
     moving = {*q, *dq}
     atoms: dict[Any, str] = {s: s.name for s in (*q, *dq, *ddq)}
     if not _collect(L, moving, atoms) or len(set(atoms.values())) < len(atoms):
@@ -187,7 +187,7 @@ def _parsed(
 
 
 def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
-    """Find the constants that L is a polynomial in: symbols, and constant expressions that are not polynomials of them."""
+    """Collect the constants in which L is polynomial: symbols, and constant subexpressions that are not polynomial."""
     if expr.is_Rational or expr in atoms:
         return True
     if expr.is_Symbol:
@@ -206,11 +206,11 @@ def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
 
 
 _RAISED = 4
-"""Increase of an exponent by Lagrange's equations: c multiplies by two rates, rates of momenta by a rate or acceleration."""
+"""Increase of exponents by Lagrange's equations: c multiplies by two rates, momentum rates by a rate or acceleration."""
 
 
 def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
-    """A bound of the exponents that L has when it is multiplied out."""
+    """Upper bound of the exponents of L after expansion."""
     if expr in atoms:
         return 1
     if expr.is_Add:
@@ -221,7 +221,7 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
 
 
 def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]) -> TrigPolynomial:
-    """The sum of products that L is. Raises SymPy's PolynomialError."""
+    """L as a sum of products. Raises SymPy's PolynomialError."""
 
     def read(expr: Any) -> TrigPolynomial:
         if expr.is_Rational:
@@ -243,7 +243,7 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
     return read(L)
 
 
-# ── Other Lagrangians: plain differentiation
+# ── Other Lagrangians: direct differentiation
 
 
 def _differentiated(

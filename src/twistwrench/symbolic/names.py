@@ -1,4 +1,4 @@
-"""Symbols and notation: rounded constants, names of symbols, order of factors, plain text, a robot's parameters."""
+"""Symbols and notation: rounded constants, symbol names, order of factors, plain text, and a robot's parameters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ sympy: Any = lazy_module("sympy")
 def require_sympy(purpose: str = "Deriving equations") -> None:
     """Raise MissingExtraError unless SymPy is installed."""
     try:
-        import sympy  # noqa: F401  only whether it is there
+        import sympy  # noqa: F401  availability check only
     except ImportError:
         raise MissingExtraError.from_extra("sympy", "symbolic", purpose) from None
 
@@ -33,7 +33,7 @@ _ROUND_OFF = 4e-16
 
 
 def shortest(value: float, scale: float = 0.0) -> float:
-    """The shortest decimal within round-off, 4e-16 of the value, or of ``scale`` where it is a difference of such numbers.
+    """Shortest decimal within 4e-16 of the value; for differences, relative to ``scale``, the size of the operands.
 
     >>> shortest(0.010000000000000002), shortest(0.1 + 0.2), shortest(1 / 3)
     (0.01, 0.3, 0.3333333333333333)
@@ -69,7 +69,7 @@ def name_parts(name: str) -> tuple[str, str, str]:
 
 
 def link_number(index: str) -> tuple[int, bool]:
-    """The number of a link or joint, rotors (r1) after the links of the same number."""
+    """Number of a link or joint; rotors (r1) sort after links of the same number."""
     number = re.match(r"(r?)(\d+)", index)
     return (int(number[2]), bool(number[1])) if number else (0, False)
 
@@ -84,12 +84,12 @@ def _factors(expr: Any) -> list[Any]:
 
 
 def is_sum(factors: list[Any]) -> bool:
-    """One factor, a sum."""
+    """True for a single factor that is a sum."""
     return len(factors) == 1 and bool(factors[0].is_Add)
 
 
 def signed_factors(term: Any) -> tuple[bool, list[Any]]:
-    """The sign of a term and the factors of its size; of sums among them, the sign of their first term is pulled out."""
+    """Sign of a term and its factors without sign; sums among them are normalised to a positive first term."""
     coefficient, rest = term.as_coeff_Mul()
     negative = bool(coefficient.is_negative)
     factors = [] if abs(coefficient) == 1 else [abs(coefficient)]
@@ -106,7 +106,7 @@ def signed_factors(term: Any) -> tuple[bool, list[Any]]:
 
 @lru_cache(maxsize=1 << 14)
 def ordered_terms(expr: Any) -> list[Any]:
-    """The terms of a sum in the order of a book."""
+    """Terms of a sum in textbook order."""
     return sorted(expr.as_ordered_terms() if expr.is_Add else [expr], key=_term_key)
 
 
@@ -123,18 +123,18 @@ def _term_key(term: Any) -> tuple[Any, ...]:
 
 # ── Notations: plain text, and the base of LaTeX and MathML
 
-# Factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Terms: those with
-# accelerations, with rates, without; then by the numbers of the links.
+# Order of factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Order of
+# terms: with accelerations, with rates, without; then by link number.
 
-_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")  # Unicode has x below the line, but neither y nor z
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")  # Unicode has a subscript x, but not y and z
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 class Notation:
-    """Order of writing; subclasses decide the appearance."""
+    """Order of writing; subclasses define the appearance."""
 
     def write(self, expr: Any) -> str:
-        """An expression, a column or a matrix."""
+        """Text of an expression, a column or a matrix."""
         if isinstance(expr, sympy.MatrixBase):
             return self.matrix([[self.write(x) for x in row] for row in expr.tolist()])
         if expr.is_Add:
@@ -152,7 +152,7 @@ class Notation:
         return self.other(expr)
 
     def terms(self, expr: Any) -> list[tuple[str, str]]:
-        """The terms of a sum, each with its sign."""
+        """Terms of a sum, each with its sign."""
         found = []
         for term in ordered_terms(expr):
             negative, factors = signed_factors(term)
@@ -164,7 +164,7 @@ class Notation:
         return self.minus(self._negated(factors)) if negative else self._quotient(factors)
 
     def _negated(self, factors: list[Any]) -> str:
-        """Operand of a minus sign: a sum by itself in brackets."""
+        """Operand of a minus sign; a sum is put in brackets."""
         inner = self._quotient(factors)
         return self.bracket(inner) if is_sum(factors) else inner
 
@@ -218,24 +218,24 @@ class Notation:
             return self.fraction(self.figure(str(x.p)), self.figure(str(x.q)))
         return self.figure(str(x) if x.is_Integer else f"{printed(float(x))}")
 
-    # How things look: in plain text, as in the terminal.
+    # Appearance in plain text, for the terminal.
 
     def symbol(self, name: str) -> str:
-        """A symbol: Greek letters, dots for rates, indices."""
+        """Symbol with Greek letters, dots for rates, and indices."""
         stem, mark, index = name_parts(name)
         low = re.sub(r"^r(?=\d)", "ᵣ", index).replace("_", ",").translate(_SUBSCRIPTS)
         return unicodedata.normalize("NFC", GREEK.get(stem, stem) + (MARKS[mark] if mark else "")) + low
 
     def figure(self, digits: str) -> str:
-        """A number without a sign."""
+        """Number without a sign."""
         return digits
 
     def function(self, name: str, argument: str, power: str = "") -> str:
-        """A sine or cosine, or a power of it."""
+        """Sine or cosine, or a power of it."""
         return f"{name}{power.translate(_SUPERSCRIPTS)}({argument})"
 
     def raised(self, base: str, power: str) -> str:
-        """A power."""
+        """Power."""
         return base + power.translate(_SUPERSCRIPTS)
 
     def bracket(self, inner: str) -> str:
@@ -243,30 +243,30 @@ class Notation:
         return f"({inner})"
 
     def above(self, inner: str) -> str:
-        """A sum that something divides."""
+        """Numerator that is a sum."""
         return self.bracket(inner)
 
     def fraction(self, top: str, bottom: str) -> str:
-        """A quotient."""
+        """Quotient."""
         halves = {("1", "2"): "½", ("1", "4"): "¼", ("3", "4"): "¾"}
         return halves.get((top, bottom)) or f"{top}/{f'({bottom})' if ' ' in bottom else bottom}"
 
     def times(self, factors: list[str]) -> str:
-        """A product."""
+        """Product."""
         return " ".join(factors)
 
     def minus(self, inner: str) -> str:
-        """The negative."""
+        """Negative of a term."""
         return f"−{inner}"
 
     def join(self, terms: list[tuple[str, str]]) -> str:
-        """A sum."""
+        """Sum of signed terms."""
         first, *rest = terms
         head = self.minus(first[1]) if first[0] == "-" else first[1]
         return head + "".join(self.between(sign) + term for sign, term in rest)
 
     def between(self, sign: str) -> str:
-        """Plus or minus with its spacing."""
+        """Plus or minus, with spacing."""
         return f" {self.operator(sign)} "
 
     def operator(self, sign: str) -> str:
@@ -274,7 +274,7 @@ class Notation:
         return "−" if sign == "-" else "+"
 
     def matrix(self, rows: list[list[str]]) -> str:
-        """A matrix; columns lie down, in parentheses."""
+        """Matrix in parentheses; columns are written as rows."""
         if all(len(row) == 1 for row in rows):
             return "(" + ", ".join(row[0] for row in rows) + ")"
         return "[" + "; ".join(", ".join(row) for row in rows) + "]"
@@ -288,7 +288,7 @@ class Notation:
         return f"∂/∂{variable} {inner}"
 
     def other(self, expr: Any) -> str:
-        """Expression without a rule of its own."""
+        """Expression without its own rule."""
         return str(expr)
 
 
@@ -299,34 +299,34 @@ class Text(Notation):
 # ── Parameters of a robot: lengths, centres of mass, masses, inertias, gravity
 
 _AXES = "xyz"
-_SAME = 1e-12  # a centre of mass is a quotient, so it meets the joint's place to round-off
+_SAME = 1e-12  # tolerance: a centre of mass is a quotient, with rounding error
 _DUST = 1e-14
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Named number of the robot; signs stay in the equations, so the values of lengths are positive."""
+    """Named number of the robot; lengths are positive, with signs in the equations."""
 
     name: str
-    """Its symbol."""
+    """Symbol."""
     value: float
     """Value in SI units."""
     kinds: frozenset[str]
     """Kinds: lengths, coms, masses, inertias, gravity, springs, gears."""
     meaning: str
-    """Meaning in words."""
+    """Meaning as text."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A number of the model, in the equations ``sign * parameter``, or the number itself without a parameter."""
+    """Number of the model: ``sign * parameter`` in the equations, or the plain value without a parameter."""
 
     value: float
     parameter: Parameter | None = None
 
     @property
     def sign(self) -> int:
-        """Sign of the value, beside a parameter."""
+        """Sign of the value relative to the parameter."""
         return -1 if self.parameter is not None and self.value * self.parameter.value < 0 else 1
 
 
@@ -335,10 +335,10 @@ Entries = tuple[Entry, ...]
 
 @dataclass(frozen=True)
 class BodyEntries:
-    """The numbers of one body: place of its joint, a point of its axis, pitch, mass, centre of mass, inertia about it."""
+    """Numbers of one body: joint position, point of the joint axis, pitch, mass, centre of mass, and inertia about it."""
 
     tag: str
-    """Suffix of its symbols: its number, r1 for the rotor of joint 1."""
+    """Suffix of its symbols: its number, or r1 for the rotor of joint 1."""
     place: Entries
     point: Entries
     pitch: Entry
@@ -346,24 +346,24 @@ class BodyEntries:
     com: Entries
     inertia: tuple[Entries, ...]
     ratio: Entry
-    """Ratio of its joint's rate to that of the coordinate; a symbol if a gear is between."""
+    """Ratio of its joint's rate to the rate of the coordinate; a symbol for a gear."""
 
 
 @dataclass(frozen=True)
 class ModelEntries:
-    """The numbers of the robot, and the parameters among them."""
+    """Numbers of the robot, and the parameters among them."""
 
     bodies: tuple[BodyEntries, ...]
     gravity: Entries
     springs: Entries
     """Stiffnesses."""
     armature: Entries
-    """Inertias of the drives, one for each velocity."""
+    """Drive inertias, one per velocity."""
     parameters: tuple[Parameter, ...]
 
 
 class Namer:
-    """Goes through a model body by body and gives names: L_1 for the place of the next joint, r_1 for a centre of mass."""
+    """Names the model's numbers body by body: L_1 for the position of the next joint, r_1 for a centre of mass."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -371,7 +371,7 @@ class Namer:
         self.tags = _tags(model)
 
     def entries(self) -> ModelEntries:
-        """The numbers of the model, each with its name where it has one."""
+        """Numbers of the model, with names where they have one."""
         bodies = self.model.bodies
         lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
         found = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))
@@ -409,11 +409,11 @@ class Namer:
         return self.parameters[-1]
 
     def _named(self, name: str, value: float, kind: str, meaning: str) -> Entry:
-        """A number with a name of its own, unless it is zero."""
+        """Entry with its own name, unless the value is zero."""
         return Entry(float(value), self._new(name, value, [kind], meaning)) if value else Entry(0.0)
 
     def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
-        """Symbols of lengths of body i: coordinate axis and size of displacements along it, of joints and its tip."""
+        """Symbols of lengths of body i, by coordinate axis and size of the displacement, for its joints and its tip."""
         children = [(f"joint {b.joint.name}", b.placement[:3, 3]) for b in self.model.bodies if b.parent == i]
         tip = self.model.all_frames.get(self.model.tip or "")
         if i != BASE and tip is not None and tip.body == i:
@@ -461,7 +461,7 @@ class Namer:
         return Entry(body.ratio, self._new(f"G_{n.removeprefix('r')}", body.ratio, ["gears"], meaning))
 
     def _axis(self, n: str, body: Body) -> tuple[Entries, Entry]:
-        """Point of the axis in the child's frame, and its pitch; zeros for joints that do not turn about one axis."""
+        """Point of the axis in the child's frame, and the pitch; zeros for joints that do not rotate about one axis."""
         none = (Entry(0.0),) * 3
         if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
             return none, Entry(0.0)
@@ -481,25 +481,25 @@ class Namer:
         found: list[list[Entry]] = [[Entry(0.0)] * 3 for _ in range(3)]
         for a in range(3):
             for b in range(a, 3):
-                value = shortest(I[a, b], scale)  # Steiner's term leaves its round-off behind
+                value = shortest(I[a, b], scale)  # the parallel-axis term leaves a rounding error
                 if abs(value) > _DUST * scale:
                     axes = _AXES[a] + _AXES[b]
                     meaning = f"rotational inertia {axes} of {body.link} about its centre of mass [kg m²]"
-                    # Products of inertia have a sign of their own, as the matrix has them.
+                    # Products of inertia keep their sign, as in the matrix.
                     parameter = self._new(f"I_{n}{axes}", value, ["inertias"], meaning, signed=True)
                     found[a][b] = found[b][a] = Entry(value, parameter)
         return tuple(map(tuple, found))
 
 
 def _driven(model: Model, rotor: Body) -> str:
-    """The joint that a rotor drives."""
+    """Joint driven by a rotor."""
     name = rotor.joint.name
     actuator = model.actuators.get(name)
     return name.removesuffix(".rotor") if actuator is None else actuator.joint
 
 
 def _tags(model: Model) -> list[str]:
-    """Suffixes of the symbols of bodies: their number; of a rotor, r and the number of the joint it drives."""
+    """Suffixes of the symbols of bodies: their number; for a rotor, r and the number of the driven joint."""
     numbers = {body.joint.name: n for n, body in enumerate(model.leaders, 1)}
     tags: list[str] = []
     for i, body in enumerate(model.bodies, 1):
@@ -520,16 +520,16 @@ def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) ->
 # ── The choice of ``symbols=``
 
 KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
-"""Kinds that ``symbols=`` accepts; ``"all"`` and ``"none"`` beside them."""
+"""Kinds accepted by ``symbols=``, besides ``"all"`` and ``"none"``."""
 
 
 def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
-    """Name the model's numbers that ``symbols`` chooses: kinds, names, ``"all"`` or ``"none"``; raises UnknownNameError."""
+    """Name the model's numbers selected by ``symbols``: kinds, names, ``"all"`` or ``"none"``; raises UnknownNameError."""
     every = Namer(model).entries()
     chosen = _chosen(symbols, every.parameters)
 
     def with_chosen(entries: Any) -> Any:
-        """An entry, or entries in tuples, as plain numbers where no symbol was chosen."""
+        """Entry, or tuples of entries, with plain numbers for symbols that are not selected."""
         if isinstance(entries, tuple):
             return tuple(map(with_chosen, entries))
         return entries if entries.parameter is None or entries.parameter.name in chosen else Entry(entries.value)

@@ -1,4 +1,4 @@
-"""Equations as source code: straight-line routines, printed as C99 and as a Python module that needs NumPy only."""
+"""Equations as source code: straight-line routines in C99, and in a Python module that needs only NumPy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FUNCTIONS = {
     "coriolis_matrix": (("q", "dq"), "C", 2, "C with C dq = c and dM/dt - 2C skew"),
     "gravity_forces": (("q",), "g", 1, "g, torques at rest"),
 }
-"""Name of each function → its arrays in, its array out, number of axes, and description."""
+"""For each function name: input arrays, output array, its number of axes, and description."""
 
 _FIELDS = {"inverse_dynamics": "tau", "bias_forces": "tau"}
 _RESERVED = frozenset(
@@ -44,25 +44,25 @@ _RESERVED = frozenset(
     matherr float_t double_t math_errhandling abs labs div errno stdin stdout stderr I NAN INFINITY NULL EOF DOMAIN
     SING OVERFLOW UNDERFLOW PLOSS TLOSS X_TLOSS MAXFLOAT HUGE linux unix i386 near far huge min max""".split()  # noqa: SIM905
 )
-"""Words with another meaning in Python, C or C++, in their mathematics headers, or in the functions written here."""
+"""Reserved words of Python, C and C++, names in their mathematics headers, and names used in the functions written here."""
 _MACRO = re.compile(r"(M_\w*[A-Z]|FP_|HUGE_|MATH_|DBL_|FLT_|LDBL_|INT|UINT|SIZE_|E[A-Z0-9]{3,}$)\w*")
-"""Names that mathematics headers keep for macros: M_PI, FP_NAN, HUGE_VAL, and those of limits and errors beside them."""
+"""Names that mathematics headers reserve for macros: M_PI, FP_NAN, HUGE_VAL, limits and error codes."""
 
 
 @dataclass(frozen=True)
 class Routine:
-    """Function as statements: inputs with their names, lines in order, results."""
+    """Function as statements: named inputs, ordered lines and results."""
 
     name: str
     inputs: tuple[tuple[str, int, str], ...]
-    """Array (q, dq, ddq, p), index, and the name for it."""
+    """Array (q, dq, ddq, p), index, and local name."""
     lines: tuple[tuple[str, Any], ...]
     results: tuple[Any, ...]
-    """Results in C order; every symbol has its safe name."""
+    """Results in C order, with safe names for all symbols."""
 
 
 def ordered_names(equations: Equations) -> dict[Any, str]:
-    """A safe and unused name for every symbol."""
+    """Safe, unused name for every symbol."""
     taken: set[str] = set()
     names = {}
     moving = (*equations.q, *equations.dq, *equations.ddq)
@@ -78,7 +78,7 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
 
 
 def constants(equations: Equations) -> list[Any]:
-    """The symbols that are neither coordinates nor definitions, the parameters first, in order."""
+    """Symbols that are neither coordinates nor definitions, parameters first, in order."""
     known = {*equations.q, *equations.dq, *equations.ddq, *(s for s, _ in equations.definitions)}
     ordered = [s for s in equations.values if s not in known]
     exprs = [*equations.tau, *equations.mass_matrix, *(e for _, e in equations.definitions)]
@@ -99,7 +99,7 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
     exprs = [e for _, e in needed] + results
     exprs = [e.xreplace(safe) for e in exprs]
     fresh = (s for s in sympy.numbered_symbols("k") if s.name not in set(names.values()))
-    if needed:  # the definitions are what is shared
+    if needed:  # the definitions are the common subexpressions
         lines = [(names[s], e) for (s, _), e in zip(needed, exprs, strict=False)]
         results = exprs[len(needed) :]
     else:
@@ -112,7 +112,7 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
 
 
 def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
-    """The definitions that the results depend on, in order."""
+    """Definitions that the results depend on, in order."""
     wanted = {s for e in results for s in e.free_symbols}
     kept = []
     for symbol, expr in reversed(definitions):
@@ -123,7 +123,7 @@ def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> lis
 
 
 def header(equations: Equations) -> list[str]:
-    """Sentences for the top of a file of source."""
+    """Sentences for the top of a source file."""
     more = "h has more in it than c and g: what is linear in the rates, or due to time."
     lines = [f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians."]
     lines += ["h = c(q, dq) + g(q)." if equations.split else more]
@@ -139,16 +139,16 @@ def unused(names: Iterable[str], made: Routine) -> list[str]:
     return [name for name in names if name not in read]
 
 
-# ── Operators that Python and C share
+# ── Operators shared by Python and C
 
 _WAVES = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
 
 
 def written(expr: Any, functions: Mapping[str, str]) -> str:
-    """An expression in the operators that Python and C share; powers of whole numbers as products.
+    """Expression in the operators shared by Python and C; integer powers become products.
 
-    ``functions`` maps SymPy's name of each function that the language has to how a call of it looks. ValueRangeError names
-    any other, and numbers that no double holds.
+    ``functions`` maps SymPy's name of each available function to the form of its call. ValueRangeError names other
+    functions, and numbers outside the range of double.
     """
 
     def write(x: Any) -> str:
@@ -206,14 +206,17 @@ def _number(x: Any) -> str:
     return f"({x.p}.0/{x.q}.0)"
 
 
-# ── C99: functions of plain arrays, no allocation, nothing but math.h
+# ── C99: functions of plain arrays, no allocation, only math.h
 
-# :mod:`..targets.c` prints recorded programs, one operation a line under a number, with the bits of the kernels. Equations are
-# printed here as they are read: a formula a line under its own names, which no program keeps.
+# :mod:`..targets.c` prints recorded programs with one numbered operation a line and bit-exact kernel results. Equations
+# are printed here for reading: one formula a line with its own names, which programs do not keep.
 
 
 def c_source(equations: Equations, prefix: str | None = None) -> str:
-    """One file, names with a ``prefix`` or the robot's; ValueRangeError for no C identifier, and functions not in math.h."""
+    """C file with names that begin with ``prefix`` or the robot's name.
+
+    Raises ValueRangeError if the prefix is not a C identifier, or for functions that math.h does not have.
+    """
     if prefix is None:
         prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
         prefix = prefix if re.match(r"[A-Za-z]", prefix) else f"robot_{prefix}"
@@ -272,7 +275,7 @@ _C = {
 
 
 def numpy_source(equations: Equations) -> str:
-    """The Python module."""
+    """Text of the Python module."""
     names = ordered_names(equations)
     values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
     symbols = constants(equations)

@@ -1,8 +1,8 @@
-"""Trigonometric polynomials: numbers times symbols times one sine or cosine of a sum of angles. Canonical: zero has no terms.
+"""Trigonometric polynomials: sums of a number times symbols times one sine or cosine of a sum of angles.
 
-A person writes sums of angles, and so does this: every product of sines and cosines becomes a sum of them at once,
-cos a cos b = ½ (cos(a - b) + cos(a + b)). A monomial of symbols is one integer, eight bits an exponent, so that products
-add; hundreds of thousands of products take a second where trees of expressions take minutes.
+The form is canonical: zero has no terms. Products of sines and cosines become sums immediately,
+cos a cos b = ½ (cos(a - b) + cos(a + b)). A monomial of symbols is one integer with eight bits per exponent, so that
+products add integers. Hundreds of thousands of products take a second; expression trees take minutes.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ import numpy as np
 from ..typing import Array
 
 Basis = tuple[str, tuple[Any, ...]]
-"""``("cos" | "sin", multiple of each angle)``; the first multiple that is not zero is positive. cos 0 stands for 1."""
+"""``("cos" | "sin", multiple of each angle)``; the first non-zero multiple is positive. cos 0 represents 1."""
 
 _BITS = 8
 _MASK = (1 << _BITS) - 1
 HIGHEST = _MASK
-"""The highest exponent that a monomial has room for; one more would be carried into the next symbol."""
+"""Largest exponent in a monomial; a larger one would overflow into the next symbol."""
 
 
 class Ring:
-    """The symbols and angles that sums are made of, and a table of the products of sines and cosines met so far.
+    """Symbols and angles of the sums, with a table of products of sines and cosines computed so far.
 
-    Angles are symbols too: ``angles`` lists them. Coefficients are floats, exact as long as all are multiples of powers
-    of two; with ``exact=True`` fractions.
+    Angles are symbols too: ``angles`` lists them. Coefficients are floats, exact if all are multiples of powers of two;
+    with ``exact=True`` they are fractions.
     """
 
     def __init__(self, symbols: Sequence[str], angles: Sequence[str], *, exact: bool = False) -> None:
@@ -44,20 +44,20 @@ class Ring:
         self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}
         self._slopes: dict[tuple[int, int], tuple[int, Any]] = {}
 
-    # ── ways in ──
+    # ── constructors ──
 
     def number(self, value: Any) -> TrigPolynomial:
-        """A constant."""
+        """Constant."""
         value = Fraction(value) if self.exact and not isinstance(value, float) else float(value)
         return TrigPolynomial(self, {(0, 0): value} if value else {})
 
     def symbol(self, name: str) -> TrigPolynomial:
-        """A symbol by its name."""
+        """Symbol with the given name."""
         one: Any = Fraction(1) if self.exact else 1.0
         return TrigPolynomial(self, {(1 << (_BITS * self.place[name]), 0): one})
 
     def wave(self, kind: str, multiples: Sequence[Any]) -> TrigPolynomial:
-        """The cosine or sine of a sum of multiples of the angles."""
+        """Cosine or sine of a sum of multiples of the angles."""
         basis, sign = _canonical(kind, tuple(multiples))
         one: Any = Fraction(sign) if self.exact else float(sign)
         return TrigPolynomial(self, {(0, self._number(basis)): one} if sign else {})
@@ -65,7 +65,7 @@ class Ring:
     # ── monomials ──
 
     def exponents(self, monomial: int) -> dict[str, int]:
-        """Symbol → exponent, of those that are there."""
+        """Map from symbols to non-zero exponents."""
         found, k = {}, 0
         while monomial:
             if power := monomial & _MASK:
@@ -74,7 +74,7 @@ class Ring:
         return found
 
     def monomial(self, exponents: dict[str, int]) -> int:
-        """The integer that stands for a product of powers."""
+        """Integer that encodes a product of powers."""
         return sum(power << (_BITS * self.place[name]) for name, power in exponents.items())
 
     # ── sines and cosines ──
@@ -120,7 +120,7 @@ def _canonical(kind: str, multiples: tuple[Any, ...]) -> tuple[Basis, int]:
 
 
 class TrigPolynomial:
-    """One sum: ``{(monomial, base): coefficient}``, without zeros. Lives in NumPy object arrays; never changes."""
+    """One sum: ``{(monomial, base): coefficient}``, without zeros. Immutable; usable in NumPy object arrays."""
 
     __slots__ = ("ring", "terms")
 
@@ -184,7 +184,7 @@ class TrigPolynomial:
     __rmul__ = __mul__
 
     def diff(self, name: str) -> TrigPolynomial:
-        """The derivative with respect to a symbol, an angle's sines and cosines included."""
+        """Derivative with respect to a symbol, including sines and cosines of an angle."""
         ring = self.ring
         shift = _BITS * ring.place[name]
         angle = ring._angle_place.get(name)
@@ -200,7 +200,7 @@ class TrigPolynomial:
         return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
     def split(self, names: Sequence[str]) -> dict[int, TrigPolynomial]:
-        """The coefficients of the monomials in some of the symbols."""
+        """Coefficients of the monomials in some of the symbols."""
         mask = sum(_MASK << (_BITS * self.ring.place[name]) for name in names)
         parts: dict[int, dict[tuple[int, int], Any]] = {}
         for (m, base), value in self.terms.items():
@@ -208,23 +208,23 @@ class TrigPolynomial:
         return {motion: TrigPolynomial(self.ring, terms) for motion, terms in parts.items()}
 
     def without_dust(self, share: float) -> TrigPolynomial:
-        """The sum without terms smaller than a share of its largest: round-off of terms that cancel."""
+        """Sum without terms below a share of its largest term, which are rounding errors of cancelled terms."""
         least = share * max((abs(value) for value in self.terms.values()), default=0.0)
         return TrigPolynomial(self.ring, {key: value for key, value in self.terms.items() if abs(value) > least})
 
 
-# ── Shortest forms: sums of angles, or products of single ones
+# ── Shortest forms: sums of angles, or products of single angles
 
 Waves = tuple[tuple[Basis, int], ...]
-"""A product of powers of sines and cosines."""
+"""Product of powers of sines and cosines."""
 
-_LONGEST = 40  # terms beyond which a coefficient has no short form to look for
+_LONGEST = 40  # maximum number of terms for which a short form is sought
 
 
 class ShortestForms:
-    """The shortest form of each coefficient of symbols, found once.
+    """Shortest form of each coefficient of symbols, cached.
 
-    ``families`` are the sets of angles, in rows of whole multiples of joint angles, that products may be of.
+    ``families`` are the sets of angles allowed in products, as rows of integer multiples of joint angles.
     """
 
     def __init__(self, families: list[Array]) -> None:
@@ -232,7 +232,7 @@ class ShortestForms:
         self._found: dict[Any, dict[Waves, Any]] = {}
 
     def shortest(self, terms: dict[Basis, Any]) -> dict[Waves, Any]:
-        """The sum of cosines and sines as it is, or as products where they are shorter."""
+        """Sum of cosines and sines, unchanged or as products if those are shorter."""
         plain: dict[Waves, Any] = {_waves_of({basis: 1}): c for basis, c in terms.items()}
         if len(terms) > _LONGEST or (len(terms) == 1 and all(abs(x) <= 1 for x in next(iter(terms))[1])):
             return plain
@@ -246,7 +246,7 @@ class ShortestForms:
 
 
 def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
-    """Terms; doubled angles; halves; factors. The first that differs decides."""
+    """Sort key: number of terms, doubled angles, halves, factors."""
     doubled = sum(1 for waves in form for (_, f), _ in waves if any(abs(x) > 1 for x in f))
     halves = sum(1 for c in form.values() if float(2 * c).is_integer() and not float(c).is_integer())
     return len(form), doubled, halves, sum(power for waves in form for _, power in waves)
@@ -257,7 +257,7 @@ def _waves_of(powers: Mapping[Basis, int]) -> Waves:
 
 
 def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]]:
-    """The sum as polynomials in the cosines and sines of the angles that are the rows of ``sums``, squares reduced."""
+    """Sum as polynomials in the cosines and sines of the angles in the rows of ``sums``, with reduced squares."""
     inverse = np.rint(np.linalg.inv(sums)).astype(int)
     n = len(sums)
     whole: dict[tuple[tuple[int, int], ...], Any] = defaultdict(int)
@@ -272,7 +272,7 @@ def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]
     involved = [j for j in range(n) if any(p[j][0] or p[j][1] for p in whole)]
     if len(involved) > 4:
         return
-    for keep in product((0, 1), repeat=len(involved)):  # of the squares, leave cosines (0) or sines (1)
+    for keep in product((0, 1), repeat=len(involved)):  # keep squares of cosines (0) or sines (1)
         form = dict(whole)
         for j, kept in zip(involved, keep, strict=True):
             form = _reduced(form, j, kept)
@@ -282,7 +282,7 @@ def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]
 
 
 def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[int, int]]:
-    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| as powers (of cos, of sin) → (real, imaginary) coefficient."""
+    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| as powers (of cos, sin) → (real, imaginary) coefficient."""
     total: dict[tuple[tuple[int, int], ...], complex] = {((0, 0),) * len(g): 1}
     for j, power in enumerate(g):
         for _ in range(abs(power)):
@@ -296,7 +296,7 @@ def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[in
 
 
 def _reduced(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
-    """sin² = 1 - cos² (kept 0) or cos² = 1 - sin² (kept 1) of angle j, until none is left."""
+    """Replace sin² = 1 - cos² (kept 0) or cos² = 1 - sin² (kept 1) of angle j until none is left."""
     todo, done = dict(form), defaultdict[Any, Any](int)
     while todo:
         p, c = todo.popitem()

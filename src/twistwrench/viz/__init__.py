@@ -1,4 +1,4 @@
-"""Pictures of a robot: a page in one file, films, and plots of a motion. docs/viewer.md shows each."""
+"""Pictures of a robot: a self-contained page, films, and plots of a motion. docs/viewer.md shows each."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..plotting.motion import Energies, energies, plot_phase, plot_power, plot_split
 
 _PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
-"""Names of ``plotting.motion``, which imports this package: imported at first use."""
+"""Names of ``plotting.motion``, imported at first use because that module imports this package."""
 
 
 def __getattr__(name: str) -> object:

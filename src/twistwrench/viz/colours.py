@@ -1,4 +1,4 @@
-"""Colours, marks and arrows that all views share."""
+"""Colours, marks and arrows shared by all views."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ _POSES = 16
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """Pose of the arrow of a joint's torque in the body's frame: its axis is z."""
+    """Pose of a joint's torque arrow in the body's frame; the arrow's axis is z."""
 
     torque: int
     """Index of the torque."""
     body: int
     pose: Array
     turns: bool
-    """About the axis, as opposed to along it."""
+    """True for rotation about the axis, False for translation along it."""
 
 
 def torque_marks(model: Model) -> list[Mark]:
-    """One for each one-degree joint that has a coordinate of its own and moves a link."""
+    """Marks of the joints with one degree of freedom that have their own coordinate and move a link."""
     number = {id(b): k for k, b in enumerate(model.bodies)}
     found = []
     for b in model.leaders:
@@ -70,7 +70,7 @@ def torque_marks(model: Model) -> list[Mark]:
 
 
 def share_colours(shares: ArrayLike) -> Array:
-    """Red, green, blue (..., 3) of shares (...) of a limit; NaN, where there is none, is grey."""
+    """Red, green, blue (..., 3) of shares (...) of a limit; NaN (no limit) is grey."""
     x = np.abs(np.asarray(shares, float))
     at, colours = np.array([s for s, _ in SHARES]), np.array([c for _, c in SHARES])
     found = np.stack([np.interp(x, at, colours[:, k]) for k in range(3)], axis=-1)
@@ -78,9 +78,9 @@ def share_colours(shares: ArrayLike) -> Array:
 
 
 def force_scale(robot: Robot, scene: Scene) -> float:
-    """Metres drawn for a newton, so that the tip's force ellipsoid is about an eighth of the robot; 0 where there is none.
+    """Drawing scale of forces [m/N]: the tip's force ellipsoid is about an eighth of the robot; 0 without an ellipsoid.
 
-    There is none without a tip, without limits, where the base floats, and where every pose leaves forces without end.
+    The ellipsoid needs a tip, limits and a fixed base, and a pose without unbounded forces.
     """
     from ..statics.force_capability import wrench_ellipsoid
 
@@ -94,13 +94,13 @@ def force_scale(robot: Robot, scene: Scene) -> float:
 
 
 def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
-    """Metres drawn for a kilogram, the ellipsoid an eighth of the robot, and the tip's free directions; 0, 0 without one."""
+    """Drawing scale of mass [m/kg], with an ellipsoid of an eighth of the robot, and the tip's free directions; else 0, 0."""
     if robot.model.tip is None:
         return 0.0, 0
     q = robot.random_configuration(0, _POSES)
     J = np.asarray(robot.jacobian(q, kind="world_aligned"))[:, 3:]
     M = np.asarray(robot.mass_matrix(q))
-    inverse = np.linalg.eigvalsh(J @ np.linalg.solve(M, np.swapaxes(J, 1, 2)))  # of Λ⁻¹
+    inverse = np.linalg.eigvalsh(J @ np.linalg.solve(M, np.swapaxes(J, 1, 2)))  # eigenvalues of Λ⁻¹
     directions = int((inverse > 1e-9 * inverse[:, -1:]).sum(axis=1).max())
     if directions == 0:
         return 0.0, 0

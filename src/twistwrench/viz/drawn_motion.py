@@ -1,4 +1,4 @@
-"""A motion to be shown: as many of its states as a picture can resolve, with their torques, and the limits it passes."""
+"""Motion for display: a limited number of states, their torques, and limit violations."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
     from ..statics.clearance import PathClearance
 
 _MOST = 4000
-"""Evenly spaced states kept of a long motion; those at peaks may be three times as many."""
+"""Number of evenly spaced states kept of a long motion; peaks may add three times as many."""
 _CHUNK = 8192
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnMotion:
-    """Motion to be drawn: states of a robot over time.
+    """Motion for display: states of a robot over time.
 
-    Of a motion of very many, evenly spaced ones and those at which a curve peaks.
+    Long motions are reduced to evenly spaced states and those at peaks of a curve.
     """
 
     load: LoadCase
-    """The robot with what it carries."""
+    """Robot with its payloads and loads."""
     time: Array
     """(n,) s, increasing."""
     q: Array
@@ -55,45 +55,45 @@ class DrawnMotion:
     ddq: Array
     """Accelerations (n, nv), rad/s² or m/s²."""
     torques: Array
-    """Torques (n, nv) with everything that ``load`` includes; N m or N."""
+    """Torques (n, nv), including everything in ``load``; N m or N."""
     peaks: Array
-    """(nv,) the largest magnitude of each torque over every row."""
+    """(nv,) largest magnitude of each torque over all rows."""
     rows: int
-    """Rows of the whole motion."""
+    """Number of rows of the whole motion."""
     warnings: tuple[str, ...]
-    """A sentence for each limit that is passed, and for what in the input contradicts itself."""
+    """Sentences on limit violations and on contradictions in the input."""
     still: Array
-    """(n, nv) bool: the velocity is derived and within its own uncertainty; friction that needs its sign is left out."""
+    """(n, nv) bool: the derived velocity is within its uncertainty, so friction that depends on its sign is left out."""
     verdict: Verdict = field(default_factory=lambda: Verdict(Word.OK))
-    """LOOK AGAIN where the input contradicts itself. Limits that are passed are only warned of: here nothing is judged."""
+    """LOOK AGAIN if the input contradicts itself. Limit violations only give warnings."""
     clearance: PathClearance | None = None
-    """Least distance between links; None if it was not requested."""
+    """Smallest distance between links; None if not requested."""
     violations: tuple[Violation, ...] = ()
-    """Limits that are passed in the whole motion."""
+    """Limit violations in the whole motion."""
     refused: tuple[str, ...] = ()
-    """Contradictions of the input, a sentence each."""
+    """Contradictions in the input, one sentence each."""
     report: TorqueReport | None = None
-    """Report of the command ``torques`` on the motion; None for arrays, and where nothing was judged."""
+    """Report of the command ``torques`` on the motion; None for arrays and without a verdict."""
 
     @property
     def passed(self) -> tuple[str, ...]:
-        """Sentences on the limits that are passed, those of ``warnings``."""
+        """Sentences on limit violations; part of ``warnings``."""
         return tuple(map(_sentence, self.violations))
 
     @property
     def limits(self) -> Limits:
-        """Limits that the motion is compared with; joints whose motors are coupled have none of torque by themselves."""
+        """Limits of the motion; joints with coupled motors have no separate torque limit."""
         limits, model = self.load.robot.limits if self.report is None else self.report.limits, self.load.robot.model
         return replace(limits, effort=joint_effort(model, limits.effort)) if model.couplings else limits
 
     @property
     def states(self) -> MotionSamples:
-        """States as the functions of :class:`~twistwrench.reports.load_case.LoadCase` take them."""
+        """States in the form used by :class:`~twistwrench.reports.load_case.LoadCase`."""
         none = np.zeros((len(self.time), 0))
         return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
 
     def require(self, robot: Robot) -> None:
-        """Check that this is a motion of that robot, whatever it carries.
+        """Check that the motion belongs to this robot, with any load.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class DrawnMotion:
             )
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Configuration and torques at a time, between two samples on the straight way from one to the other.
+        """Configuration and torques at a time, by linear interpolation between samples.
 
         Parameters
         ----------
@@ -143,21 +143,21 @@ def motion_of(
     dq: ArrayLike | None = None,
     ddq: ArrayLike | None = None,
 ) -> DrawnMotion:
-    """Motion to be shown: from a :class:`twistwrench.Motion`, or a result that has one, or from arrays.
+    """Motion for display from a :class:`twistwrench.Motion`, from a result that contains one, or from arrays.
 
-    Fewer samples than six are taken to be at rest, and a warning says so where they are not.
+    Fewer than six samples are treated as states at rest, with a warning if positions change.
 
     Parameters
     ----------
-    robot : Robot, or a LoadCase with what it carries
-    time : (n,) array_like [s], or a Motion, or a result with one
+    robot : Robot, or a LoadCase with payloads and loads
+    time : (n,) array_like [s], or a Motion, or a result that contains one
     q : (n, nq) array_like, configurations
-    dq : (n, nv) array_like, optional, velocities [rad/s, m/s]; derived by a spline where left out
+    dq : (n, nv) array_like, optional, velocities [rad/s, m/s]; default: derived by a spline
     ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²], likewise
 
     Returns
     -------
-    motion : DrawnMotion, whose torques include joint friction, as the command ``torques`` does
+    motion : DrawnMotion, with joint friction included in the torques, as in the command ``torques``
 
     Examples
     --------
@@ -218,14 +218,14 @@ def motion_of(
 def read_motion(
     load: LoadCase, trajectory: MotionLog, progress: Callable[[int], None] | None = None, *, smoothing: bool = False
 ) -> DrawnMotion:
-    """Motion in a file, as the command ``torques`` reads it.
+    """Motion from a file, read as by the command ``torques``.
 
     Parameters
     ----------
     load : LoadCase
     trajectory : MotionLog, the file
-    progress : callable, optional, told how many rows are done
-    smoothing : bool, fits its strength to the noise found before anything is derived
+    progress : callable, optional, called with the number of rows read
+    smoothing : bool, smooth by the estimated noise before differentiation
 
     Returns
     -------
@@ -234,14 +234,14 @@ def read_motion(
     Raises
     ------
     TrajectoryError
-        The file cannot be used as it is.
+        The file cannot be used.
     """
     differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
     return _doubted(_gathered(load, differentiation.states(_CHUNK, progress)), trajectory)
 
 
 def reported_motion(report: TorqueReport) -> DrawnMotion:
-    """Motion of a report, smoothed where the report is of the smoothed motion.
+    """Motion of a report, smoothed if the report used the smoothed motion.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def reported_motion(report: TorqueReport) -> DrawnMotion:
 
 
 def _doubted(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
-    """The motion with the doubts about its log, and a verdict that refuses contradictions."""
+    """Motion with doubts about its log, and a verdict of LOOK AGAIN for contradictions."""
     doubts = trajectory.doubts(motion.load.robot.limits)
     refused = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
     verdict = Verdict.from_reasons(look_again=refused)
@@ -269,7 +269,7 @@ def _doubted(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
 
 
 def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
-    """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
+    """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
     nq, nv = load.robot.nq, load.robot.nv
     kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
     peaks = RunningExtrema(nv)
@@ -293,7 +293,7 @@ _WORDS = {"velocity": "velocity limit", "torque": "torque limit"}
 
 
 def _sentence(v: Violation) -> str:
-    """Sentence for a limit that is passed: by how much, and when."""
+    """Sentence on a limit violation: amount and time."""
     words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
     by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
     return f"{v.joint} exceeds its {words} by {by} at t = {seconds(v.time)} s"

@@ -1,4 +1,4 @@
-"""Films of a motion: a camera and painter for triangles, and the film with bars of torque. MP4 needs ffmpeg."""
+"""Films of a motion: camera, painter of triangles, and film with torque bars. MP4 needs ffmpeg."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ if TYPE_CHECKING:
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
 _SHADOW = (0.80, 0.82, 0.85)
 FAR = 2.6
-"""Distance of cameras, as a multiple of the size of the scene."""
+"""Camera distance as a multiple of the scene size."""
 _SHADOWS = 1500
-"""Triangles whose shadow is drawn."""
+"""Maximum number of triangles that cast a shadow."""
 _COLOURS = 256
-"""Colours of a GIF."""
+"""Number of colours in a GIF."""
 _ALPHA = {"looks": 1.0, "inertia": 0.3}
 _MARKED = (0.84, 0.20, 0.16)
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Camera that looks at a point of the base frame from some distance, turned about z and raised.
+    """Camera at some distance from a target point in the base frame, with azimuth about z and elevation.
 
     Examples
     --------
@@ -57,16 +57,16 @@ class Camera:
     """
 
     target: Array
-    """The point it looks at (3,) [m]."""
+    """Target point (3,) [m]."""
     distance: float
-    """From the target [m]."""
+    """Distance from the target [m]."""
     azimuth: float = -0.9
-    """About z [rad]."""
+    """Azimuth about z [rad]."""
     elevation: float = 0.35
-    """Above the horizontal [rad]."""
+    """Elevation above the horizontal [rad]."""
 
     def axes(self) -> Array:
-        """Axes of the picture: right, up and back as rows.
+        """Axes of the picture as rows: right, up and back.
 
         Returns
         -------
@@ -79,7 +79,7 @@ class Camera:
         return np.stack([right, np.cross(back, right), back])
 
     def project(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Perspective projection: where points are in the picture, and how far away.
+        """Perspective projection to picture coordinates and depths.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class Camera:
 
 
 def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float = 0.35) -> tuple[Camera, float]:
-    """A camera that looks at all of the poses (n, nq), from not too near, and the height of their lowest point."""
+    """Camera that shows all poses (n, nq) from a minimum distance, and the height of their lowest point."""
     bounds = np.stack([scene.bounds(q) for q in poses])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     size = max(scene.size, float(np.linalg.norm(high - low)))
@@ -104,7 +104,7 @@ def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float
 
 
 class Painter:
-    """A scene as polygons of one picture after another; the floor is at height ``floor``."""
+    """Painter of a scene as polygons, picture by picture; the floor is at height ``floor``."""
 
     def __init__(self, scene: Scene, camera: Camera, floor: float) -> None:
         self.scene, self.camera, self.floor = scene, camera, floor
@@ -113,7 +113,7 @@ class Painter:
         self.shades = [(s, s.surface.placed(s.pose)) for s in scene.decimated(_SHADOWS).shapes if s.layer == "looks"]
 
     def paint(self, q: Array) -> tuple[Array, Array]:
-        """Triangles (k, 3, 2) with their colours (k, 4), far ones first, shadows before all; q (nq,)."""
+        """Triangles (k, 3, 2) with colours (k, 4), from far to near after the shadows; q (nq,)."""
         poses = self.scene.body_poses(q)
         corners = np.concatenate([_moved(shape, s, poses) for shape, s in self.parts])
         own = [np.tile((*shape.colour, _ALPHA[shape.layer]), (len(s.faces), 1)) for shape, s in self.parts]
@@ -122,7 +122,7 @@ class Painter:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
         facing = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))
-        near = (facing > 0) | (colours[:, 3] == 1.0)  # of what can be seen through, the near side alone
+        near = (facing > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
         corners, colours, facing, normals = corners[near], colours[near], facing[near], normals[near]
         normals = normals * np.where(facing < 0, -1.0, 1.0)[:, None]
         light = 0.50 + 0.16 * normals[:, 2] + 0.46 * np.maximum(normals @ _SUN, 0.0)
@@ -136,7 +136,7 @@ class Painter:
         return np.concatenate([shadow, flat[order]]), np.concatenate([dark, colours[order]])
 
     def grid(self, size: float) -> Array:
-        """Lines on the floor, (k, 2, 2)."""
+        """Grid lines on the floor, (k, 2, 2)."""
         step = 10.0 ** np.floor(np.log10(size / 4))
         count = int(np.ceil(0.9 * size / step))
         middle = np.round(self.camera.target[:2] / step) * step
@@ -150,7 +150,7 @@ class Painter:
 
 
 def _moved(shape: Shape, surface: Surface, poses: Array) -> Array:
-    """The corners of a shape's triangles (k, 3, 3) in the base frame."""
+    """Corners of a shape's triangles (k, 3, 3) in the base frame."""
     corners = surface.vertices[surface.faces]
     if shape.body == BASE:
         return corners
@@ -158,7 +158,7 @@ def _moved(shape: Shape, surface: Surface, poses: Array) -> Array:
     return np.asarray(corners @ T[:3, :3].T + T[:3, 3])
 
 
-# ── A robot in the axes of a figure
+# ── A robot in Matplotlib axes
 
 _PALEST = 0.28
 
@@ -174,21 +174,21 @@ def draw(
     inertia: bool = True,
     scene: Scene | None = None,
 ) -> Camera:
-    """Draw a robot into Matplotlib's axes, at one configuration or at some of a motion.
+    """Draw a robot into Matplotlib axes, at one configuration or at several of a motion.
 
     Parameters
     ----------
     axes : Matplotlib's Axes
-    q : (nq,) or (n, nq) array_like, configurations; the first is the palest
-    azimuth : float, where it is seen from, about z [rad]
+    q : (nq,) or (n, nq) array_like, configurations; the first is drawn palest
+    azimuth : float, of the camera about z [rad]
     elevation : float, above the horizontal [rad]
-    floor : float, optional, height where its shadow falls [m]; None: under its lowest point
-    inertia : bool, draw ellipsoids of bodies without looks
+    floor : float, optional, height of the floor for the shadow [m]; None: below the lowest point of the robot
+    inertia : bool, draw inertia ellipsoids of bodies without visuals
 
     Returns
     -------
     camera : Camera
-        Its ``project`` says where points (..., 3) [m] of the base frame are in the axes.
+        Its ``project`` maps points (..., 3) [m] of the base frame to the axes.
 
     Examples
     --------
@@ -214,8 +214,8 @@ def draw(
         triangles, colours = painter.paint(pose)
         shade = _PALEST + (1.0 - _PALEST) * (k + 1) / len(poses) if len(poses) > 1 else 1.0
         colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
-        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # hides the seams of what is solid
-        under = np.arange(len(triangles)) < shadows  # no pose shades another
+        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # edges hide seams of opaque shapes
+        under = np.arange(len(triangles)) < shadows  # shadows lie below all poses
         for shown, order in ((under, 1), (~under & (inertia | (colours[:, 3] == 1.0)), 2)):
             look: dict[str, Any] = {"facecolors": colours[shown], "edgecolors": edges[shown], "linewidths": 0.3}
             axes.add_collection(PolyCollection(list(triangles[shown]), zorder=order, **look))
@@ -228,13 +228,13 @@ def draw(
 def still(
     robot: Robot, q: ArrayLike | None = None, joint: str | None = None, label: str = "", *, scene: Scene | None = None
 ) -> bytes:
-    """Picture of a robot at one configuration, the link that a joint moves in red.
+    """Picture of a robot at one configuration, with the link moved by ``joint`` in red.
 
     Parameters
     ----------
     q : (nq,) array_like, optional, configuration; None: neutral, within the limits
-    joint : str, optional, the joint that is marked
-    label : str, written beside it
+    joint : str, optional, highlighted joint
+    label : str, label of the joint
 
     Returns
     -------
@@ -269,7 +269,7 @@ def still(
 
 
 def _broadest(scene: Scene, q: Array) -> float:
-    """Azimuth from which the bodies of a robot lie farthest apart in the picture."""
+    """Azimuth of the widest view of the robot's bodies."""
     poses = scene.body_poses(q)
     points = np.concatenate([np.zeros((1, 3)), poses[np.isfinite(poses[:, 0, 3]), :3, 3]])
     views = [Camera(points.mean(axis=0), FAR * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
@@ -279,12 +279,12 @@ def _broadest(scene: Scene, q: Array) -> float:
 # ── The film
 
 MOVIES = (".gif", ".mp4")
-"""The kinds of film that are made, by their suffixes."""
+"""Supported film formats, by suffix."""
 _TRIANGLES = 5000
 _MOST = 2000
-"""Pictures of one film."""
+"""Maximum number of pictures in a film."""
 _BARS = 12
-"""Joints shown beside the robot; of more, those nearest to their limits."""
+"""Maximum number of torque bars; robots with more joints show those nearest to their limits."""
 
 
 def movie(
@@ -311,7 +311,7 @@ def movie(
     Raises
     ------
     MissingExtraError
-        There is no matplotlib, or no ffmpeg for .mp4.
+        Matplotlib is not installed, or ffmpeg is missing for .mp4.
 
     Examples
     --------
@@ -360,7 +360,7 @@ def film(
         if motion.report is not None:
             _write_verdict(left, motion.report)
         drawn.canvas.draw()
-        drawn.set_layout_engine("none")  # found once; finding it for every picture takes longer than drawing it
+        drawn.set_layout_engine("none")  # fixed layout: computing it takes longer than drawing
         writer = _writer(target.suffix.lower(), fps)
         with writer.saving(drawn, str(scratch), dpi=100):
             for k, moment in enumerate(moments):
@@ -374,7 +374,7 @@ def film(
 
 
 def _reddened(scene: Scene, motion: DrawnMotion) -> Scene:
-    """The scene without ellipsoids of inertia, and with the links of joints over their limits of torque in red."""
+    """Scene without inertia ellipsoids, with links of joints over their torque limits in red."""
     over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
     red = {k for k, body in enumerate(scene.robot.model.bodies) if not body.follows and over[body.places[1]].any()}
     looks = [s for s in scene.shapes if s.layer == "looks"]
@@ -382,7 +382,7 @@ def _reddened(scene: Scene, motion: DrawnMotion) -> Scene:
 
 
 def _write_verdict(figure: Any, report: TorqueReport) -> None:
-    """Payload and verdict in the upper left corner."""
+    """Write payload and verdict in the upper left corner."""
     word, first = report.verdict.word, verdict_text(report).split("\n", 1)[0]
     carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
     colour = {Word.OK: style.GREEN, Word.UNSURE: style.ORANGE}.get(word, style.OVER)
@@ -396,7 +396,7 @@ def _write_verdict(figure: Any, report: TorqueReport) -> None:
 
 
 def movie_path(path: str | Path) -> str:
-    """Path of a film, .gif if it has no suffix; raises ValueRangeError for one not of :data:`MOVIES`, and MissingExtraError."""
+    """Path of a film, .gif without a suffix; raises ValueRangeError unless in :data:`MOVIES`, and MissingExtraError."""
     text, suffix = str(path), Path(path).suffix.lower()
     if suffix and suffix not in MOVIES:
         raise ValueRangeError(
@@ -437,7 +437,7 @@ def _writer(suffix: str, fps: float) -> Any:
 
 
 def gif_writer(fps: int) -> Any:
-    """Writer of GIFs in one palette, so that of each picture only what has changed is stored: an eighth of the bytes."""
+    """GIF writer with one palette, so that only changed pixels are stored: an eighth of the size."""
     from matplotlib.animation import PillowWriter
     from PIL import Image
 
@@ -473,11 +473,11 @@ class _Stage:
         triangles, colours = self.painter.paint(q)
         self.polygons.set_verts(triangles)
         self.polygons.set_facecolor(colours)
-        self.polygons.set_edgecolor(np.where(colours[:, 3:] < 1.0, 0.0, colours))  # hides the seams of what is solid
+        self.polygons.set_edgecolor(np.where(colours[:, 3:] < 1.0, 0.0, colours))  # edges hide seams of opaque shapes
 
 
 class _Bars:
-    """Each torque as a share of its limit, elsewhere of its largest."""
+    """Bars of torques as shares of their limits, or of their peaks without limits."""
 
     def __init__(self, axis: Any, motion: DrawnMotion) -> None:
         robot = motion.load.with_load

@@ -1,4 +1,4 @@
-"""The page that shows a robot and its motion in any browser, without a network, and the scene of the doctor's findings."""
+"""Page that shows a robot and its motion in any browser without a network, and the scene of the doctor's findings."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ _SCRIPTS_OF = {
     "loops": ("loops.js",),
     "standing": ("standing.js",),
 }
-"""Scripts that only pages have whose header has the entry."""
+"""Scripts that a page includes only if its header has the entry."""
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 )
-"""Content-Security-Policy of the page, before the digests of its own scripts: no requests, no other scripts."""
+"""Content-Security-Policy of the page without the digests of its scripts: no requests, no other scripts."""
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
@@ -82,32 +82,33 @@ def write_page(
     embed: bool = False,
     control: str | None = None,
 ) -> Path:
-    """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
+    """Write a self-contained page with the robot, and a motion to play.
 
-    Of a closed robot the sliders of the independent joints keep the loops closed, and the torques are those of the joints with
-    motors. A robot with a floating base stands on its feet, which share its weight, unless ``q`` has it elsewhere.
+    For a robot with closed loops, the sliders of independent joints keep the loops closed, and torques are those of the
+    joints with motors. A robot with a floating base stands on its feet, which share its weight, unless ``q`` places it
+    elsewhere.
 
     Parameters
     ----------
-    motion : DrawnMotion, optional, which plays
-    q : (nq,) array_like, optional, where it starts
-        None: where the motion begins, else an arm at work: elbow up, clear of stops and singular poses; a robot with a floating
-        base on its feet; others neutral.
-    actuated : names of joints, optional, those with a motor of a ClosedRobot
-        None: those with an actuator, else as many as there are degrees of freedom.
-    wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
-        A motion brings its own. [N m, N]
-    section : str, optional, a section of Modern Robotics that the page shows with this robot
-        One of those in the user guide, as "3.4", "5.4", "8.3"; for arms of at most nine joints.
-    embed : bool, optional, leaves out the side panel, for a frame within another page
-        ``#embed`` in the address of any page does the same, ``#full`` the opposite.
-    control : str, optional, the control that an embedded page and a small screen keep
-        "payload", "push", "speed", "fall", "q:JOINT" or "section"; None: the first of these that the page has.
+    motion : DrawnMotion, optional, to play
+    q : (nq,) array_like, optional, initial configuration
+        None: the start of the motion. Without a motion, arms have the elbow up, clear of stops and singular poses,
+        robots with a floating base stand on their feet, and other robots are neutral.
+    actuated : names of joints, optional, joints of a ClosedRobot with motors
+        None: joints with an actuator, otherwise as many as there are degrees of freedom.
+    wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and included in holding torques
+        A motion has its own wrenches. [N m, N]
+    section : str, optional, section of Modern Robotics that the page shows with this robot
+        One of those in the user guide, such as "3.4", "5.4", "8.3"; for arms of at most nine joints.
+    embed : bool, optional, omit the side panel, for a frame within another page
+        ``#embed`` in the address of any page has the same effect, ``#full`` the opposite.
+    control : str, optional, the control shown on an embedded page and on a small screen
+        "payload", "push", "speed", "fall", "q:JOINT" or "section"; None: the first of these on the page.
 
     Raises
     ------
     ValueRangeError
-        The file cannot be written, there is no page of the section, or the robot does not fit it.
+        The file cannot be written, the section has no page, or the robot does not fit the section.
 
     Examples
     --------
@@ -149,8 +150,8 @@ def page_text(
 
     Parameters
     ----------
-    neighbours : {label: address}, optional, links above the heading, to other pages of a site
-        The others are those of :func:`write_page`.
+    neighbours : {label: address}, optional, links to other pages of a site, above the heading
+        The other arguments are those of :func:`write_page`.
 
     Returns
     -------
@@ -204,8 +205,8 @@ def page_text(
     data["neighbours"] = dict(neighbours or {})
     data["embed"], data["control"] = embed, _checked_control(control, data)
     if control == "fall":
-        data["target"][2] = data["floor"]  # what is let go hangs down
-    # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
+        data["target"][2] = data["floor"]  # the payload hangs down after release
+    # Pages of sections are about mechanics with example arms, so inertia ellipsoids are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
     data["notes"] = [
         *_left_open(robot, closed=closed is not None),
@@ -228,13 +229,13 @@ def page_text(
 
 
 def _without_comments(script: str) -> str:
-    """A script without lines that only comment, and without indentation."""
+    """Script without comment lines and indentation."""
     lines = (line.strip() for line in script.splitlines())
     return "\n".join(line for line in lines if line and not line.startswith("//"))
 
 
 class ShownPage:
-    """A page that a notebook draws below its cell.
+    """Page that a notebook displays below its cell.
 
     Parameters
     ----------
@@ -245,7 +246,7 @@ class ShownPage:
         self.text = text
 
     def _repr_html_(self) -> str:
-        """A frame that runs the page's scripts, and lets them reach nothing else."""
+        """Sandboxed frame that runs the page's scripts."""
         style = "width:100%;height:480px;border:0"
         return f'<iframe srcdoc="{html.escape(self.text)}" loading="lazy" sandbox="allow-scripts" style="{style}"></iframe>'
 
@@ -267,7 +268,7 @@ class ShownPage:
 
 
 def show(robot: Robot | ClosedRobot, **options: Any) -> ShownPage:
-    """Show the page of a robot or a motion: in a notebook below the cell, elsewhere in the browser.
+    """Show the page of a robot or a motion, in a notebook below the cell, otherwise in the browser.
 
     Parameters
     ----------
@@ -284,7 +285,7 @@ def show(robot: Robot | ClosedRobot, **options: Any) -> ShownPage:
 
 
 def open_browser(url: str) -> bool:
-    """Open an address in a browser that has windows; a browser of the terminal is not started.
+    """Open an address in a graphical browser; terminal browsers are not started.
 
     Returns
     -------
@@ -304,14 +305,14 @@ def _digest(script: str) -> str:
 
 
 class _Box:
-    """Arrays one after another, each found by its offset."""
+    """Buffer of concatenated arrays, each located by its offset."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
         self.size = 0
 
     def put(self, values: ArrayLike, kind: str) -> dict[str, Any]:
-        """Add an array; returns its entry of the header."""
+        """Append an array; returns its header entry."""
         array = np.ascontiguousarray(values, dtype=KINDS[kind]).ravel()
         spec = {"at": self.size, "count": int(array.size), "kind": kind}
         raw = array.tobytes()
@@ -321,7 +322,7 @@ class _Box:
         return spec
 
     def packed(self, header: Mapping[str, Any]) -> str:
-        """Header and arrays as base64 of zlib."""
+        """Header and arrays, compressed by zlib and encoded as base64."""
         text = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
         raw = len(text).to_bytes(8, "little") + text + bytes(-len(text) % 8) + b"".join(self.parts)
         return base64.b64encode(zlib.compress(raw, 9)).decode("ascii")
@@ -357,7 +358,7 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
 
 
 def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: bool) -> dict[str, Any]:
-    """Entries of the tip that is chosen at first, and where there are several, those of each."""
+    """Entries of the initial tip and, if there are several tips, of each."""
     every = programs.tips_data(list(robot.model.all_frames))
     for entry, tip in zip(every, programs.tips, strict=True):
         of_tip = Robot(replace(robot.model, tip=tip)) if len(every) > 1 else robot
@@ -369,7 +370,7 @@ def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: b
 
 
 def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None:
-    """The control, which the page has. Raises ValueRangeError."""
+    """Check that the page has the control. Raises ValueRangeError."""
     tip, moves = data["payload"] is not None, data["motion"] is not None
     falls = data["fall"]["why"] is None and not data["book"]
     every = (("payload", tip), ("push", tip), ("speed", moves), ("fall", falls), ("section", data["book"]))
@@ -381,7 +382,7 @@ def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None
 
 
 def _left_open(robot: Robot, *, closed: bool) -> list[str]:
-    """Note on the loops that the file closes and the page does not."""
+    """Note on loops that the file closes but the page leaves open."""
     closures = list(robot.model.closures)
     if not closures or closed:
         return []
@@ -402,7 +403,7 @@ def _subtitle(robot: Robot, motion: DrawnMotion | None, payload: Payload | None)
 def _switches(
     data: Mapping[str, Any], scene: Scene, book: SectionPanel | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
-    """Initial switches, and the buttons: only those with an effect."""
+    """Initial switches, and the buttons that have an effect."""
     tips = data["tips"] or [data]
     has_tip = "jacobian0" in data["programs"] and any(tip["forceScale"] > 0 for tip in tips)
     grasped = data["payload"] is not None and book is None
@@ -429,7 +430,7 @@ def _switches(
     return shown, [(key, label) for key, label, there, _ in known if there]
 
 
-# ── The doctor's findings on the robot
+# ── The doctor's findings on a robot
 
 _COLOURS: dict[str, Colour] = {"error": (0.84, 0.20, 0.16), "warning": (0.90, 0.60, 0.0), "note": (0.95, 0.90, 0.55)}
 _BEFORE: Colour = (0.84, 0.37, 0.0)
@@ -438,7 +439,7 @@ _NOTES = 40
 
 
 def findings_scene(report: DoctorReport) -> Scene:
-    """Scene of a robot with what the doctor found: bodies in the colour of their worst finding, notes in words."""
+    """Scene of a robot with findings of the doctor: bodies in the colour of their worst finding, with notes."""
     model = report.subject.robot.model
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)

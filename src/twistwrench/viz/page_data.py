@@ -1,4 +1,4 @@
-"""Data of a page: the robot's programs as JavaScript, sliders, limits, wrenches, and the pose at the start."""
+"""Data of a page: the robot's programs in JavaScript, sliders, limits, wrenches, and the initial pose."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ if TYPE_CHECKING:
     from .section_pages import SectionPanel
 
 LARGEST = 10_000
-"""Instructions of the longest mass matrix and forward dynamics that a page carries: an arm of 24 joints.
+"""Maximum number of instructions of the mass matrix and forward dynamics in a page: an arm of 24 joints.
 
-Browsers do not optimise much longer programs. The others are there for every robot: they are shorter, and grow with the number
-of bodies."""
+Browsers hardly optimise longer programs. The other programs are included for every robot: they are shorter, and their
+length is proportional to the number of bodies."""
 STEP = 1 / 8000
-"""Time step of a fall [s]. With the fourth-order method the bundled arms keep their energy to a microjoule over
-seconds. Closed loops take four times as long."""
+"""Time step of a fall [s]. With the fourth-order method the bundled arms conserve energy to a microjoule over
+seconds. Closed loops use a step four times as long."""
 COARSE = 1 / 1000
-"""The same with friction and stops, which keep no energy to account for."""
+"""Time step with friction and stops, where energy is not conserved."""
 DAMPING = 0.1
-"""Viscous friction where the file has no friction [N m s/rad, N s/m]."""
+"""Default viscous friction for files without friction [N m s/rad, N s/m]."""
 DRY = 0.02
-"""Coulomb friction there, as a share of the torque limit."""
+"""Default Coulomb friction, as a share of the torque limit."""
 
 _NARROWER = ((";\n  const ", ",\n"), ("\n  ", "\n"), (" * ", "*"), (" + ", "+"), (" - ", "-"), (" = ", "="))
-"""Spellings of programs in the page, which are shorter."""
+"""Replacements that shorten the programs in the page."""
 
 
 class PagePrograms:
-    """The programs of one page.
+    """Programs of one page.
 
-    They are those of the robot with a frame for each body, so that the first of ``link_poses`` are the poses of the bodies,
-    and with one more without mass at each tip, whose mass is the payload. Wrenches on the robot, those at the tips among
-    them, and the payloads are inputs behind the state.
+    They belong to the robot with one frame for each body, so that the first of ``link_poses`` are the body poses, and
+    one more massless frame at each tip for the payload. Wrenches on the robot (including those at the tips) and
+    payloads are inputs after the state.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class PagePrograms:
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
 
     def data(self) -> dict[str, Any]:
-        """Entry of the page's header: names of the programs, and the data that running them needs."""
+        """Header entry: names of the programs, and the data needed to run them."""
         robot, why = self.robot, self._why_it_stays
         mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
         weight = mass * float(np.linalg.norm(robot.model.gravity))
@@ -107,7 +107,7 @@ class PagePrograms:
         }
 
     def tips_data(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        """For each tip what changes with it: its number among the frames, and what carries the payload there."""
+        """Data of each tip: its frame index and the joints that carry a payload there."""
         more = bool(self.robot.model.payloads)
         return [
             {
@@ -121,17 +121,17 @@ class PagePrograms:
 
     @property
     def tip(self) -> str | None:
-        """The tip that is chosen at first."""
+        """Initial tip."""
         return self.tips[self.chosen] if self.tips else None
 
     def script(self) -> str:
-        """The programs as plain script, which a page may run where making functions of strings is forbidden."""
+        """Programs as plain script, since the page must not create functions from strings."""
         parts = ",\n".join(f"{name}: {text}" for name, text in self._functions.items())
         return f'"use strict";\nconst PROGRAMS = {{\n{parts}\n}};\n'
 
     @cached_property
     def _functions(self) -> dict[str, str]:
-        """Functions of JavaScript by the name the page calls them; what a robot has no use for is not there."""
+        """JavaScript functions by the names used in the page; functions without use for the robot are left out."""
         model = self.robot.model
         if not model.bodies:
             return {}
@@ -170,7 +170,7 @@ class PagePrograms:
         return {name: self._function(quantity, options) for name, (quantity, options) in asked.items()}
 
     def _function(self, quantity: str, options: dict[str, Any]) -> str:
-        """One as an expression: the module's function, without the comment above it, in which the robot's name stands."""
+        """Expression of one function of the module, without the comment above it that contains the robot's name."""
         text = javascript_module(BridgedQuantity(self.robot, quantity, options))
         text = text[text.index("export function") + len("export ") :].rstrip()
         for wide, narrow in _NARROWER:
@@ -179,17 +179,17 @@ class PagePrograms:
 
     @property
     def load(self) -> dict[str, Any]:
-        """The option that makes the payloads an input."""
+        """Option that makes payloads an input."""
         return {"parameters": tuple(f"{name}.mass" for name in self.payloads)} if self.tips else {}
 
     @property
     def pushed(self) -> dict[str, Any]:
-        """The options that make wrenches on the robot inputs."""
+        """Options that make wrenches on the robot inputs."""
         return {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
     @property
     def _accelerations(self) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Programs of its motion when it is let go; with loops, the parts of the equation that the page solves."""
+        """Programs of the released robot's motion; with loops, the terms of the equation that the page solves."""
         given, mass = {**self.pushed, **self.load}, ("mass_matrix", self.load)
         if self.loops is None:
             return {"mass": mass, "acceleration": ("forward_dynamics", given)}
@@ -207,7 +207,7 @@ class PagePrograms:
 
     @cached_property
     def _why_it_stays(self) -> str | None:
-        """Why it cannot be let go, a sentence, or None where it can."""
+        """Sentence on why the robot cannot be released, or None if it can."""
         if not self.robot.nv:
             return "Nothing of it moves."
         if not self._has_inverse:
@@ -218,7 +218,7 @@ class PagePrograms:
 
 
 def resistance(robot: Robot) -> dict[str, Any]:
-    """Viscous and Coulomb friction, and stops, of each velocity; :data:`DAMPING` and :data:`DRY` where the file has none."""
+    """Viscous and Coulomb friction and stops of each velocity; :data:`DAMPING` and :data:`DRY` if the file has none."""
     model, friction = robot.model, robot.model.friction
     stops: list[dict[str, Any] | None] = [None] * model.nv
     for body in model.leaders:
@@ -241,19 +241,19 @@ def resistance(robot: Robot) -> dict[str, Any]:
 
 
 def _place(frame: Frame) -> dict[str, Any]:
-    """Body and pose of a frame, as the page has them."""
+    """Body and pose of a frame in the page's format."""
     return {"body": frame.body, "pose": frame.pose.ravel().tolist()}
 
 
 _TOOLS = re.compile(r"tool|tcp|(?<![a-z])eef?(?![a-z])|end_?effector|grasp|hand_?tip", re.IGNORECASE)
-"""Names of frames made to work with."""
+"""Names that suggest a tool frame."""
 MOST_TIPS = 12
 MANY = 12
-"""Torques up to which all are listed; of more, the largest come first and the others are folded by limb."""
+"""Maximum number of torques in a full list; longer lists show the largest and fold the rest by limb."""
 
 
 def tips_of(model: Model) -> list[str]:
-    """Tips to choose from: a leaf frame of each last body, then frames named like a tool on bodies that move.
+    """Selectable tips: a leaf frame of each last body, then frames on moving bodies with a name like a tool.
 
     >>> import twistwrench as tw
     >>> tips_of(tw.robots.quadruped().model)
@@ -266,7 +266,7 @@ def tips_of(model: Model) -> list[str]:
 
 
 def one_arm(model: Model) -> bool:
-    """True if a joint with a motor carries all last bodies, as that of an arm with a gripper does."""
+    """True if all last bodies are moved by one joint with a motor, as in an arm with a gripper."""
     parents = {k: body.parent for k, body in enumerate(model.bodies)}
     shared = set(parents)
     for k in set(parents) - set(parents.values()):
@@ -278,14 +278,14 @@ def one_arm(model: Model) -> bool:
 
 
 def _unused(name: str, taken: Container[str]) -> str:
-    """The name, with underscores behind it where it is taken."""
+    """Unused name: the given one, with underscores appended if it is taken."""
     while name in taken:
         name += "_"
     return name
 
 
 def round_above(x: float) -> float:
-    """The next of 1, 2, 5, 10 and so on, not below x.
+    """Smallest number of the series 1, 2, 5, 10, … that is at least x.
 
     >>> round_above(0.3), round_above(18.2)
     (0.5, 20.0)
@@ -298,10 +298,11 @@ def round_above(x: float) -> float:
 
 
 def sliders_of(model: Model) -> list[dict[str, Any]]:
-    """A slider for each coordinate.
+    """Sliders of the coordinates, one each.
 
-    Its ``name``, place ``q``, velocities ``v`` of the joint, ``unit`` (° or m), range ``lower`` to ``upper``, and limits
-    ``least``, ``most`` (None without); three with ``turn`` 0, 1, 2 (roll, pitch, yaw) share a quaternion's ``q``.
+    A slider has ``name``, index ``q``, velocity indices ``v`` of the joint, ``unit`` (° or m), range ``lower`` to
+    ``upper``, and limits ``least``, ``most`` (or None). The three with ``turn`` 0, 1, 2 (roll, pitch, yaw) share a
+    quaternion's ``q``.
     """
     found: list[dict[str, Any]] = []
     for body in model.leaders:
@@ -324,7 +325,7 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
 
 
 def limbs_of(model: Model) -> list[dict[str, Any]]:
-    """Chains of joints from one branching of the tree to the next: their ``name``, ``torques`` and ``hands`` (sliders).
+    """Chains of joints between branchings of the tree: ``name``, ``torques`` and ``hands`` (sliders).
 
     >>> import twistwrench as tw
     >>> [(limb["name"], limb["torques"]) for limb in limbs_of(tw.robots.quadruped().model)][1]
@@ -348,15 +349,15 @@ def limbs_of(model: Model) -> list[dict[str, Any]]:
     return found
 
 
-# ── The robot in the page's header
+# ── Robot in the page header
 
 _REVERSED = np.diag([1.0, -1.0, -1.0, 1.0]).ravel().tolist()
 _LONGEST_ARROW = 0.35
-"""Length of the largest force, as a share of the robot's size."""
+"""Length of the largest force arrow, as a share of the robot's size."""
 
 
 def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
-    """Names, limits, sliders and marks; what the page moves it by are its programs."""
+    """Names, limits, sliders and marks; the programs that move the robot are separate."""
     model, coordinates = robot.model, Coordinates.from_model(robot.model)
     limits = robot.limits.effort.tolist()
     motors = [body.joint.driven for body in model.leaders for _ in range(body.joint.nv)]
@@ -385,7 +386,7 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
 
 
 def wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """The wrenches on the robot, and their arrows: a moment's around its axis, a force's along it."""
+    """Wrenches on the robot with their arrows: moments around their axis, forces along it."""
     frames = list(robot.frame_names)
     one, finite = arguments.one, arguments.finite
     given = {name: finite(one(F, f"the wrench on {name!r}", 6), "a wrench", 6) for name, F in wrenches.items()}

@@ -1,4 +1,4 @@
-"""Loops of a page, whose sliders keep them closed: those of closed robots, and feet on the floor."""
+"""Loop closures of a page, maintained by its sliders: closed robots, and feet on the floor."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 FRICTION = 0.6
-"""Coefficient between feet and floor."""
+"""Friction coefficient between feet and floor."""
 EDGES = 8
-"""Edges of their friction pyramids."""
+"""Number of edges of the feet's friction pyramids."""
 
 
 @dataclass(frozen=True, eq=False)
 class PageLoops:
-    """Closures of a page, the pose at its start, and their entries of the page's header."""
+    """Closures of a page and its initial pose, with their header entries."""
 
     closures: tuple[Closure, ...]
-    """With independent rows alone."""
+    """Closures reduced to independent rows."""
     start: Array
-    """(nq,), with the loops closed."""
+    """(nq,) initial configuration, with the loops closed."""
     loops: dict[str, Any]
     standing: dict[str, Any] | None = None
     frames: Mapping[str, Frame] = field(default_factory=dict)
-    """Frames that closures name and the robot does not have."""
+    """Frames used by closures that the robot does not have."""
     feet: tuple[int, ...] = ()
-    """Numbers of the bodies that stand on the floor."""
+    """Indices of the bodies that stand on the floor."""
 
 
 # ── Closed robots
 
 
 def closed_by_file(robot: Robot) -> ClosedRobot | None:
-    """The robot with the loops closed that its file closes; None without any, or where they close nowhere."""
+    """Robot with the loops of its file closed; None if it has no loops or they cannot be closed."""
     found: Any = robot
     try:
         for closure in robot.closures.values():
@@ -61,7 +61,7 @@ def closed_by_file(robot: Robot) -> ClosedRobot | None:
 
 
 def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
-    """Loops of a closed robot. Raises ValueRangeError where a constraint is one of velocities alone."""
+    """Loops of a closed robot. Raises ValueRangeError for a constraint on velocities only."""
     if not all(isinstance(c, Closure) for c in closed.constraints):
         raise ValueRangeError(
             f"robot {closed.robot.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
@@ -75,7 +75,7 @@ def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | Non
     A = closed.constraint_jacobian(start)[list(closed.independent)]
     dependent = _dependent(A, 1.0 * able + motors)
     if not named:
-        motors = able & ~dependent  # as many as there are degrees of freedom
+        motors = able & ~dependent  # as many motors as degrees of freedom
     rows = independent_constraints(closed.constraints, closed.independent)
     found = tuple(c for c in rows if isinstance(c, Closure))
     loops = {
@@ -89,7 +89,7 @@ def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | Non
 
 
 def _closed_start(closed: ClosedRobot) -> Array:
-    """Closed configuration within the limits, of some the one farthest from singular ones."""
+    """Closed configuration within the limits: of several, the one farthest from singular configurations."""
     robot, rows = closed.robot, list(closed.independent)
     Q = some_configurations(closed, None)
     A = closed.constraint_jacobian(Q)[:, rows] / closed.sizes[rows, None]
@@ -98,7 +98,7 @@ def _closed_start(closed: ClosedRobot) -> Array:
 
 
 def _dependent(A: Array, rank: Array) -> Array:
-    """Velocities (nv,) that A (m, nv) makes depend on the others; as few as can be of those of high ``rank``."""
+    """Mask of dependent velocities (nv,) under A (m, nv), with as few as possible of high ``rank``."""
     from scipy.linalg import qr
 
     order = qr(A * 1e-2**rank, mode="r", pivoting=True)[1]
@@ -109,7 +109,7 @@ def _dependent(A: Array, rank: Array) -> Array:
 
 
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
-    """A robot with a floating base on its feet: the lowest shapes of its last bodies; None for any other robot."""
+    """Robot with a floating base on its feet (the lowest shapes of its last bodies); None for other robots."""
     model = robot.model
     roots = [k for k, body in enumerate(model.bodies) if body.parent == BASE]
     if len(roots) != 1 or model.bodies[0].joint.nv != 6 or model.nv < 7 or not model.gravity[2] < 0:
@@ -125,7 +125,7 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     if not feet:
         return None
     flat, start = scene.body_poses(robot.neutral), q
-    for _ in range(2):  # round feet touch elsewhere once they have turned
+    for _ in range(2):  # the contact point of a round foot moves as the foot rotates
         T = scene.body_poses(start)
         soles = [_sole(shapes[k], flat[k], scene.size) for k in feet]
         soles = [
@@ -153,7 +153,7 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
 
 
 def contacts_of(robot: Robot, standing: Mapping[str, Any]) -> list[Contact]:
-    """The contacts of a page's header, as ``statics`` takes them."""
+    """Contacts of a page header in the form used by ``statics``."""
     links = [body.link for body in robot.model.bodies]
     return [Contact(c["point"], friction=FRICTION, frame=links[c["body"]]) for c in standing["contacts"]]
 
@@ -161,7 +161,7 @@ def contacts_of(robot: Robot, standing: Mapping[str, Any]) -> list[Contact]:
 def _standing_data(robot: Robot, feet: Sequence[int], soles: Sequence[Array]) -> dict[str, Any]:
     try:
         limits = effort_limits(robot)
-    except ValueRangeError:  # without any, joints bear anything
+    except ValueRangeError:  # without limits, joints bear any torque
         limits = effort_limits(robot, np.full(robot.nv, np.inf))
     return {
         "feet": list(feet),
@@ -185,7 +185,7 @@ def _moved_by(model: Model, bodies: Sequence[int]) -> list[bool]:
 
 
 def _solids(model: Model, scene: Scene) -> dict[int, Array]:
-    """Points (n, 3) of each body's collision shapes in its frame; of what is drawn where the file has none."""
+    """Points (n, 3) of each body's collision shapes in its frame, or of its visuals if the file has none."""
     found: dict[int, list[Array]] = {}
     for visual in read_visuals(model, "collision")[0]:
         T = model.frames[visual.link].pose @ visual.pose
@@ -197,7 +197,7 @@ def _solids(model: Model, scene: Scene) -> dict[int, Array]:
 
 
 def _sole(points: Array, T: Array, size: float) -> Array:
-    """Corners of the lowest points of a body at pose T, in its frame: four at most, or one where they are near; (n, 3)."""
+    """Corners (n, 3) of the lowest points of a body at pose T, in its frame: at most four, or one if they are close."""
     placed = points @ T[:3, :3].T
     lowest = np.flatnonzero(placed[:, 2] < placed[:, 2].min() + 2e-3 * size)
     x, y = placed[lowest, 0], placed[lowest, 1]
@@ -208,12 +208,12 @@ def _sole(points: Array, T: Array, size: float) -> Array:
 
 
 def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Sequence[Array]) -> Array:
-    """A pose near q with all soles on z = 0 and the centre of mass above their middle: damped least squares; (nq,)."""
+    """Pose (nq,) near q with all soles on z = 0 and the centre of mass above their middle, by damped least squares."""
     from scipy.optimize import least_squares
 
     base = robot.model.bodies[0]
     joints = [body.q_index for body in robot.model.leaders if body.joint.nv == 1]
-    at = [base.q_index + 6, *joints]  # of a floating base the height alone
+    at = [base.q_index + 6, *joints]  # only the height of the floating base
     low, high = (
         np.concatenate([[end], ends]) for end, ends in zip((-np.inf, np.inf), clear_of_stops(robot), strict=True)
     )

@@ -1,4 +1,4 @@
-"""A motion in a page: its states, and what the page judges it by while payload, push and speed change."""
+"""Motion in a page: its states, and the data to update its verdict as payload, push and speed change."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 BUNDLED = Path(robots.__file__).parent
 """Folder of the bundled robots."""
 Put = Callable[[Any, str], dict[str, Any]]
-"""Takes in an array and its kind; returns its entry of the page's header."""
+"""Function that stores an array of a kind and returns its header entry."""
 
 
 def robot_of_motion(motion: DrawnMotion) -> tuple[Robot, Payload | None]:
-    """Robot of the page under the limits of the motion, and the payload that its slider sets.
+    """Robot of the page under the limits of the motion, and the payload set by its slider.
 
-    The slider sets the only payload of the motion, or one at a tip if the motion has none; then the robot is without it. The
-    payload is None if there are several or if no slider can set it: then the robot carries them.
+    The slider sets the motion's only payload, or one at a tip if the motion has none; that payload is removed from the
+    robot. If there are several payloads, or a slider cannot set it, the robot carries them and the returned payload is
+    None.
     """
     load, model = motion.load, motion.load.robot.model
     payload = load.payloads[0] if load.payloads else Payload(0.0)
@@ -39,7 +40,7 @@ def robot_of_motion(motion: DrawnMotion) -> tuple[Robot, Payload | None]:
 
 
 def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put: Put) -> dict[str, Any]:
-    """States of the motion, and the data that its verdict is made of."""
+    """States of the motion, and the data of its verdict."""
     friction, laws = motion.load.friction, robot.model.friction
     positions = [v for v in motion.violations if v.kind == "position"]
     verdict = verdict_data(motion.load, motion.limits, motion.report, list(motion.refused), positions, motion.clearance)
@@ -58,7 +59,7 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
 
 
 def notes_of_motion(motion: DrawnMotion) -> list[str]:
-    """Notes on the motion besides its verdict, and on the rows that were left out."""
+    """Notes on the motion besides its verdict, and on omitted rows."""
     said = [note for note in motion.warnings if note not in motion.passed]
     if motion.rows > len(motion.time):
         mass = number(sum(p.mass for p in motion.load.payloads))
@@ -70,7 +71,7 @@ def notes_of_motion(motion: DrawnMotion) -> list[str]:
 
 
 def python_source(robot: Robot, motion: DrawnMotion | None) -> dict[str, Any]:
-    """Expressions of Python that load the robot and the log, by the names of files, and the payloads that the robot has."""
+    """Python expressions that load the robot and the log by file name, and the robot's payloads."""
     model = robot.model
     log = None if motion is None or motion.report is None else motion.report.trajectory
     return {

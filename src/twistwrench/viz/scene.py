@@ -1,4 +1,4 @@
-"""Scenes of a robot: surfaces fixed to its bodies, from its file, or a skeleton drawn from its numbers."""
+"""Scenes of a robot: surfaces fixed to its bodies, from its file, or a skeleton from its dimensions."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ Part = tuple[int, Surface, tuple[float, float, float]]
 
 TUBE, JOINT, GROUND, ELLIPSOID = (0.86, 0.88, 0.90), (0.23, 0.27, 0.33), (0.55, 0.59, 0.64), (0.20, 0.46, 0.72)
 PAYLOAD = (0.84, 0.37, 0.0)
-"""Colours of what is drawn, as red, green, blue from 0 to 1."""
+"""Colour of payloads, as red, green, blue from 0 to 1."""
 _THICKNESS = 0.022
 """Radius of a tube, as a share of the robot's size."""
 _STEEL = 7850.0
-"""kg/m³: points of mass, which have no size, are drawn as balls of it."""
+"""kg/m³: density of the balls that represent point masses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +45,12 @@ class Skeleton:
 
 
 def skeleton(model: Model) -> Skeleton:
-    """The parts of all bodies but rotors, and of the base where it stands still."""
+    """Parts of all bodies except rotors, and of a fixed base."""
     bodies = {k: b for k, b in enumerate(model.bodies) if b.joint.moves_body}
     points = _points(model)
     every = np.concatenate([np.zeros((1, 3)), *points.values()])
     size = float(np.linalg.norm(np.ptp(every, axis=0)))
-    if size < 1e-6:  # one body that floats: as large as its inertia says
+    if size < 1e-6:  # a single floating body: size from its inertia
         size = max([4.0 * _semi_axes(b.inertia).max() for b in bodies.values() if b.inertia.mass > 0] or [1.0])
     r = _THICKNESS * size
     looks: list[Part] = []
@@ -71,15 +71,15 @@ def skeleton(model: Model) -> Skeleton:
         looks += [(BASE, s, GROUND) for end in ends[BASE] for s in _tube(np.zeros(3), end, r)]
     ellipsoids = [(k, e, ELLIPSOID) for k, b in bodies.items() for e in equal_inertia_ellipsoid(b.inertia)]
     shown = {k for k, *_ in looks}
-    looks += [(k, s, TUBE) for k, s, _ in ellipsoids if k not in shown]  # a body that floats alone has no other shape
+    looks += [(k, s, TUBE) for k, s, _ in ellipsoids if k not in shown]  # a single floating body has no other shape
     return Skeleton(looks, ellipsoids, size)
 
 
 def equal_inertia_ellipsoid(G: SpatialInertia) -> list[Surface]:
-    """The uniform ellipsoid with the mass, centre and moments of G, in its frame; none without mass.
+    """Uniform ellipsoid with the mass, centre and moments of G, in its frame; empty without mass.
 
-    Of principal moments I: a² = 5 (I_b + I_c - I_a) / (2 m). Of points and rods, which have no such ellipsoid, no semi-axis
-    is thinner than a steel ball of the mass is.
+    With principal moments I: a² = 5 (I_b + I_c - I_a) / (2 m). Points and rods have no such ellipsoid, so semi-axes are
+    at least the radius of a steel ball of the same mass.
     """
     if not G.mass > 0:
         return []
@@ -101,7 +101,7 @@ def _ball(mass: float) -> float:
 
 
 def _points(model: Model) -> dict[int, Array]:
-    """Points of each body, its joint, frames and mass, in the base frame with all joints at zero; (k, 3)."""
+    """Points of each body (its joint, frames and mass) in the base frame with all joints at zero; (k, 3)."""
     poses: dict[int, Array] = {BASE: np.eye(4)}
     found: dict[int, list[Array]] = {BASE: []}
     q = model.neutral
@@ -115,7 +115,7 @@ def _points(model: Model) -> dict[int, Array]:
 
 
 def _axis_point(joint: Joint) -> Array:
-    """The point of a turning joint's axis nearest to the child's origin; the origin for other joints."""
+    """Point of a revolute joint's axis nearest to the child's origin; the origin for other joints."""
     w, v = joint.axes[0, :3], joint.axes[0, 3:]
     if joint.nv != 1 or not w.any():
         return np.zeros(3)
@@ -123,7 +123,7 @@ def _axis_point(joint: Joint) -> Array:
 
 
 def _far_ends(model: Model, k: int, start: Array) -> list[Array]:
-    """Ends of the tube of a last body: at its farthest frame, else at its mass."""
+    """End of the tube of a last body: its farthest frame, or its centre of mass."""
     frames = [f.pose[:3, 3] for f in model.frames.values() if f.body == k]
     G = model.bodies[k].inertia
     places = frames + ([np.array(G.com, float)] if G.mass > 0 else [])
@@ -131,7 +131,7 @@ def _far_ends(model: Model, k: int, start: Array) -> list[Array]:
 
 
 def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
-    """A short cylinder along the axis of a joint that turns, a box around one that slides."""
+    """Short cylinder along the axis of a revolute joint, box around a prismatic joint."""
     if joint.nv != 1:
         return []
     w, v = joint.axes[0, :3], joint.axes[0, 3:]
@@ -141,7 +141,7 @@ def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
 
 
 def _rail(model: Model, body: Body, size: float, r: float) -> list[Surface]:
-    """Rail of a sliding body in its parent's frame: from one limit to the other, or half the robot's size."""
+    """Rail of a sliding body in its parent's frame, between its limits, or half the robot's size long."""
     axis = body.joint.axes[0]
     if body.joint.nv != 1 or axis[:3].any():
         return []
@@ -160,7 +160,7 @@ def _tube(start: Array, end: Array, r: float) -> list[Surface]:
 
 
 def turned_z(direction: Array) -> Array:
-    """A rotation (3, 3) that takes z to ``direction`` (3,), of any length but zero."""
+    """Rotation (3, 3) that takes z to ``direction`` (3,), which may have any non-zero length."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - z * (z @ x)
@@ -171,15 +171,15 @@ def turned_z(direction: Array) -> Array:
 # ── Shapes and scenes
 
 _LEAST = 60
-"""Triangles left to the smallest shape when a scene is decimated."""
+"""Minimum number of triangles per shape in a decimated scene."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Surface of one colour, fixed to a body."""
+    """Surface of one colour fixed to a body."""
 
     body: int
-    """The body's number; ``BASE`` for what does not move."""
+    """Body index; ``BASE`` for shapes that do not move."""
     surface: Surface
     """Vertices and triangles."""
     pose: Array
@@ -187,7 +187,7 @@ class Shape:
     colour: Colour
     """Red, green, blue, 0 to 1."""
     layer: str
-    """``looks``, how the robot is meant to look; ``inertia``, the ellipsoid with each body's mass and moments."""
+    """``looks`` for visuals; ``inertia`` for the ellipsoid with each body's mass and moments."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,16 +211,16 @@ class Scene:
     remarks: tuple[str, ...]
     """Remarks on shapes that could not be drawn as in the file."""
     size: float
-    """The length that marks and cameras go by [m]: the diagonal of the neutral robot's box."""
+    """Characteristic length of marks and cameras [m]: the diagonal of the neutral robot's bounding box."""
     dressed: bool
-    """True if the file has visuals of any body."""
+    """True if the file has visuals for any body."""
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Links whose ellipsoid of inertia is about as long as the robot, and longer than that of any body of their own shape.
+        """Links with an inertia ellipsoid about as long as the robot, and longer than that of any body of their own shape.
 
-        Mass within a distance ρ of its centre has semi-axes of at most √5 ρ: all of it at both ends of a rod. A slender uniform
-        rod has 1.29 ρ.
+        Mass within a distance ρ of its centre has semi-axes of at most √5 ρ (all mass at both ends of a rod). A slender
+        uniform rod has 1.29 ρ.
         """
         long = {s.body: float(np.ptp(s.surface.vertices, axis=0).max()) for s in self.shapes if s.layer == "inertia"}
         bodies, reach = self.robot.model.bodies, dict[int, float]()
@@ -236,7 +236,7 @@ class Scene:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for a viewer: the remarks, and the ellipsoids that look impossible."""
+        """Notes for a viewer: the remarks, and implausible ellipsoids."""
         if not self.doubtful or len(self.robot.model.bodies) < 2:
             return self.remarks
         few = ", ".join(self.doubtful[:4]) + (", …" if len(self.doubtful) > 4 else "")
@@ -244,7 +244,7 @@ class Scene:
         return *self.remarks, f"Inertia of {few}: the file gives that of {size} about as long as the whole robot."
 
     def body_poses(self, q: ArrayLike) -> Array:
-        """Poses of the moving bodies, T_s,body, for any batch of q.
+        """Poses T_s,body of the moving bodies, for any batch of q.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Scene:
 
         Returns
         -------
-        T : (nbodies, 4, 4) array; those of rotors, never drawn, are NaN
+        T : (nbodies, 4, 4) array; rotors, which are not drawn, are NaN
         """
         poses = np.asarray(self.robot.link_poses(q), float)
         place = {link: k for k, link in enumerate(self.robot.link_names)}
@@ -261,7 +261,7 @@ class Scene:
         for k, body in enumerate(model.bodies):
             if body.link in place:
                 found[..., k, :, :] = poses[..., place[body.link], :, :]
-            elif body.joint.moves_body:  # between the joints of one link, and no frame itself
+            elif body.joint.moves_body:  # between the joints of one link, without a frame
                 hidden.append(k)
         if hidden:
             q = np.asarray(q, float)
@@ -281,7 +281,7 @@ class Scene:
 
         Returns
         -------
-        corners : (2, 3) array, the lowest and the highest corner in the base frame [m]
+        corners : (2, 3) array, lower and upper corner in the base frame [m]
         """
         poses = self.body_poses(q)
         corners = []
@@ -295,7 +295,7 @@ class Scene:
         return np.stack([every.min(axis=0), every.max(axis=0)])
 
     def decimated(self, most: int) -> Scene:
-        """Scene with at most about so many triangles that show the looks, shared out as they are now.
+        """Scene with at most about ``most`` visual triangles, shared out in the present proportions.
 
         Parameters
         ----------
@@ -316,12 +316,12 @@ class Scene:
 
 
 def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
-    """Scene of a robot: its file's looks where they are found, and joints, tubes and ellipsoids of inertia where not.
+    """Scene of a robot: visuals of its file if available, otherwise joints, tubes and inertia ellipsoids.
 
     Parameters
     ----------
     robot : Robot
-    meshes : bool, take the file's looks
+    meshes : bool, use the file's visuals
 
     Returns
     -------
@@ -330,7 +330,7 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     Warns
     -----
     ModelWarning
-        The file shows what is not there; once.
+        Visuals of the file are missing; issued once.
 
     Examples
     --------
@@ -356,7 +356,7 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
             shapes.append(Shape(body, surface, here, colour, "looks"))
     shapes += [Shape(body, surface, here, colour, "inertia") for body, surface, colour in bones.ellipsoids]
     for name, inertia in model.payloads:
-        if inertia.mass > 0:  # a steel ball
+        if inertia.mass > 0:  # steel ball of the same mass
             frame, ball = model.all_frames[name], sphere(_ball(inertia.mass)).placed(se3.pose(np.eye(3), inertia.com))
             shapes.append(Shape(frame.body, ball, frame.pose, PAYLOAD, "looks"))
     if remarks:

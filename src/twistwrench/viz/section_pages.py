@@ -1,4 +1,4 @@
-"""Pages of sections of Modern Robotics: ideas, formulas, sliders and programs."""
+"""Pages for sections of Modern Robotics: ideas, formulas, sliders and programs."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 MOST_JOINTS = 9
-"""Columns that a table of the page has room for."""
+"""Maximum number of columns in a table of the page."""
 
 
 @dataclass(frozen=True)
 class SectionPanel:
-    """Contents of one page; its readout is the function of the same number in ``player/*readouts.js``."""
+    """Contents of one page; its readout is the function with the same number in ``player/*readouts.js``."""
 
     number: str
     title: str
     idea: str
     formulas: tuple[tuple[str, str], ...]
-    """Formulas for :func:`~twistwrench.viz.section_pages.formula_html`, with their numbers in the book."""
+    """Formulas for :func:`~twistwrench.viz.section_pages.formula_html`, with equation numbers of the book."""
     inputs: tuple[str, ...]
-    """Sliders besides the joints': dq, ddq, tau, wrench, dV, motor."""
+    """Sliders in addition to those of the joints: dq, ddq, tau, wrench, dV, motor."""
     programs: Callable[[PagePrograms], Asked]
     chooses: str = ""
-    """List to pick from: joints or links."""
+    """Selection list: joints or links."""
     load: str = ""
-    """Sliders of what the tip carries: payload, all (with push and the button that lets the robot go), or none."""
+    """Sliders of the load at the tip: payload, all (with push and release button), or none."""
     shown: tuple[str, ...] = ("looks", "torques")
     """Initial switches."""
     at_rest: bool = False
-    """True if the velocities are zero at first."""
+    """True if the initial velocities are zero."""
     presses: bool = False
-    """True if the initial torques press the tip along the first axis along which it can be moved."""
+    """True if the initial torques press the tip along the first axis along which it can move."""
 
     def require(self, robot: Robot) -> None:
-        """Raise ValueRangeError unless the page can show this robot."""
+        """Raise ValueRangeError if the page cannot show this robot."""
         why = None
         if robot.model.tip is None:
             why = "has no single tip: name one, by --tip FRAME or tw.load(…, tip=…)"
@@ -74,7 +74,7 @@ _DOTS = {"\u0307": "dot", "\u0308": "ddot"}
 
 
 def formula_html(text: str) -> str:
-    """HTML of a formula: ``_i``, ``_{i+1}`` and ``^T`` are indices and powers, θ̇ and θ̈ have their dots.
+    """HTML of a formula: ``_i``, ``_{i+1}`` and ``^T`` become indices and powers; θ̇ and θ̈ have dots.
 
     >>> formula_html("F_b = [ad_{V_b}]^T P")
     '<i>F</i><sub>b</sub> = [ad<sub><i>V</i><sub>b</sub></sub>]<sup>T</sup> <i>P</i>'
@@ -91,14 +91,14 @@ def formula_html(text: str) -> str:
     return _TOKEN.sub(html, text)
 
 
-# ── Directions of the base in which a tip can be moved at will
+# ── Directions of the base in which a tip can move freely
 
 AXES = ("vx", "vy", "vz")
 _POSES = 16
 
 
 def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
-    """Names of velocities of a frame, its tip if None, that are independent at most configurations: as many as there are.
+    """Largest set of frame velocities that are independent at most configurations; the frame defaults to the tip.
 
     >>> import twistwrench as tw
     >>> ik_rows(tw.robots.planar_2r()), ik_rows(tw.robots.ur5())
@@ -112,7 +112,7 @@ def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
     return tuple(AXES[k] for k in found)
 
 
-# ── The section's panel: words, formulas, sliders, constants of links
+# ── Panel of a section: text, formulas, sliders, constants of links
 
 _NAMES = {
     "dq": ("θ̇", "velocities of the joints"),
@@ -128,12 +128,12 @@ _MOTOR = (
     ("viscous friction b", "N m s/rad", 0.0, 20.0, 2.0),
     ("Coulomb friction μ", "N m", 0.0, 20.0, 3.0),
 )
-"""Name, unit, ends and beginning of the sliders of a motor."""
+"""Name, unit, range and initial value of the sliders of a motor."""
 _COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
 
 
 def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str, Any]:
-    """The section for one robot, which starts at a configuration."""
+    """Data of the section for one robot with a given initial configuration."""
     model = robot.model
     sliders = _sliders(robot, start, section)
     return {
@@ -166,7 +166,7 @@ def _exercise_table() -> Mapping[str, list[dict[str, str]]]:
 
 
 def exercises(robot: Robot, number: str) -> list[dict[str, str]]:
-    """Exercises of a section: question, unit of the answer for this robot, and formula as HTML."""
+    """Exercises of a section: question, unit of the answer for this robot, and formula in HTML."""
     turns = bool(Coordinates.from_model(robot.model).angular_velocity[0])
     length = "rad" if turns else "m"
     units = {"tau": unit_of("tau", turns), "dq": f"{length}/s", "ddq": f"{length}/s²"}
@@ -181,14 +181,14 @@ def exercises(robot: Robot, number: str) -> list[dict[str, str]]:
 
 
 def _ranks(robot: Robot) -> dict[str, int]:
-    """Rank of the Jacobian of the tip at most configurations: whole, angular and linear rows."""
+    """Rank of the tip Jacobian at most configurations: all, angular and linear rows."""
     J = np.asarray(robot.jacobian(robot.random_configuration(0, 16), kind="world_aligned"))
     rows = {"all": slice(6), "angular": slice(3), "linear": slice(3, 6)}
     return {key: int(np.linalg.matrix_rank(J[:, mine], tol=1e-9).max()) for key, mine in rows.items()}
 
 
 def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, list[dict[str, Any]]]:
-    """Rows of name, unit, ends and beginning, by input."""
+    """Rows of name, unit, range and initial value, by input."""
     coordinates, limits = Coordinates.from_model(robot.model), robot.limits
     turns = coordinates.angular_velocity
     holding = np.asarray(robot.holding_torques(start))
@@ -196,7 +196,7 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
     push = round_above(weight / 2 or 10.0)
     if section.presses:
         J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
-        holding = holding + push / 4 * J  # with gravity, tau = g + J' F
+        holding = holding + push / 4 * J  # with gravity: tau = g + J' F
     most_torque = round_above(max(2 * float(np.abs(holding).max()), 1.0))
     torque = [e if 0 < e < np.inf else most_torque for e in limits.effort.tolist()]
     rates = [v if 0 < v < np.inf else 3.0 for v in limits.velocity.tolist()]
@@ -228,14 +228,14 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
     }
 
 
-# ── Programs by the names that pages call them
+# ── Programs by the names used in pages
 
 Asked = Mapping[str, tuple[str, dict[str, Any]]]
-"""Quantities and their options by the names that the page calls their programs."""
+"""Quantities and their options, by the names used in the page."""
 
 
 def of_links(programs: PagePrograms) -> Asked:
-    """Twists of the links and their rates."""
+    """Twists of the links and their time derivatives."""
     found = {}
     for k, frame in enumerate(programs.body_frames):
         found[f"V{k}"] = "frame_velocity", {"frame": frame, "kind": "body"}
@@ -254,12 +254,12 @@ def twist(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
 
 
 def task(programs: PagePrograms) -> dict[str, Any]:
-    """Options of quantities of the tip's velocity, in the rows in which it can be moved."""
+    """Options for quantities of the tip velocity, with the rows in which it can move."""
     return {"frame": programs.tip, "kind": "world_aligned", "rows": _rows(programs)}
 
 
 def along_wall(programs: PagePrograms) -> Asked:
-    """Dynamics with the tip held on a wall across the first axis of the base along which it can be moved."""
+    """Dynamics with the tip constrained to a wall across the first base axis along which it can move."""
     tip, row = programs.tip or "", _rows(programs)[0]
     wall = {"constraints": programs.robot.constrain(tip, row, kind="world_aligned").constraints}
     return {
@@ -271,14 +271,14 @@ def along_wall(programs: PagePrograms) -> Asked:
 
 
 def with_friction(programs: PagePrograms) -> Asked:
-    """Inverse dynamics of the links, and friction by viscous and Coulomb coefficients of each joint."""
+    """Inverse dynamics of the links, and friction from viscous and Coulomb coefficients of each joint."""
     names = [f"{b.joint.name}.{law}" for b in programs.robot.model.leaders for law in ("viscous", "coulomb")]
     friction = "friction_forces", {"parameters": tuple(names)}
     return {"inverse": ("inverse_dynamics", programs.load), "friction": friction}
 
 
 def _rows(programs: PagePrograms) -> tuple[str, ...]:
-    """Rows in which the tip can be moved; raises ValueRangeError if there are none."""
+    """Rows in which the tip can move; raises ValueRangeError if there are none."""
     found = ik_rows(programs.robot, programs.tip)
     if not found or programs.tip is None:
         raise ValueRangeError(
@@ -292,7 +292,7 @@ def _rows(programs: PagePrograms) -> tuple[str, ...]:
 
 
 def section_panel(number: str) -> SectionPanel:
-    """The section of a number; raises ValueRangeError, which lists them."""
+    """Panel of the section with this number; raises ValueRangeError, which lists the sections."""
     return SECTIONS[arguments.choice(number, "section", tuple(SECTIONS))]
 
 

@@ -1,4 +1,4 @@
-"""Poses at which a page opens: arms at work, everything else near neutral within its limits."""
+"""Initial poses of a page: working poses for arms, near neutral within limits for other robots."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 CLEAR = 0.1
-"""Part of its range that a joint keeps from its stops."""
+"""Share of its range that a joint keeps from its stops."""
 _SAMPLES, _ROUNDS = 1024, 8
 
 
 def starting_pose(robot: Robot, tip: str | None = None) -> Array:
-    """The configuration at which a page opens; (nq,).
+    """Initial configuration of a page; (nq,).
 
-    An arm has its elbow up, its joints clear of their stops by a tenth of their range, its tip in the upper half of its reach
-    and far from singular poses, and what is left is near neutral. Other robots are neutral, with joints clear of their stops.
+    An arm has its elbow up, its joints clear of their stops by a tenth of their range, and its tip in the upper half of
+    its reach, far from singular poses. Remaining freedom is near neutral. Other robots are neutral, clear of their
+    stops.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     if tip is None or len(joints) != robot.nv or robot.model.frame(tip).body < 0 or not np.any(robot.model.gravity):
         return neutral
     rng, best = np.random.default_rng(0), neutral
-    for k in range(_ROUNDS):  # at first anywhere, then ever nearer to the best
+    for k in range(_ROUNDS):  # first over the whole range, then closer to the best
         spread = (high - low) * 0.5**k
         tried = best[at] + spread * rng.uniform(-1, 1, (_SAMPLES, len(at)))
         Q = np.repeat(neutral[None], _SAMPLES, axis=0)
@@ -46,7 +47,7 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
 
 
 def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
-    """Ends of the joints' ranges less a tenth of it, half a turn to either side at most; each (joints of one degree,)."""
+    """Ends of the joint ranges reduced by a tenth of the range, at most ± half a turn; (joints of one degree,) each."""
     at = [body.v_index for body in robot.model.leaders if body.joint.nv == 1]
     low, high = robot.limits.lower[at], robot.limits.upper[at]
     room = np.where(np.isfinite(high - low), CLEAR * (high - low), 0.0)
@@ -56,7 +57,7 @@ def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
 
 
 def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
-    """Merit of each of Q (n, nq) as a pose of an arm at work; (n,)."""
+    """Merit (n,) of each configuration of Q (n, nq) as a working pose of an arm."""
     up = -robot.model.gravity / np.linalg.norm(robot.model.gravity)
     origins = np.asarray(robot.link_poses(Q))[..., :3, 3]
     end = np.asarray(robot.forward_kinematics(Q, tip))[:, :3, 3]

@@ -1,4 +1,4 @@
-"""Surfaces of triangles: simple solids, meshes from files, sharp corners, lighter meshes; and decimated rows of a motion."""
+"""Triangle surfaces: simple solids, meshes from files, creases and decimation; and decimated rows of a motion."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from ..errors import MissingExtraError, ModelError
 from ..typing import Array
 
 _CREASE = np.cos(np.radians(38.0))
-"""Faces that meet at less are one smooth piece."""
+"""Cosine of the crease angle; faces that meet at a smaller angle are shaded smoothly."""
 _AROUND = 32
-"""Corners of a circle."""
+"""Number of corners of a circle."""
 _PACKED = np.array([1 << 42, 1 << 21, 1])
-"""Three whole numbers below 2²¹ as one, for numbers sort faster than rows do."""
+"""Weights that pack three integers below 2²¹ into one, since integers sort faster than rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles: ``vertices`` (n, 3) [m] and ``faces`` (k, 3), numbers of vertices, counterclockwise seen from outside."""
+    """Triangles: ``vertices`` (n, 3) [m] and ``faces`` (k, 3), vertex indices, counterclockwise seen from outside."""
 
     vertices: Array
     faces: Array
 
     def placed(self, T: ArrayLike) -> Surface:
-        """The surface, given in {b}, in {a}; T_ab (4, 4)."""
+        """Surface transformed from {b} to {a} by T_ab (4, 4)."""
         T = np.asarray(T)
         return Surface(self.vertices @ T[:3, :3].T + T[:3, 3], self.faces)
 
     def scaled(self, scale: ArrayLike) -> Surface:
-        """Stretched along the axes by ``scale`` (3,); a mirrored one is turned inside in again."""
+        """Surface scaled along the axes by ``scale`` (3,), with faces reversed for a reflection."""
         scale = np.asarray(scale, float)
         return Surface(self.vertices * scale, self.faces if np.prod(scale) > 0 else self.faces[:, ::-1])
 
     def decimated(self, most: int) -> Surface:
-        """Return the shape with at most about ``most`` triangles: short edges become points, near ones of flat parts first.
+        """Surface with at most about ``most`` triangles by edge collapse: short edges first, early in flat parts.
 
-        Only edges whose end points share no other neighbours than the corners of their faces do so (the link condition), so
-        that no edge comes to have more than two faces; where no such edge is left, more triangles stay. Source: Hoppe and
-        others, Mesh Optimization, SIGGRAPH 1993; the errors are those of Garland and Heckbert, SIGGRAPH 1997.
+        Collapses keep the link condition: the end points of an edge share no neighbours except the corners of its
+        faces, so that an edge never has more than two faces. If no such edge is left, more triangles remain. Source:
+        Hoppe and others, Mesh Optimization, SIGGRAPH 1993; errors as in Garland and Heckbert, SIGGRAPH 1997.
         """
         found, size = self, len(self.faces) + 1
         while most < len(found.faces) < size:
@@ -53,7 +53,7 @@ class Surface:
         return found
 
     def _collapsed(self, count: int) -> Surface:
-        """The surface with ``count`` edges at most made points, no two of them near each other."""
+        """Surface after the collapse of at most ``count`` edges that are not near each other."""
         from scipy.sparse import coo_array
 
         n, F = len(self.vertices), self.faces
@@ -86,7 +86,7 @@ class Surface:
         return _without_slivers(Surface(vertices, to[F]))
 
     def _errors(self, a: Array, b: Array, middle: Array) -> Array:
-        """Sum of squared distances of points from the planes of the faces at a and b, by their area, and a little length."""
+        """Area-weighted squared distances of points from the planes of the faces at a and b, plus a small length term."""
         n, p = self.normals_of_faces(), self.vertices[self.faces]
         area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
         planes = np.column_stack([n, -np.einsum("ij,ij->i", n, p[:, 0])])
@@ -99,13 +99,13 @@ class Surface:
         return np.asarray(total)
 
     def creased(self) -> Surface:
-        """Return the triangles with vertices doubled along sharp edges, which shading keeps sharp."""
+        """Surface with vertices duplicated along sharp edges, which keep their shading."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         faces, count = self.faces, len(self.faces)
         normals = self.normals_of_faces()
-        # Every edge of every face, with the corners at its ends, sorted so that the two faces of an edge are neighbours.
+        # Edges of all faces, with the corners at their ends, sorted so that the two faces of an edge are adjacent.
         corner = np.arange(3 * count).reshape(count, 3)
         a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
         at_a, at_b = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
@@ -124,7 +124,7 @@ class Surface:
         return Surface(self.vertices[faces.ravel()[first]], renumbered.reshape(count, 3))
 
     def normals_of_faces(self) -> Array:
-        """(k, 3) of unit length, outward; zero for faces without area."""
+        """(k, 3) outward unit normals; zero for faces without area."""
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         n = np.cross(b - a, c - a)
         size = np.linalg.norm(n, axis=1, keepdims=True)
@@ -132,7 +132,7 @@ class Surface:
 
 
 def _without_slivers(surface: Surface) -> Surface:
-    """No faces that a merge left without area, none twice, and no vertices without faces."""
+    """Remove degenerate and duplicate faces after a merge, and unused vertices."""
     f = surface.faces
     f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
     if len(f):
@@ -143,14 +143,14 @@ def _without_slivers(surface: Surface) -> Surface:
 
 
 def joined(surfaces: list[Surface]) -> Surface:
-    """Several surfaces as one."""
+    """Single surface from several."""
     starts = itertools.accumulate((len(s.vertices) for s in surfaces), initial=0)
     faces = [s.faces + start for s, start in zip(surfaces, starts, strict=False)]
     return Surface(np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces))
 
 
 def revolved(profile: ArrayLike) -> Surface:
-    """Surface that (radius, z) pairs (n, 2), from bottom to top, sweep about the z axis."""
+    """Surface of revolution of (radius, z) pairs (n, 2), from bottom to top, about the z axis."""
     profile = np.asarray(profile, float)
     turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
     r, z = profile[:, :1], profile[:, 1:]
@@ -170,13 +170,13 @@ def sphere(radius: float) -> Surface:
 
 
 def ellipsoid(semi_axes: ArrayLike) -> Surface:
-    """With ``semi_axes`` (3,) along x, y, z."""
+    """Ellipsoid with ``semi_axes`` (3,) along x, y, z."""
     up = np.linspace(-np.pi / 2, np.pi / 2, 15)
     return revolved(np.stack([np.cos(up), np.sin(up)], axis=1)).scaled(semi_axes)
 
 
 def cylinder(radius: float, length: float, *, round_ends: bool = False) -> Surface:
-    """Along z, its middle at the origin; ``round_ends`` puts half a sphere on either, beyond its length."""
+    """Cylinder along z, centred at the origin; ``round_ends`` adds a half sphere at each end, beyond its length."""
     h = length / 2
     if not round_ends:
         return revolved([(0, -h), (radius, -h), (radius, h), (0, h)])
@@ -186,7 +186,7 @@ def cylinder(radius: float, length: float, *, round_ends: bool = False) -> Surfa
 
 
 def box(size: ArrayLike) -> Surface:
-    """With edges ``size`` (3,) along x, y, z, its middle at the origin."""
+    """Box with edges ``size`` (3,) along x, y, z, centred at the origin."""
     corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     squares = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     faces = [t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))]
@@ -194,7 +194,7 @@ def box(size: ArrayLike) -> Surface:
 
 
 def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | None]]:
-    """Surfaces in a mesh file, one of each colour or None; raises MissingExtraError and, if unreadable, ModelError."""
+    """Surfaces of a mesh file, one per colour or None; raises MissingExtraError and, if unreadable, ModelError."""
     try:
         import trimesh
     except ImportError:
@@ -216,7 +216,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
 
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
-    """Colour in the file, if any: for meshes without colours trimesh supplies a grey of its own."""
+    """Colour in the file, if any; trimesh's default grey is ignored."""
     if mesh.visual.kind not in ("texture", "face", "vertex"):
         return None
     source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
@@ -225,7 +225,7 @@ def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
 
 
 def _merged(surface: Surface) -> Surface:
-    """Files repeat a vertex in every face, and in every smoothing group; here it is one. NaN goes, faces and all."""
+    """Surface with vertices repeated across faces and smoothing groups merged, and faces with NaN removed."""
     finite = np.asarray(np.isfinite(surface.vertices).all(axis=1))
     faces = surface.faces[finite[surface.faces].all(axis=1)]
     known = surface.vertices[finite]
@@ -237,15 +237,15 @@ def _merged(surface: Surface) -> Surface:
     return _without_slivers(Surface(surface.vertices[first], group[faces]))
 
 
-# ── Decimated rows of a motion: evenly spaced, with every extreme
+# ── Decimated rows of a motion: evenly spaced, with all extremes
 
 
 class Decimation:
-    """Rows (n, k) come in any portions; ``most`` of many are kept.
+    """Reduces rows (n, k), added in portions, to at most ``most``.
 
-    A quarter of them at most is evenly spaced. The others are, for every bin of equally many consecutive rows and every watched
-    column, the rows of its least and greatest value with their neighbours: a spike of one sample is drawn at its height, and
-    stays as wide, so that integrals over the kept rows stay right.
+    At most a quarter of them is evenly spaced. The others are the rows of the least and greatest value of every watched
+    column, with their neighbours, in bins of equally many consecutive rows. A spike of one sample thus keeps its height
+    and width, and integrals over the kept rows stay correct.
     """
 
     def __init__(self, most: int, watched: slice) -> None:
@@ -254,10 +254,10 @@ class Decimation:
         self._rows: Array | None = None
         self._index = np.zeros(0, int)
         self.count = 0
-        """Rows taken in."""
+        """Number of rows added."""
 
     def add(self, rows: Array) -> None:
-        """Take in consecutive rows."""
+        """Add consecutive rows."""
         self._index = np.concatenate([self._index, self.count + np.arange(len(rows))])
         self._rows = rows.copy() if self._rows is None else np.concatenate([self._rows, rows])
         self.count += len(rows)
@@ -270,7 +270,7 @@ class Decimation:
             self._decimate()
 
     def result(self) -> Array:
-        """The rows kept, in order; the first and the last among them."""
+        """Kept rows in order, including the first and the last."""
         return np.zeros((0, 0)) if self._rows is None else self._rows
 
     def _decimate(self) -> None:
@@ -283,7 +283,7 @@ class Decimation:
         group = np.cumsum(np.r_[0, np.diff(bins) != 0])
         for extreme in (np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)):
             at, column = np.nonzero(values == extreme[group])
-            # The first row of each bin and column that has the extreme value: rows come in order.
+            # Index of the first row of each bin and column with the extreme value: rows are in order.
             _, first = np.unique(group[at] * values.shape[1] + column, return_index=True)
             peak[at[first]] = True
         near = np.diff(self._index) == 1

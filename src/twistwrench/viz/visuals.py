@@ -1,4 +1,4 @@
-"""Visuals of a robot file: its ``<visual>`` elements and their meshes. Nothing is fetched."""
+"""Visuals of a robot file: its ``<visual>`` elements and their meshes. Files are not downloaded."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 # ── ``<visual>`` elements of URDF
 
 # https://wiki.ros.org/urdf/XML/link
-# Looks never stop a robot from being shown: what cannot be read is left out, and said in the remarks.
+# Unreadable visuals never prevent a robot from being shown: they are left out and listed in the remarks.
 
 Colour = tuple[float, float, float]
 
 GREY: Colour = (0.72, 0.75, 0.78)
-"""Colour of shapes without their own."""
+"""Colour of shapes without a colour."""
 
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """A surface of one colour at a pose (4, 4) in the frame of a link. Links of one mesh share one surface."""
+    """Surface of one colour at a pose (4, 4) in a link frame. Links with the same mesh share one surface."""
 
     link: str
     surface: Surface
@@ -41,7 +41,7 @@ class Visual:
 
 
 def read_visuals(model: Model, tag: str = "visual") -> tuple[list[Visual], list[str]]:
-    """The surfaces that the model's file gives its links, and remarks on what is missing; none for robots without a file.
+    """Surfaces of the model's file by link, and remarks on missing ones; empty for robots without a file.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def read_visuals(model: Model, tag: str = "visual") -> tuple[list[Visual], list[
             return [], []
         text = read_robot_text(path)[0]
         robot = parse(text)
-    except (ModelError, NotFoundError, OSError, ValueError):  # not the file it was when the robot was loaded
+    except (ModelError, NotFoundError, OSError, ValueError):  # the file has changed since the robot was loaded
         return [], [f"{model.source} cannot be read again, so the robot is drawn from its inertia"]
     if xacro_in(text, robot):
         return [], [
@@ -70,7 +70,7 @@ class _Reader:
         self.scaled: dict[tuple[str, bytes], list[tuple[Surface, Colour | None]]] = {}
         self.wanted: Counter[str] = Counter()
         self.problems: dict[str, str] = {}
-        """Why, by the name of the mesh or by the element."""
+        """Reasons, by mesh name or element."""
 
     def read(self, tag: str) -> tuple[list[Visual], list[str]]:
         found: list[Visual] = []
@@ -131,7 +131,7 @@ class _Reader:
         return _colour(material) or self.colours.get(material.attributes.get("name", ""))
 
     def _remarks(self) -> list[str]:
-        """One sentence about the meshes, one about everything else."""
+        """One sentence about meshes, one about other problems."""
         lost = [uri for uri in self.problems if uri in self.wanted]
         rest = [text for what, text in self.problems.items() if what not in self.wanted]
         remarks = []
