@@ -1,4 +1,4 @@
-"""Conversion of states to and from the conventions of MuJoCo and Pinocchio, and of SciPy's quaternions."""
+"""Conversion of states between this library and MuJoCo, Pinocchio, and SciPy's quaternions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 Turning = Callable[[Robot, Array], Array]
-"""Difference of d(P dq)/dt and P ddq, in our axes (nv,), from a robot and dq."""
+"""Function of a robot and dq that returns d(P dq)/dt - P ddq in this library's axes (nv,)."""
 
 
 _MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
@@ -44,7 +44,7 @@ def require_pair(robot: Robot, model: object, library: str) -> None:
 
 
 def check_names(robot: Robot, theirs: list[str], library: str) -> None:
-    """Raise UnknownNameError or ModelError for a joint that is in one of the two only."""
+    """Raise UnknownNameError or ModelError for a joint that exists in only one of the two models."""
     ours = [body.joint.name for body in robot.model.bodies]
     for name in ours:
         if name not in theirs:
@@ -57,7 +57,7 @@ def check_names(robot: Robot, theirs: list[str], library: str) -> None:
 
 
 def positions(body: Body, q: Array) -> Array:
-    """Coordinates of the joint, also for one that follows another."""
+    """Coordinates of the joint, including mimic joints."""
     q = q[..., body.places[0]]
     return body.ratio * q + body.offset if body.follows else q
 
@@ -65,7 +65,7 @@ def positions(body: Body, q: Array) -> Array:
 def rates_to(
     robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
 ) -> Iterator[Array]:
-    """Velocities and accelerations in the other library, those that are given: dq* = P dq."""
+    """Velocities and accelerations (those given) in the other library: dq* = P dq."""
     if dq is None:
         return
     names = robot.velocity_names
@@ -78,7 +78,7 @@ def rates_to(
 def rates_from(
     robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
 ) -> Iterator[Array]:
-    """Velocities and accelerations of this library, from those that are given."""
+    """Velocities and accelerations (those given) in this library."""
     if dq is None:
         return
     back = np.linalg.pinv(P)
@@ -94,7 +94,7 @@ def rates_from(
 def to_mujoco(
     robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
 ) -> tuple[Array, ...]:
-    """Configuration, velocities and accelerations in MuJoCo's order; one state.
+    """Configuration, velocities and accelerations in MuJoCo's order; one state per call.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def to_mujoco(
 
     Returns
     -------
-    arrays : tuple, q, and dq and ddq where given, as ``model`` takes them
+    arrays : tuple, q, and dq and ddq if given, in the order of ``model``
     """
     require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
@@ -117,7 +117,7 @@ def to_mujoco(
 def from_mujoco(
     robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
 ) -> tuple[Array, ...]:
-    """Configuration, velocities and accelerations from MuJoCo's order; one state.
+    """Configuration, velocities and accelerations from MuJoCo's order; one state per call.
 
     Parameters
     ----------
@@ -127,11 +127,11 @@ def from_mujoco(
 
     Returns
     -------
-    arrays : tuple, q (nq,), and dq and ddq (nv,) where given
+    arrays : tuple, q (nq,), and dq and ddq (nv,) if given
 
     Notes
     -----
-    Mimic joints are taken to follow.
+    Values of mimic joints are ignored, since they follow their leaders.
     """
     require_pair(robot, model, "MuJoCo")
     theirs = arguments.one(q, "from_mujoco: q", model.nq)
@@ -153,7 +153,7 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
 
     Notes
     -----
-    MuJoCo takes the linear velocity of floating joints along the world's axes.
+    MuJoCo uses the linear velocity of floating joints along the world axes.
     """
     require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
@@ -166,7 +166,7 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
 
 
 def _turning(robot: Robot, dq: Array) -> Array:
-    """Difference of d(P dq)/dt and P ddq, in our axes: omega × v of each floating joint."""
+    """d(P dq)/dt - P ddq in this library's axes: omega × v of each floating joint."""
     extra = np.zeros(robot.nv)
     for body in robot.model.leaders:
         extra[body.places[1]] = body.joint.mujoco_turning(dq[body.places[1]])
@@ -174,7 +174,7 @@ def _turning(robot: Robot, dq: Array) -> Array:
 
 
 def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
-    """Each body with MuJoCo's joint of the same name."""
+    """Pairs of a body and MuJoCo's joint of the same name."""
     names = [_name(model, i) for i in range(model.njnt)]
     check_names(robot, names, "MuJoCo")
     numbers = {name: i for i, name in enumerate(names)}
@@ -187,7 +187,7 @@ def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
 
 
 def _name(model: Any, i: int) -> str:
-    """Name of the joint; without one, the name from reading its MJCF file: ``body3.hinge``, ``body3.slide1``."""
+    """Name of the joint, or its default name from the MJCF reader: ``body3.hinge``, ``body3.slide1``."""
     if model.joint(i).name:
         return str(model.joint(i).name)
     b = int(model.jnt_bodyid[i])
@@ -207,7 +207,7 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
 
     Returns
     -------
-    arrays : tuple, q and the rates as ``model`` takes them
+    arrays : tuple, q and the rates in the order of ``model``
     """
     require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
@@ -216,7 +216,7 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
         mine = positions(body, q)
         if body.joint.quaternion is not None:
             mine = body.joint.to_pinocchio(mine)
-        elif joint.nq > joint.nv:  # planar and unbounded: the angle comes last, as its cosine and sine
+        elif joint.nq > joint.nv:  # planar and unbounded joints: the angle is last, as its cosine and sine
             mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
         theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
     P = pinocchio_rates(robot, model)
@@ -231,8 +231,8 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
 
     Parameters
     ----------
-    q : (..., model.nq) array_like, configuration there
-    *rates : (..., model.nv) array_like, any number of dq, ddq there
+    q : (..., model.nq) array_like, configuration in Pinocchio's order
+    *rates : (..., model.nv) array_like, any number of dq, ddq in Pinocchio's order
 
     Returns
     -------
@@ -240,7 +240,7 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
 
     Notes
     -----
-    Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow.
+    Angles stored as (cos, sin) are returned within ±π. Values of mimic joints are ignored.
     """
     require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
@@ -268,7 +268,7 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
 
     Notes
     -----
-    It is constant: both take the twist of a joint in the moving frame.
+    The matrix is constant: both libraries use the joint twist in the moving frame.
     """
     require_pair(robot, model, "Pinocchio")
     P = np.zeros((model.nv, robot.nv))
@@ -279,7 +279,7 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
 
 
 def _joints_of_pinocchio_order(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
-    """Each body with Pinocchio's joint of the same name."""
+    """Pairs of a body and Pinocchio's joint of the same name."""
     names = list(model.names)[1:]
     check_names(robot, names, "Pinocchio")
     for body in robot.model.bodies:
@@ -296,7 +296,7 @@ def _joints_of_pinocchio_order(robot: Robot, model: Any) -> Iterator[tuple[Body,
 
 
 def to_scipy_quaternion(Q: ArrayLike) -> Array:
-    """Quaternions as SciPy's ``Rotation.from_quat`` takes them, scalar last.
+    """Quaternions in the order of SciPy's ``Rotation.from_quat``, scalar last.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ def to_scipy_quaternion(Q: ArrayLike) -> Array:
 
 
 def from_scipy_quaternion(Q: ArrayLike) -> Array:
-    """Quaternions as SciPy's ``Rotation.as_quat`` gives them, scalar first then.
+    """Quaternions from the order of SciPy's ``Rotation.as_quat``, converted to scalar first.
 
     Parameters
     ----------
@@ -335,12 +335,12 @@ def from_scipy_quaternion(Q: ArrayLike) -> Array:
 
 # ── Public functions
 
-# Joints are matched by name, so the other library must have read the same file. Theirs marked with a star, there is one
-# matrix P for each library with
+# Joints are matched by name, so the other library must have read the same file. With a star for its quantities, there
+# is one matrix P for each library with
 #
 #     dq* = P dq        and so        τ = P' τ*,    M = P' M* P,    J = J* P.
 #
-# Where a joint mimics another here and is independent there, P has a row for it all the same.
+# P also has rows for joints that are mimic joints here and independent joints there.
 #
 # Pinocchio: children of one link in alphabetical order; floating joints ``(x, y, z, qx, qy, qz, qw)`` and body twists
 # ``(v, omega)``; unbounded angles as (cos, sin). MuJoCo: children in document order; floating joints
@@ -348,12 +348,12 @@ def from_scipy_quaternion(Q: ArrayLike) -> Array:
 
 
 def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
-    """Twists, wrenches or Jacobians from linear part first to angular part first, or back.
+    """Convert twists, wrenches or Jacobians from linear part first to angular part first, or back.
 
     Parameters
     ----------
     rows : (..., 6) array_like twists or wrenches, (..., 6, n) array_like Jacobians
-    axis : int, optional; which axis has the six rows; None: the only one of the last two that is 6 long
+    axis : int, optional, axis with the six rows; None: the only one of the last two axes of length 6
 
     Returns
     -------

@@ -1,30 +1,31 @@
-"""Every error and warning of the library, in one tree.
+"""All errors and warnings of the library.
 
 ::
 
     TwistWrenchError
     ├── ModelError (ValueError)             an invalid robot description
     │   ├── RobotFileError                  not readable as a robot file
-    │   └── InertiaError                    a body that cannot exist
+    │   └── InertiaError                    a physically impossible inertia
     ├── ShapeError (ValueError)             an argument of the wrong shape
-    ├── ValueRangeError (ValueError)        an argument outside what is allowed
-    ├── UnknownNameError (KeyError)         a joint, link, frame or quantity that is not there
-    ├── FrameError (ValueError)             frames that do not match, or none where one is needed
-    ├── ConstraintError (ValueError)        constraints that depend on each other, cannot be met, or are not met
-    ├── PathError (ValueError)              a path that the robot cannot follow, with how far it could
+    ├── ValueRangeError (ValueError)        an argument outside the allowed range
+    ├── UnknownNameError (KeyError)         an unknown joint, link, frame or quantity
+    ├── FrameError (ValueError)             frames that do not match, or a missing frame
+    ├── ConstraintError (ValueError)        constraints that are dependent, cannot be met, or are not met
+    ├── PathError (ValueError)              a path that the robot cannot follow; has the feasible part
     ├── SingularMassMatrixError (ValueError)    forward dynamics of a robot whose mass matrix has no inverse
     ├── TrajectoryError (ValueError)        a motion file that cannot be used
-    ├── SimulationError (RuntimeError)      a simulation that could not go on; ``.result`` has all that was computed
-    ├── NotFoundError (FileNotFoundError)   a file that is not there
+    ├── SimulationError (RuntimeError)      a simulation that stopped; ``.result`` has the computed part
+    ├── NotFoundError (FileNotFoundError)   a missing file
     ├── KernelError (RuntimeError)          compiled code could not be made or used
     └── MissingExtraError (ImportError)     an optional package is not installed
 
-    CacheWarning (UserWarning)              compiled code cannot be kept for the next time
-    ConstraintWarning (UserWarning)         a singular configuration of constraints, a closed one far from the start, or a path
-                                            beyond the positions of joints
-    ModelWarning (UserWarning)              a robot file has a doubtful entry; the robot still loads
+    CacheWarning (UserWarning)              compiled code cannot be cached
+    ConstraintWarning (UserWarning)         a singular configuration of constraints, a closed one far from the start, or
+    a path
+                                            beyond position limits
+    ModelWarning (UserWarning)              a doubtful entry in a robot file; the robot still loads
 
-Each message names the offender, what is allowed, and what to try.
+Each message names the cause, the allowed values, and a remedy.
 """
 
 from __future__ import annotations
@@ -58,44 +59,44 @@ __all__ = [
 
 
 class TwistWrenchError(Exception):
-    """Root of every error the library raises on purpose."""
+    """Base class of all errors raised by the library."""
 
     def __str__(self) -> str:
-        # KeyError would print the repr of its argument, quotes and escapes included.
+        # KeyError would print the repr of its argument, with quotes and escapes.
         return str(self.args[0]) if len(self.args) == 1 else super().__str__()
 
 
 class ModelError(TwistWrenchError, ValueError):
-    """An invalid robot description: no root, a cycle, a zero axis, reversed limits."""
+    """Invalid robot description: no root, a cycle, a zero axis, or reversed limits."""
 
 
 class RobotFileError(ModelError):
-    """Text that cannot be read as a robot file at all."""
+    """Text that cannot be read as a robot file."""
 
 
 class InertiaError(ModelError):
-    """The inertia of a moving body is one that no real body has."""
+    """Physically impossible inertia of a moving body."""
 
 
 class ShapeError(TwistWrenchError, ValueError):
-    """An array argument has the wrong shape."""
+    """Array argument of the wrong shape."""
 
 
 class ValueRangeError(TwistWrenchError, ValueError):
-    """An argument has a value outside the allowed range."""
+    """Argument outside the allowed range."""
 
 
 class UnknownNameError(TwistWrenchError, KeyError):
-    """A name that the robot does not have."""
+    """Name that the robot does not have."""
 
     @classmethod
     def from_choices(cls, kind: str, name: object, choices: Iterable[str]) -> UnknownNameError:
-        """Error for an unknown name, listing the choices, nearest spelling first.
+        """Error for an unknown name, with a list of choices, nearest spelling first.
 
         Parameters
         ----------
-        kind : str, what the name is of
-        name : what was given
+        kind : str, kind of the name
+        name : the given name
         choices : iterable of str
 
         Examples
@@ -113,66 +114,66 @@ class UnknownNameError(TwistWrenchError, KeyError):
 
 
 class FrameError(TwistWrenchError, ValueError):
-    """Frames that do not match, or a frame that must be named and is not."""
+    """Frames that do not match, or a required frame that is not named."""
 
 
 class ConstraintError(TwistWrenchError, ValueError):
-    """Constraints that depend on each other, that no configuration meets, or that a given state does not meet."""
+    """Constraints that are dependent, that no configuration meets, or that a given state does not meet."""
 
 
 class PathError(TwistWrenchError, ValueError):
-    """A path that the robot cannot follow; it has the part up to there.
+    """Path that the robot cannot follow, with its feasible part.
 
     Parameters
     ----------
     message : str
-    reached : float, optional, how far along the path
-    partial : optional, what was found until there
+    reached : float, optional, feasible path parameter
+    partial : optional, feasible part of the path
     """
 
     def __init__(self, message: str, *, reached: float | None = None, partial: object = None) -> None:
         super().__init__(message)
         self.reached = reached
-        """The path's parameter, from 0 to 1, up to which it can be followed."""
+        """Path parameter, from 0 to 1, up to which the robot can follow."""
         self.partial = partial
         """Part computed so far, a :class:`~twistwrench.trajectories.JointPath`; None if there is none."""
 
 
 class SingularMassMatrixError(TwistWrenchError, ValueError):
-    """The mass matrix has no inverse, so accelerations do not follow from torques."""
+    """Mass matrix without an inverse, so that torques do not determine accelerations."""
 
 
 class TrajectoryError(TwistWrenchError, ValueError):
-    """A motion file that cannot be used as it is."""
+    """Motion file that cannot be used."""
 
 
 class SimulationError(TwistWrenchError, RuntimeError):
-    """A simulation that stopped: an unstable step, a controller that failed. ``result`` has everything up to there."""
+    """Simulation that stopped, such as at an unstable step or a failed controller; ``result`` has the computed part."""
 
     result: object = None
     """The :class:`~twistwrench.simulation.SimulationResult` up to the time of the error."""
 
 
 class NotFoundError(TwistWrenchError, FileNotFoundError):
-    """A file does not exist."""
+    """File that does not exist."""
 
 
 class KernelError(TwistWrenchError, RuntimeError):
-    """Machine code could not be made, or a kernel does not support the request."""
+    """Machine code that could not be made, or a kernel that does not support the request."""
 
 
 class MissingExtraError(TwistWrenchError, ImportError):
-    """An optional package is needed and not installed; the message names the extra."""
+    """Missing optional package; the message names the extra."""
 
     @classmethod
     def from_extra(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
-        """Error for a package that an extra brings.
+        """Error for a package installed by an extra.
 
         Parameters
         ----------
         package : str
-        extra : str, which brings it
-        purpose : str, what it is needed for
+        extra : str, that installs it
+        purpose : str, of the package
 
         Examples
         --------
@@ -183,7 +184,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
     @staticmethod
     def advice(extra: str) -> str:
-        """Command that installs an extra, from an index and from a checkout.
+        """Command that installs an extra, from a package index and from a checkout.
 
         Parameters
         ----------
@@ -198,19 +199,19 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
 
 class CacheWarning(UserWarning):
-    """Compiled code cannot be cached, for a reason that can be removed."""
+    """Compiled code that cannot be cached, for a reason that the user can remove."""
 
 
 class ConstraintWarning(UserWarning):
-    """Constraints met in a doubtful way: a singular configuration, or loops or paths far from where they should be.
+    """Doubtful constraints: a singular configuration, or loops closed or paths far from where they should be.
 
-    Forces are then one choice of many; loops closed only far from the start; or a path leads beyond the positions that
-    joints can take.
+    At a singular configuration the constraint forces are not unique. Loops may close only far from the start, or a path
+    may exceed the position limits of joints.
     """
 
 
 class ModelWarning(UserWarning):
-    """A robot file has a doubtful entry; the robot loads, and ``robot.defects`` keeps the remark."""
+    """Doubtful entry in a robot file; the robot loads, and ``robot.defects`` keeps the remark."""
 
 
 complete(globals())

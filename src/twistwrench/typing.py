@@ -1,4 +1,4 @@
-"""Types that signatures everywhere share."""
+"""Types shared by all signatures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 __all__ = ["Array", "JointTorques", "Poses", "Rotations", "Twists"]
 
 Array: TypeAlias = NDArray[Any]
-"""An array of NumPy's, of float64 or float32 unless stated otherwise; of symbols where a function is traced."""
+"""NumPy array of float64 or float32 unless stated otherwise; of symbols while a function is traced."""
 
 Rotations: TypeAlias = Array
 """(..., 3, 3)."""

@@ -1,7 +1,7 @@
 """Verification of a robot's dynamics by laws of mechanics, by the algorithms on floats, and by another library.
 
-Residuals are relative by norm: the largest difference over the largest entry of what is compared, worst of all states. Where
-one side is a derivative by differences it is good to some 1e-12 of the function differentiated.
+Residuals are relative by norm: the largest difference over the largest entry of the compared quantity, worst case over
+all states. Numerical derivatives are accurate to about 1e-12 of the differentiated function.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ Residual = Callable[[Robot, State], float]
 __all__ = ["Check", "VerifyReport", "verify"]
 
 ROUNDING = 1e-10
-"""Tolerance of two float64 computations: some thousand operations each, 1e-16 apart, with a margin for cancellation."""
+"""Tolerance between two float64 computations: some thousand operations with errors of 1e-16, and a margin for cancellation."""
 DIFFERENCES = 1e-9
-"""Tolerance if one side is a derivative by differences."""
+"""Tolerance if one side is a numerical derivative."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +44,22 @@ class Check:
     name: str
     """Name of the check."""
     compares: str
-    """Both sides of the comparison, in words."""
+    """Both sides of the comparison, as text."""
     residual: float = np.nan
-    """Largest relative difference of all states."""
+    """Largest relative difference over all states."""
     tolerance: float = ROUNDING
     """Largest residual that passes."""
     skipped: str = ""
-    """Reason why nothing was compared; empty if it was."""
+    """Reason for skipping the check; empty if it was made."""
 
     @property
     def passed(self) -> bool:
-        """True if the check was done and agreed."""
+        """True if the check was made and agreed."""
         return not self.skipped and bool(self.residual <= self.tolerance)
 
     @property
     def failed(self) -> bool:
-        """True if the check was done and disagreed; a residual of NaN disagrees."""
+        """True if the check was made and disagreed; a residual of NaN disagrees."""
         return not self.skipped and not self.passed
 
 
@@ -74,26 +74,26 @@ class VerifyReport:
     seed: int
     """Seed of the random states."""
     checks: tuple[Check, ...]
-    """One entry a check."""
+    """One entry per check."""
 
     @property
     def passed(self) -> bool:
-        """True if no check failed; skipped ones do not count."""
+        """True if no check failed; skipped checks do not count."""
         return not any(check.failed for check in self.checks)
 
 
 def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
-    """Compare the robot's dynamics with independent formulas, and with Pinocchio or MuJoCo on its file where installed.
+    """Compare the robot's dynamics with independent formulas and, if installed, with Pinocchio or MuJoCo on its file.
 
     Parameters
     ----------
     robot : Robot
-    states : int, how many random states
+    states : int, number of random states
     seed : int, of the random states
 
     Returns
     -------
-    report : VerifyReport; a check that cannot be done is a row with the reason; nothing is raised
+    report : VerifyReport; skipped checks give their reason, and no check raises an error
 
     Examples
     --------
@@ -106,7 +106,7 @@ def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
     checks = [_check(robot, motions, *row) for row in _LAWS]
     for name, prepare in _PEERS:
         compares = f"inverse dynamics and mass matrix, {name}'s"
-        try:  # a difference between the file's nine digits and rotations made exact by loading is not one of dynamics
+        try:  # loading makes rotations of nine digits exact; this is not a dynamics error
             checks.append(_check(robot, motions, name, compares, ROUNDING + 100.0 * file_gap(robot), prepare(robot)))
         except TwistWrenchError as problem:
             checks.append(Check(name, compares, skipped=str(problem)))
@@ -127,9 +127,9 @@ def _check(robot: Robot, motions: list[State], name: str, compares: str, toleran
 
 
 def torque_size(robot: Robot, at: State, tau: Array) -> float:
-    """Size of the terms that add up to τ: where they cancel, the rest is their rounding.
+    """Size of the terms that add up to τ, which determines the rounding error if they cancel.
 
-    A joint that turns or slides alone has c = 0, the difference of terms as large as M dq².
+    A single revolute or prismatic joint has c = 0, the difference of terms as large as M dq².
     """
     M = np.abs(robot.mass_matrix(at.q))
     products = M.max(initial=0.0) * float(np.max(np.abs(at.dq), initial=0.0)) ** 2
@@ -137,26 +137,26 @@ def torque_size(robot: Robot, at: State, tau: Array) -> float:
 
 
 def closed_form_gap(robot: Robot, at: State) -> float:
-    """Gap of inverse dynamics to the block matrices of MR section 8.4."""
+    """Gap between inverse dynamics and the block matrices of MR section 8.4."""
     tau = closed_form(robot.model, at.q, at.dq).inverse_dynamics(at.ddq)
     return relative_gap(robot.inverse_dynamics(*at), tau, torque_size(robot, at, tau))
 
 
 def lagrange_gap(robot: Robot, at: State) -> float:
-    """Gap of inverse dynamics to :func:`lagrange_torques`, relative to torques or energies, whichever are larger."""
+    """Gap between inverse dynamics and :func:`lagrange_torques`, relative to the larger of torques and energies."""
     tau = lagrange_torques(robot, at)
     return relative_gap(robot.inverse_dynamics(*at), tau, max(float(np.abs(tau).max()), _energies(robot, at)))
 
 
 def lagrange_torques(robot: Robot, at: State) -> Array:
-    """Joint torques (nv,) from the kinetic and potential energy alone: Lagrange's equations, MR section 8.1.
+    """Joint torques (nv,) from kinetic and potential energy only: Lagrange's equations, MR section 8.1.
 
-    With p = ∂K/∂dq, which the quadratic K gives without error as K(dq + e) - K(dq) - K(e),
+    With p = ∂K/∂dq, which for the quadratic K is exactly K(dq + e) - K(dq) - K(e),
 
         τ = dp/dt - ∂(K - P)/∂q - [V, ·]' p,
 
-    derivatives with respect to q along ``robot.add``. The last term accounts for velocities of planar and floating joints,
-    which are not rates of coordinates (Hamel, 1904); [V, ·] is the bracket of the joint's own twists.
+    with derivatives by q along ``robot.add``. The last term accounts for velocities of planar and floating joints,
+    which are not coordinate rates (Hamel, 1904); [V, ·] is the bracket of the joint's own twists.
     """
     q, dq, ddq = at
     unit = np.eye(robot.nv)
@@ -180,7 +180,7 @@ def lagrange_torques(robot: Robot, at: State) -> Array:
 
 
 def power_gap(robot: Robot, at: State) -> float:
-    """Gap of the power of the joints to the rate of the energy, relative to the powers or the energies."""
+    """Gap between the power of the joints and the rate of the energy, relative to the larger of powers and energies."""
     q, dq, ddq = at
 
     def energy(t: Array) -> Array:
@@ -193,21 +193,21 @@ def power_gap(robot: Robot, at: State) -> float:
 
 
 def skewness_gap(robot: Robot, at: State) -> float:
-    """Gap of dM/dt - 2C from skew, dM/dt = C + C', relative to their entries and those of M."""
+    """Deviation of dM/dt - 2C from skew symmetry, dM/dt = C + C', relative to their entries and those of M."""
     M, C = robot.mass_matrix(at.q), robot.coriolis_matrix(at.q, at.dq)
     dM = derivative_along(robot, robot.mass_matrix, at.q, at.dq)
     return relative_gap(C + C.T, dM, float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max())))
 
 
 def coriolis_gap(robot: Robot, at: State) -> float:
-    """Gap of C dq to the velocity-product terms of inverse dynamics, relative to the summands of C dq and to M dq²."""
+    """Gap between C dq and the velocity products of inverse dynamics, relative to the summands of C dq and to M dq²."""
     C = robot.coriolis_matrix(at.q, at.dq)
     at_rest = at._replace(ddq=np.zeros(robot.nv))
     return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), torque_size(robot, at_rest, C * at.dq))
 
 
 def round_trip_gap(robot: Robot, at: State) -> float:
-    """Gap of torques after forward and inverse dynamics: a nearly massless finger makes M⁻¹ large, not M q̈."""
+    """Gap of torques after forward and inverse dynamics; unlike M⁻¹, M q̈ is not large for nearly massless links."""
     tau = robot.inverse_dynamics(*at)
     ddq = robot.forward_dynamics(at.q, at.dq, tau)
     size = float(np.abs(robot.mass_matrix(at.q) * ddq).max() + np.abs(tau).max())
@@ -257,7 +257,7 @@ def _file_of(robot: Robot, library: str, kind: str) -> Path:
 
 
 def _is_expanded(path: Path) -> bool:
-    """True for a file that xacro expands."""
+    """True for a file that requires xacro."""
     return usd_path(path) is None and bool(xacro_in(read_robot_text(path)[0]))
 
 
@@ -266,9 +266,9 @@ def _floats(robot: Robot) -> bool:
 
 
 def file_gap(robot: Robot) -> float:
-    """Distance of the robot's numbers from those of its file: at most some 1e-9, by which loading snaps rotations.
+    """Largest deviation of the robot's parameters from its file, at most about 1e-9, since loading normalises rotations.
 
-    Raises ModelError for a robot edited since, or loaded with locked joints or repaired inertias.
+    Raises ModelError for a robot edited after loading, or loaded with locked joints or repaired inertias.
     """
     model = robot.model
     refuse_couplings(model, "comparison with the file")
@@ -305,7 +305,7 @@ def _pinocchio(robot: Robot) -> Residual:
 
     def residual(robot: Robot, at: State) -> float:
         q, dq, ddq = to_pinocchio(robot, model, *at)
-        M = np.triu(pinocchio.crba(model, data, q))  # it promises the upper triangle only
+        M = np.triu(pinocchio.crba(model, data, q))  # crba fills only the upper triangle
         M = M + np.triu(M, 1).T
         return _against(robot, at, P.T @ pinocchio.rnea(model, data, q, dq, ddq), P.T @ M @ P)
 
@@ -320,11 +320,11 @@ def _mujoco(robot: Robot) -> Residual:
         raise MissingExtraError.from_extra("mujoco", "peers", "Comparing with MuJoCo") from None
     model = _read_by("MuJoCo", path, lambda: mujoco.MjModel.from_xml_path(str(path)))
     kept = ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", "mjDSBL_SPRING")
-    for name, flag in mujoco.mjtDisableBit.__members__.items():  # contacts, limits, friction: not of the mechanics
+    for name, flag in mujoco.mjtDisableBit.__members__.items():  # contacts, limits and friction are not compared
         model.opt.disableflags |= 0 if name in kept else int(flag.value)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     model.opt.gravity[:] = robot.gravity
-    model.opt.density = model.opt.viscosity = 0.0  # fluids are remarked on when the file is read
+    model.opt.density = model.opt.viscosity = 0.0  # the file reader warns of fluids
     data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     mujoco_rates(robot, model, robot.neutral)  # raises if the joints do not match
 
@@ -339,12 +339,12 @@ def _mujoco(robot: Robot) -> Residual:
 
 
 def _read_by(library: str, path: Path, read: Callable[[], Any]) -> Any:
-    """Result of another library's reader; RobotFileError for whatever it raises, with what it wrote to standard error."""
+    """Result of another library's reader; RobotFileError for any exception, with the text from standard error."""
     problem: Exception | None = None
     with captured_stderr() as written:
         try:
             return read()
-        except Exception as raised:  # whatever its parsers raise
+        except Exception as raised:  # any exception of its parsers
             problem = raised
     more = f"; it wrote: {written}" if str(written) else ""
     raise RobotFileError(f"{library} does not read {path.name}: {' '.join(str(problem).split())[:200]}{more}")

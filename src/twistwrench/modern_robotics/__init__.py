@@ -1,12 +1,12 @@
 """Functions of the book's own Python package by their names: ``import twistwrench.modern_robotics as mr``.
 
-Names, argument orders and what comes back are those of ``modern_robotics`` 1.1.1 by Lynch, Park, Weng and others. The code is
-not: rigid motions run on :mod:`twistwrench.lie`, and whatever takes ``Slist`` or ``Mlist, Glist, Slist`` on kernels compiled
-for these lists. The first call with new lists compiles, some tenths of a second; later ones find the kernels by what is in
-the lists. Leading batch shapes are welcome wherever a function takes a vector or a matrix, unless its docstring excludes them.
+Names, argument orders and results are those of ``modern_robotics`` 1.1.1 by Lynch, Park, Weng and others. The
+implementation differs: rigid motions use :mod:`twistwrench.lie`; functions of ``Slist`` or ``Mlist, Glist, Slist`` use
+compiled kernels. The first call with new lists compiles for some tenths of a second; later calls use kernels cached by
+the lists' content. Functions of vectors or matrices accept leading batch shapes, unless their docstring excludes them.
 
-What differs on purpose: tiny rotations and those near π come out right, invalid input is an error of the one tree, and
-results are floating-point whatever goes in. ``docs/modern-robotics.md`` lists every function.
+Intended differences: rotations near zero and π are accurate, invalid input raises errors of :mod:`twistwrench.errors`,
+and results are always floating-point. ``docs/modern-robotics.md`` lists every function.
 """
 
 from .chains import (

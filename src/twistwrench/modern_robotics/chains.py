@@ -1,7 +1,8 @@
-"""Chapters 4 to 6: kinematics of open chains given by the book's lists, on kernels cached by the content of the lists.
+"""Chapters 4 to 6: kinematics of open chains from the book's lists, with kernels cached by the content of the lists.
 
-``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench (m, f) that
-the robot applies, in the end-effector's frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6, n).
+``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench (m,
+f) applied by the robot, in the end-effector frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6,
+n).
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from ..typing import Array, Poses
 from .matrices import log6, pose_argument
 
 STEPS = 20
-"""The most Newton steps of inverse kinematics, as in the book's package."""
+"""Maximum number of Newton steps of inverse kinematics, as in the book's package."""
 CACHED = 64
-"""Sets of lists whose kernels are cached; the least recently used goes first. Machine code stays on disk beyond that."""
+"""Maximum number of cached sets of lists (least recently used are dropped). Machine code remains cached on disk."""
 
 _AT_TIP: dict[str, Any] = {"gravity": "input", "wrenches": True}
 _KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -39,7 +40,7 @@ _KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "gravity_forces": ("gravity_forces", {"gravity": "input"}),
     "wrench_torques": ("wrench_torques", {}),
 }
-"""Quantities of a chain with their options. Gravity and the wrench at the tip are inputs: their values compile nothing anew."""
+"""Quantities of a chain with their options. Gravity and the tip wrench are inputs, so new values need no compilation."""
 
 
 class Chain:
@@ -50,7 +51,7 @@ class Chain:
         self._kernels: dict[str, np.ufunc] = {}
 
     def kernel(self, name: str) -> np.ufunc:
-        """Kernel of a quantity of the table."""
+        """Kernel for a key of the table."""
         if (found := self._kernels.get(name)) is None:
             quantity, options = _KERNELS[name]
             if "wrenches" in options:
@@ -59,14 +60,14 @@ class Chain:
         return found
 
     def joints(self, x: ArrayLike, name: str) -> Array:
-        """Vector with one number for each joint, or a batch of such vectors."""
+        """Vector with one number per joint, or a batch of such vectors."""
         found = arguments.real(x, name)
         if found.ndim == 0 or found.shape[-1] != self.n:
             raise ShapeError(f"{name} has shape {found.shape}, but the lists describe {self.n} joints.")
         return found
 
     def run(self, quantity: str, **arrays: Array) -> Array:
-        """Value of a quantity; raises ShapeError for batches that do not broadcast."""
+        """Evaluate a quantity; raises ShapeError for batches that do not broadcast."""
         kernel = self.kernel(quantity)
         try:
             return kernel(*arrays.values())
@@ -75,9 +76,9 @@ class Chain:
 
 
 def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
-    """Chain of the book's lists: n + 1 poses, n inertias, screws in n columns. Impossible inertias are accepted.
+    """Chain from the book's lists: n + 1 poses, n inertias, n screw columns. Impossible inertias are accepted.
 
-    Raises ShapeError for lists that do not fit together, ModelError and InertiaError if they do not describe a robot.
+    Raises ShapeError for inconsistent lists, ModelError and InertiaError if they do not describe a robot.
     """
     steps, inertias, screws = (
         np.ascontiguousarray(arguments.real(x, name), float)
@@ -87,7 +88,7 @@ def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
 
 
 def screws_of(screws: ArrayLike, name: str) -> Chain:
-    """Chain of screws alone: every link frame is {s} at zero, so space screws and body screws are the same numbers."""
+    """Chain from screws only: every link frame is {s} at zero, so space screws and body screws have equal coordinates."""
     S = np.ascontiguousarray(arguments.real(screws, name), float)
     if S.ndim != 2 or S.shape[0] != 6 or S.shape[1] == 0:
         raise ShapeError(f"{name} has shape {S.shape}, expected (6, n): a screw axis (omega, v) in each column.")
@@ -183,7 +184,7 @@ def IKinBody(
     Returns
     -------
     thetalist : (n,) array
-    success : bool, whether they reach it
+    success: bool, True if they reach the pose
 
     Examples
     --------
@@ -200,14 +201,14 @@ def IKinBody(
 def IKinSpace(
     Slist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
-    """Numerical inverse kinematics by space screws; the twist that is left is seen from the space frame (MR section 6.2.2).
+    """Numerical inverse kinematics by space screws; the twist error is expressed in the space frame (MR section 6.2.2).
 
-    As :func:`IKinBody` otherwise.
+    Otherwise the same as :func:`IKinBody`.
 
     Returns
     -------
     thetalist : (n,) array
-    success : bool, whether they reach it
+    success : bool, True if they reach the pose
 
     Examples
     --------
@@ -224,7 +225,7 @@ def IKinSpace(
 def _newton(
     caller: str, screws: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
-    """theta := theta + J⁺ V until the twist V that is left, in the frame of the screws, is small."""
+    """Iterate theta := theta + J⁺ V until the twist error V, in the frame of the screws, is small."""
     space, guess = caller == "IKinSpace", f"{caller}: thetalist0"
     chain = screws_of(screws, "Slist" if space else "Blist")
     jacobian, pose = chain.kernel("space_jacobian" if space else "body_jacobian"), chain.kernel("pose")
@@ -293,7 +294,7 @@ def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
 
 
 def _fraction(Tf: Any, t: Any) -> Any:
-    if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy takes ten times as long for one number
+    if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy is ten times slower for a single number
         return t / Tf
     duration, instants = arguments.together(Tf=arguments.real(Tf, "Tf"), t=arguments.real(t, "t"))
     if not np.all(duration > 0):
@@ -365,7 +366,7 @@ def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
 
 
 def _scaling(Tf: float, N: float, method: int) -> Array:
-    """s at N instants from 0 to Tf, both ends exact."""
+    """Path parameter s at N equally spaced times from 0 to Tf, exact at both ends."""
     n = arguments.whole(N, "N", 2)
     scalings = {3: CubicTimeScaling, 5: QuinticTimeScaling}
     if method not in tuple(scalings):

@@ -1,6 +1,6 @@
-"""Chapters 8 and 11: dynamics of open chains given by the book's lists, and computed torque control.
+"""Chapters 8 and 11: dynamics of open chains from the book's lists, and computed torque control.
 
-Arrays are those of :mod:`.chains`.
+Array shapes are those of :mod:`.chains`.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def GravityForces(
 def EndEffectorForces(
     thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> JointTorques:
-    """Joint torques J_b' F_tip of a wrench that the end-effector applies, and nothing else (MR eq. 5.26).
+    """Joint torques J_b' F_tip of the wrench applied by the end-effector, without other terms (MR eq. 5.26).
 
     Examples
     --------
@@ -126,7 +126,7 @@ def ForwardDynamics(
     Raises
     ------
     SingularMassMatrixError
-        A joint moves nothing with inertia.
+        A joint does not move any inertia.
 
     Examples
     --------
@@ -201,21 +201,21 @@ def ForwardDynamicsTrajectory(
     dt: float,
     intRes: int,
 ) -> tuple[Array, Array]:
-    """Forward dynamics along rows of torques, each held for ``dt``: the motion by Euler steps, one at a time (MR section 8.5).
+    """Forward dynamics along rows of torques, each held for ``dt``, by Euler steps; one motion per call (MR section 8.5).
 
     Parameters
     ----------
-    taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row moves nothing
+    taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row is not used
 
     Returns
     -------
-    thetamat : (N, n) array, joint angles; the first row is the start
+    thetamat : (N, n) array, joint angles; the first row is the initial state
     dthetamat : (N, n) array, joint rates
 
     Raises
     ------
     SingularMassMatrixError
-        A joint moves nothing with inertia.
+        A joint does not move any inertia.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def ForwardDynamicsTrajectory(
 def _euler(
     chain: Chain, q: Array, dq: Array, tau: Array, g: Array, F: Array, dt: float, steps: int
 ) -> tuple[Array, Array]:
-    """The state after ``steps`` Euler steps that share the time dt, under constant torques."""
+    """State after ``steps`` Euler steps over the total time dt, under constant torques."""
     step = dt / steps
     for _ in range(steps):
         ddq = chain.kernel("forward_dynamics")(q, dq, tau, F, g)
@@ -250,7 +250,7 @@ def _euler(
 
 
 def _start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Array, Array]:
-    """The state that a simulation starts from, one state, real numbers."""
+    """Initial state of a simulation: one state, real numbers."""
     q, dq = chain.joints(thetalist, "thetalist"), chain.joints(dthetalist, "dthetalist")
     for x, name in ((q, "thetalist"), (dq, "dthetalist")):
         if x.ndim != 1:
@@ -259,7 +259,7 @@ def _start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[A
 
 
 def _rows(chain: Chain, x: ArrayLike, name: str) -> Array:
-    """A matrix with a row for each instant and a column for each joint; (N, n)."""
+    """Matrix with a row per time and a column per joint; (N, n)."""
     found = chain.joints(x, name)
     if found.ndim != 2 or len(found) == 0:
         raise ShapeError(f"{name} has shape {found.shape}, expected (N, {chain.n}): a row for each instant.")
@@ -267,7 +267,7 @@ def _rows(chain: Chain, x: ArrayLike, name: str) -> Array:
 
 
 def _motion(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
-    """Matrices of one motion, with as many rows as each other."""
+    """Matrices of one motion with equal numbers of rows."""
     found = {name: _rows(chain, x, name) for name, x in matrices.items()}
     if len({len(m) for m in found.values()}) > 1:
         listed = ", ".join(f"{name} {m.shape}" for name, m in found.items())
@@ -276,7 +276,7 @@ def _motion(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
 
 
 def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
-    """The wrench of each row, (N, 6); zeros where a plain 0 was given, as the book's package promises."""
+    """Wrench of each row, (N, 6); a plain 0 means zeros, as documented in the book's package."""
     F = arguments.real(Ftipmat, "Ftipmat")
     if F.ndim == 0 and F == 0:
         return np.zeros((N, 6))
@@ -309,8 +309,8 @@ def ComputedTorque(
 
     Notes
     -----
-    e = theta_d - theta; the error of this instant is added to its integral ``eint``, as in the book's
-    package. Gains are numbers, or one for each joint.
+    e = theta_d - theta; the current error is added to its integral ``eint``, as in the book's package. Gains are
+    numbers, or one for each joint.
 
     Examples
     --------
@@ -331,7 +331,7 @@ def ComputedTorque(
 
 
 def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
-    """Numbers, or one for each joint."""
+    """Gains as numbers, or one for each joint."""
     return [arguments.one(K, name, chain.n) if np.ndim(K) else arguments.one(K, name) for name, K in gains.items()]
 
 
@@ -366,7 +366,7 @@ def SimulateControl(
     *,
     plot: bool = False,
 ) -> tuple[Array, Array]:
-    """Simulation of :func:`ComputedTorque` following a motion from one state, with a model of its own (MR section 11.4).
+    """Simulate :func:`ComputedTorque` tracking a motion from one initial state, with its own model (MR section 11.4).
 
     Torques are held for ``dt``, integrated by ``intRes`` Euler steps.
 

@@ -1,4 +1,4 @@
-"""Chapter 3: rotations, rigid motions, their exponentials and logarithms, nearness to SO(3) and SE(3); [ad_V] of chapter 8."""
+"""Chapter 3: rotations, rigid motions, exponentials, logarithms and projections to SO(3) and SE(3); [ad_V] of chapter 8."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ def so3ToVec(so3mat: ArrayLike) -> Array:
 def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
     """Axis and angle of exponential coordinates of a rotation (MR section 3.2.3.3).
 
-    No rotation has no axis: zero gives a zero axis and a zero angle, so that axis times angle is always ``expc3``.
+    The zero rotation has no axis: a zero axis and a zero angle are returned, so that axis times angle is always
+    ``expc3``.
 
     Returns
     -------
@@ -92,10 +93,10 @@ def MatrixExp3(so3mat: ArrayLike) -> Rotations:
 
 
 def MatrixLog3(R: ArrayLike) -> Array:
-    """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π whose exponential is R, at every angle (MR eq. 3.53, 3.54).
+    """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π and exponential R, at every angle (MR eq. 3.53, 3.54).
 
-    A matrix typed with few digits is read as the nearest rotation. At exactly π, where two logarithms are right, the
-    sign is the one the book's package chooses.
+    A matrix with few digits is replaced by the nearest rotation. At exactly π two logarithms are valid; the sign is
+    that of the book's package.
 
     Returns
     -------
@@ -111,8 +112,8 @@ def MatrixLog3(R: ArrayLike) -> Array:
 
 
 def _signed(R: Array, w: Array) -> Array:
-    """The logarithm w of R; of a half turn the one whose last entry (that is not nearly zero) is positive."""
-    if w.ndim == 1 and R[0, 1] != R[1, 0]:  # no half turn
+    """Logarithm w of R; for a half turn, the one with a positive last non-negligible entry."""
+    if w.ndim == 1 and R[0, 1] != R[1, 0]:  # not a half turn
         return w
     if np.any(half := np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)):
         x, y, z = np.moveaxis(np.where(np.abs(w) > 1e-3 * np.pi, w, 0.0), -1, 0)
@@ -157,7 +158,7 @@ def TransInv(T: ArrayLike) -> Poses:
 
     Notes
     -----
-    Rounded rotations are read as in :func:`MatrixLog3`.
+    Rounded rotations are treated as in :func:`MatrixLog3`.
 
     Examples
     --------
@@ -196,7 +197,7 @@ def se3ToVec(se3mat: ArrayLike) -> Twists:
 
 
 def Adjoint(T: ArrayLike) -> Array:
-    """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without making it (MR eq. 3.83).
+    """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without forming it (MR eq. 3.83).
 
     Returns
     -------
@@ -238,7 +239,7 @@ def _lower(diagonal: Array, below: Array) -> Array:
 def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Twists:
     """Screw axis (s, q × s + h s) through a point along a unit vector with a pitch (MR section 3.3.2.2).
 
-    s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis` normalises it.
+    s is not normalised, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis` normalises it.
 
     Parameters
     ----------
@@ -260,13 +261,13 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Twists:
 def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
     """Screw axis and distance along it of exponential coordinates S theta (MR eq. 3.87).
 
-    The turning part of S is of unit length however small it was in ``expc6``; where it is zero, the sliding part is.
-    Zero gives a zero axis and a zero distance.
+    The angular part of S has unit length, even if it is tiny in ``expc6``. If it is zero, the linear part has unit
+    length. Zero input gives a zero axis and a zero distance.
 
     Returns
     -------
     S : (..., 6) array, screw axis
-    theta : (...) array, distance along it [rad, or m where S slides only]
+    theta : (...) array, distance along it [rad, or m if the angular part of S is zero]
 
     Examples
     --------
@@ -293,7 +294,7 @@ def MatrixExp6(se3mat: ArrayLike) -> Poses:
 
 
 def MatrixLog6(T: ArrayLike) -> Array:
-    """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π whose exponential is T, at every angle (MR eq. 3.91, 3.92).
+    """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π and exponential T, at every angle (MR eq. 3.91, 3.92).
 
     Rounded rotations and exactly π are treated as in :func:`MatrixLog3`.
 
@@ -310,7 +311,7 @@ def MatrixLog6(T: ArrayLike) -> Array:
 
 
 def log6(T: Array) -> Array:
-    """The twist of :func:`MatrixLog6`; (..., 4, 4) → (..., 6), T a pose already."""
+    """Twist of :func:`MatrixLog6`; (..., 4, 4) → (..., 6), for a valid pose T."""
     V = se3.log(T)
     turn = V[..., :3]
     if (w := _signed(T[..., :3, :3], turn)) is not turn:
@@ -319,7 +320,7 @@ def log6(T: Array) -> Array:
 
 
 def _length(v: Array) -> Any:
-    """|v|, of vectors whose squares would vanish or overflow too; (..., n) → (...)."""
+    """Norm |v| without underflow or overflow of the squares; (..., n) → (...)."""
     if v.ndim == 1:
         return v.dtype.type(math.hypot(*v.tolist()))
     largest = np.abs(v).max(axis=-1, keepdims=True)
@@ -334,13 +335,13 @@ def _over(v: Array, theta: Any) -> Array:
 # ── Nearness: tests and projections
 
 FAR = 1e9
-"""The distance of a matrix whose determinant is not positive."""
+"""Distance returned for a matrix with non-positive determinant."""
 
 
 def NearZero(z: ArrayLike) -> Any:
     """True if a number is near zero: |z| < 1e-6.
 
-    Nothing in this package decides by it.
+    This package itself does not use this threshold.
 
     Parameters
     ----------
@@ -380,16 +381,16 @@ def Normalize(V: ArrayLike) -> Array:
     largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
     if not np.all(largest > 0):
         raise ValueRangeError("V is zero, or not a number, so it has no direction. Give a vector with a nonzero entry.")
-    V = V / largest  # first, so that the squares neither vanish nor overflow
+    V = V / largest  # scale first, to avoid underflow and overflow of the squares
     return np.asarray(V / np.linalg.norm(V, axis=-1, keepdims=True))
 
 
 def ProjectToSO3(mat: ArrayLike) -> Rotations:
-    """Nearest rotation to a matrix in the Frobenius norm, however far that is.
+    """Nearest rotation to a matrix in the Frobenius norm, at any distance.
 
     Notes
     -----
-    :func:`twistwrench.so3.project` is the same with a limit.
+    :func:`twistwrench.so3.project` does the same with a limit on the distance.
 
     Examples
     --------
@@ -400,7 +401,7 @@ def ProjectToSO3(mat: ArrayLike) -> Rotations:
 
 
 def ProjectToSE3(mat: ArrayLike) -> Poses:
-    """Nearest pose to a matrix: the nearest rotation, the position as it is, the last row replaced.
+    """Nearest pose to a matrix: the nearest rotation, the unchanged position, and the last row replaced.
 
     Examples
     --------
@@ -417,7 +418,7 @@ def DistanceToSO3(mat: ArrayLike) -> Any:
 
     Returns
     -------
-    distance : (...) array, 1e9 where the determinant is not positive
+    distance : (...) array, 1e9 if the determinant is not positive
 
     Examples
     --------
@@ -432,7 +433,7 @@ def DistanceToSE3(mat: ArrayLike) -> Any:
 
     Returns
     -------
-    distance : (...) array; the last row is measured against (0, 0, 0, 1)
+    distance : (...) array; the last row is compared with (0, 0, 0, 1)
 
     Examples
     --------
@@ -480,19 +481,19 @@ def TestIfSE3(mat: ArrayLike) -> Any:
     return DistanceToSE3(mat) < 1e-3
 
 
-# ── Arguments: matrices of the expected kind, or an error that names the argument
+# ── Argument validation of matrices, with errors that name the argument
 
 ROUNDED = 0.01
-"""Largest distance of an entry from the nearest rotation's: matrices typed with two digits are taken for rotations."""
+"""Largest deviation of an entry from the nearest rotation; rotations rounded to two digits are accepted."""
 
 
 def rotation_argument(R: ArrayLike, name: str) -> Array:
-    """R (..., 3, 3) as it is where it is a rotation to 1e-6, and the nearest one where it was rounded more than that."""
+    """Check R (..., 3, 3): a rotation to 1e-6 is unchanged, a more coarsely rounded one becomes the nearest rotation."""
     return _nearest(arguments.real(R, name, 3, 3), name, arguments.rotation, so3.project)
 
 
 def pose_argument(T: ArrayLike, name: str) -> Array:
-    """T (..., 4, 4), its rotation as :func:`rotation_argument` takes it."""
+    """Check T (..., 4, 4), with its rotation treated as in :func:`rotation_argument`."""
     return _nearest(arguments.real(T, name, 4, 4), name, arguments.pose, se3.project)
 
 
@@ -510,7 +511,7 @@ def _nearest(
 
 
 def skew_argument(W: ArrayLike, name: str) -> Array:
-    """W (..., 3, 3), when W + W' is zero but for rounding, in a hundredth of its largest entry."""
+    """Check W (..., 3, 3): W + W' must be zero to a hundredth of its largest entry, for rounded input."""
     W = arguments.real(W, name, 3, 3)
     if W.ndim == 2:
         (a, b, c), (d, e, f), (g, h, i) = W.tolist()
@@ -530,7 +531,7 @@ def skew_argument(W: ArrayLike, name: str) -> Array:
 
 
 def twist_argument(X: ArrayLike, name: str) -> Array:
-    """X (..., 4, 4) of a twist: :func:`skew_argument` above on the left, and a last row of zeros."""
+    """Check X (..., 4, 4) of a twist: a skew-symmetric upper left block and a last row of zeros."""
     X = arguments.real(X, name, 4, 4)
     skew_argument(X[..., :3, :3], name)
     if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:

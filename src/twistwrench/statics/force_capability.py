@@ -388,7 +388,7 @@ def wrench_polytope(
     Parameters
     ----------
     part : "force", "moment" or "wrench" (m, f)
-    rest : "zero" or "any", what the other three numbers are
+    rest : "zero" or "any", value of the other three numbers
         "zero", the section of the six-dimensional polytope; "any", its projection.
 
     Returns

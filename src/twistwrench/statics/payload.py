@@ -316,10 +316,10 @@ def payload_map(
     plane : "xz", "yz" or "xy" of the base frame, or "rz"
         A slab of ``thickness`` about ``at`` on the axis across it; "rz", the distance from the base's z axis and the
         height, wastes no sample.
-    at : float, where the slab lies [m]
+    at : float, position of the slab [m]
     thickness : float, of the slab [m]
-    cells : int, optional, along the longer side
-        If None as many as the configurations in the slice fill, 8 to 60, so that extremes are not those of a handful.
+    cells : int, optional, number along the longer side
+        None: 8 to 60, depending on the number of samples in the slice, so that every cell has enough of them.
     samples : int, random configurations within the limits
 
     Examples

@@ -114,8 +114,7 @@ class MathML(Notation):
 
     def matrix(self, rows: list[list[str]]) -> str:
         inner = "".join("<mtr>" + "".join(f"<mtd>{x}</mtd>" for x in row) + "</mtr>" for row in rows)
-        # Brackets are drawn by the style sheet: stretched ones need a font with mathematical tables, which many systems
-        # lack.
+        # Brackets are drawn by the style sheet: stretched ones need a mathematical font, which many systems lack.
         return f'<mtable class="matrix">{inner}</mtable>'
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:

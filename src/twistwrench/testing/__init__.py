@@ -1,6 +1,6 @@
-"""Test tools for dynamics: random robots of every joint kind, random states, comparisons with explained differences.
+"""Test tools for dynamics: random robots of every joint kind, random states, and comparisons with explained differences.
 
-The laws of mechanics hold for every robot, so a test that draws its robots finds what a test of one arm does not.
+The laws of mechanics hold for every robot, so random robots reveal errors that tests of a single arm miss.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 KINDS = (*JOINT_TYPES, "mimic", "fixed")
-"""Kinds a random joint can have: those that move, followers of earlier one-degree joints, and fixed ones."""
+"""Kinds of random joints: moving joints, mimic joints of earlier one-degree joints, and fixed joints."""
 
 _SCREWS = {kind: joint for kind, joint in JOINT_TYPES.items() if issubclass(joint, ScrewJoint)}
 
@@ -52,16 +52,16 @@ def random_robot(
     floating_base: bool = False,
     mimic: str = "follow",
 ) -> Robot:
-    """Random robot: a tree of so many joints; the same ``rng`` seed gives the same robot.
+    """Random robot: a tree with the given number of joints; the same ``rng`` seed gives the same robot.
 
     Parameters
     ----------
     floating_base : bool, let the root link float
-    mimic : "follow" or "independent", which frees its followers
+    mimic : "follow" or "independent", which frees mimic joints
 
     Returns
     -------
-    robot : Robot, under gravity that points anywhere
+    robot : Robot, with gravity in a random direction
 
     Examples
     --------
@@ -71,14 +71,14 @@ def random_robot(
     rng = np.random.default_rng(rng)
     builder = random_builder(rng, joints, kinds)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # a floating joint on a floating base is meant here
+        warnings.simplefilter("ignore", ModelWarning)  # a floating joint on a floating base is intended
         return Robot(builder.build(floating_base=floating_base, mimic=mimic, gravity=rng.uniform(-10.0, 10.0, 3)))
 
 
 def random_builder(
     rng: np.random.Generator | int | None = None, joints: int = 7, kinds: Sequence[str] = KINDS
 ) -> ModelBuilder:
-    """Description of a random robot, as :func:`random_robot` builds it.
+    """Description of a random robot, as used by :func:`random_robot`.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def random_builder(
 
     Notes
     -----
-    Each link hangs on a random earlier one, more often on the last, so that branches and chains both occur.
+    The parent of each link is a random earlier link, most often the last, so that branches and chains both occur.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def random_builder(
 
 
 def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
-    """Axis, limits and losses of a joint. Some axes are coordinate axes, which take other paths in the code."""
+    """Axis, limits and losses of a joint. Some axes are coordinate axes, which use other code paths."""
     options: dict[str, Any] = {"axis": rng.standard_normal(3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)]}
     joint = _SCREWS.get(kind)
     if joint is not None and joint.has_pitch:
@@ -139,7 +139,7 @@ def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
 def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
     """Random inertia of a physically consistent body.
 
-    Second moments S about a centre of mass away from the origin, in rotated axes.
+    Random second moments S in rotated axes, about a centre of mass away from the origin.
 
     Examples
     --------
@@ -219,7 +219,7 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
 
     Notes
     -----
-    By norm, not entry by entry: an entry near zero is the difference of large terms and carries their rounding. Entries
+    The norm is used because an entry near zero is the difference of large terms and has their rounding error. Entries
     that are not finite in both arrays make the gap infinite or NaN, so ``gap <= tolerance`` is false.
 
     Examples
@@ -239,19 +239,19 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
 def assert_close(
     actual: ArrayLike, desired: ArrayLike, rtol: float, what: str = "", *, scale: float | None = None
 ) -> None:
-    """Assert that two arrays agree: :func:`relative_gap` is at most ``rtol``, and shapes are the same.
+    """Assert that two arrays agree: equal shapes, and :func:`relative_gap` at most ``rtol``.
 
     Parameters
     ----------
-    rtol : float, the largest gap
-    what : str, what is compared
+    rtol : float, largest allowed gap
+    what : str, name of the compared quantity
     scale : float, optional, in place of the largest entry of ``desired``
-        Where that is the small difference of large terms; give these terms in the test.
+        For a small difference of large terms: the size of these terms, computed in the test.
 
     Raises
     ------
     AssertionError
-        They do not agree.
+        The arrays do not agree.
 
     Examples
     --------
@@ -278,14 +278,16 @@ def assert_close(
     )
 
 
-# ── Derivatives by differences, to about 1e-12, independent of the formula under test
+# ── Numerical derivatives to about 1e-12, independent of the formula under test
 
 _PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 _WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 STEP = 0.01
-"""Step of differences. For a function that varies with rate 1, such as sin t, the error of order six is STEP⁶/140 = 1e-14, and
-the rounding of six values divided by STEP about 1e-14 too. Dynamics depends on sums of joint angles, twice over:
-hence some 1e-12."""
+"""Step of finite differences.
+
+For a function that varies with rate 1, such as sin t, the sixth-order error is STEP⁶/140 = 1e-14.
+The rounding error of six values divided by STEP is also about 1e-14. Dynamics depends on sums of joint angles, which
+raises the error to about 1e-12."""
 
 
 def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Array:
@@ -294,7 +296,7 @@ def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Arr
     Parameters
     ----------
     function : takes t of shape (6,), returns (6, ...)
-    rate : float, how fast the function varies: the sum of the speeds of what it depends on [rad/s, m/s]
+    rate : float, sum of the speeds of the function's arguments [rad/s, m/s]
 
     Returns
     -------

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def seeds() -> SearchStrategy[int]:
-    """Seeds of random generators: a failing example shrinks to a small number that can be typed."""
+    """Seeds of random generators; failing examples shrink to small numbers."""
     return _strategies().integers(0, 2**32 - 1)
 
 

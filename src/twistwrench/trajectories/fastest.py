@@ -232,7 +232,7 @@ def _lost(s: float) -> PathError:
 # ── Fastest timing of a path. Modern Robotics section 9.4
 
 _SHORTEST = 1e-6
-"""Part of the path. Torque and acceleration limits are reduced to those that need this much to reach the velocity limit."""
+"""Share of the path; torque and acceleration limits count as at most those that reach the velocity limit within it."""
 _ROOM = 4e-8
 """Margin kept to each limit, as a share, that covers the deviations of the pieces in both passes."""
 _KINDS = ("velocity", "acceleration", "deceleration", "effort", "jerk")
@@ -405,12 +405,12 @@ def fastest(
     Parameters
     ----------
     path : JointPath
-    effort : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
-    velocity : (nv,) array_like, optional, velocity limits that stand in for the robot's own [rad/s, m/s]
-    acceleration : (nv,) array_like, optional, acceleration limits that stand in for the robot's own; without
-        ``deceleration`` also of joints that slow down [rad/s², m/s²]
-    deceleration : (nv,) array_like, optional, likewise, of joints that slow down [rad/s², m/s²]
-    jerk : (nv,) array_like or float, optional, jerk limits that stand in for the robot's own, inf: none [rad/s³, m/s³]
+    effort : (nv,) array_like, optional, torque limits that replace the robot's own [N m, sliding joints: N]
+    velocity : (nv,) array_like, optional, velocity limits that replace the robot's own [rad/s, m/s]
+    acceleration : (nv,) array_like, optional, acceleration limits that replace the robot's own; without
+        ``deceleration`` they also apply to joints that slow down [rad/s², m/s²]
+    deceleration : (nv,) array_like, optional, limits for joints that slow down, instead of the robot's [rad/s², m/s²]
+    jerk : (nv,) array_like or float, optional, jerk limits that replace the robot's own, inf: none [rad/s³, m/s³]
 
     Raises
     ------

@@ -96,7 +96,7 @@ def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Ar
 
     Parameters
     ----------
-    places, rates : (n,) arrays, as those of :class:`Averaged`; the rates are zero at both ends
+    places, rates : (n,) arrays, as in :class:`Averaged`; the rates are zero at both ends
 
     Examples
     --------
