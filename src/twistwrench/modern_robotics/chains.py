@@ -1,8 +1,7 @@
 """Chapters 4 to 6: kinematics of open chains from the book's lists, with kernels cached by the content of the lists.
 
-``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench (m,
-f) applied by the robot, in the end-effector frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6,
-n).
+``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench
+applied by the robot, in the end-effector frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6, n).
 """
 
 from __future__ import annotations
@@ -177,14 +176,14 @@ def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
 def IKinBody(
     Blist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
-    """Numerical inverse kinematics by body screws: joint angles that reach a pose; one pose at a time (MR section 6.2.2).
+    """Numerical inverse kinematics by body screws: joint angles that reach a pose; one pose per call (MR section 6.2.2).
 
     Newton–Raphson with the pseudoinverse, 20 steps at most.
 
     Returns
     -------
     thetalist : (n,) array
-    success: bool, True if they reach the pose
+    success : bool, True if they reach the pose
 
     Examples
     --------

@@ -44,7 +44,7 @@ class WrenchEllipsoid:
     matrix: Array
     """(..., n, n): A = J W⁻² J', with the rows of J of this part and W the scale of each torque."""
     axes: Array
-    """(..., n, n): the directions of the semi-axes, as columns, strongest first."""
+    """(..., n, n): directions of the semi-axes as columns, strongest first."""
     semi_axes: Array
     """(..., n): lengths of the semi-axes, descending; inf along directions that the structure bears."""
     part: str
@@ -67,7 +67,7 @@ class WrenchEllipsoid:
 
     @property
     def condition(self) -> Array:
-        """Condition number (...): the longest semi-axis over the shortest; inf at singular poses."""
+        """Condition number (...): ratio of the longest to the shortest semi-axis; inf at singular poses."""
         return self.semi_axes[..., 0] / self.semi_axes[..., -1]
 
     def reach(self, direction: ArrayLike) -> Array:
@@ -75,7 +75,7 @@ class WrenchEllipsoid:
 
         Parameters
         ----------
-        direction : (..., n) array_like, made of unit length
+        direction : (..., n) array_like, scaled to unit length
 
         Returns
         -------
@@ -113,7 +113,8 @@ def wrench_ellipsoid(
     part : "force", "moment" or "wrench"
         "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench", all
         six numbers (m, f), whose axes depend on the unit of length.
-    limits : (nv,) array_like, optional, each torque then counts as a share of its limit [N m, sliding joints: N]
+    limits : (nv,) array_like, optional, scales of the torques, which then count as shares of limits [N m, sliding
+    joints: N]
 
     Returns
     -------
@@ -208,7 +209,7 @@ def largest_wrench(
 
     Parameters
     ----------
-    direction : (3,) or (6,) array_like, a force at zero moment, or a wrench (m, f); made of unit length
+    direction : (3,) or (6,) array_like, a force at zero moment, or a wrench (m, f); scaled to unit length
 
     Returns
     -------
@@ -329,7 +330,7 @@ class WrenchPolytope:
         Parameters
         ----------
         x : (..., n) array_like [N or N m]
-        slack : float, by which it may lie outside [N or N m]
+        slack : float, tolerance outside the polytope [N or N m]
 
         Returns
         -------
@@ -347,7 +348,7 @@ class WrenchPolytope:
 
         Returns
         -------
-        largest : (...) array, inf where the structure bears part of the direction
+        largest : (...) array, inf if the structure bears part of the direction
         """
         d = arguments.finite(direction, "direction", self.normals.shape[1])
         most = (d @ self.vertices.T).max(axis=-1)
@@ -398,7 +399,7 @@ def wrench_polytope(
     Raises
     ------
     ValueRangeError
-        No wrench keeps the limits, the base floats, or there are no limits.
+        No wrench keeps the limits, the base is floating, or there are no limits.
 
     Examples
     --------

@@ -242,7 +242,7 @@ class Equations:
         Raises
         ------
         ValueRangeError
-            The prefix cannot begin a C identifier, or as for :meth:`function`.
+            The prefix cannot begin a C identifier, or :meth:`function` raises it.
         """
         return c_source(self, prefix)
 

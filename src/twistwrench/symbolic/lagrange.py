@@ -1,4 +1,4 @@
-"""Lagrange's equations of any Lagrangian, such as a bead on a wire, a cart with a pole, or any generalised coordinates."""
+"""Lagrange's equations for any Lagrangian and any coordinates: a bead on a wire, a cart with a pole, a robot."""
 
 from __future__ import annotations
 

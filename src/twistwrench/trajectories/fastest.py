@@ -42,7 +42,7 @@ _SMALLEST = 1e-9
 _MOST = 20_000
 """Maximum number of pieces of one pass."""
 _FEW = 20
-"""Maximum number of pieces in one test step of leaving the limit curve."""
+"""Maximum number of pieces in one test for leaving the limit curve."""
 _BESIDE = 1e-5
 """Distance on both sides of breaks at which the test for leaving the limit curve is made."""
 _STEP = 1e-7
@@ -119,7 +119,7 @@ def _advance(
 
 
 def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
-    """Arcs of the viability curve, ascending in s; between them it is the limit curve, tested at ``count`` points."""
+    """Arcs of the viability curve, ascending in s; between arcs the limit curve applies, tested at ``count`` points."""
     arcs: list[Arc] = []
     breaks = rows.breaks
     s, x = 1.0, 0.0

@@ -164,7 +164,7 @@ def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
 
 
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
-    """Finite copy of q (m, nq)."""
+    """Check that q (m, nq) is finite and has two axes."""
     array = np.asarray(arguments.finite(q, name, robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 2:
         raise ShapeError(f"{name} has shape {array.shape[1:] or array.shape}, expected ({robot.nq},) each.")
