@@ -114,7 +114,6 @@ def wrench_ellipsoid(
         "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench", all
         six numbers (m, f), whose axes depend on the unit of length.
     limits : (nv,) array_like, optional, each torque is then a share of its limit [N m, sliding joints: N]
-    joints: N]
 
     Returns
     -------
