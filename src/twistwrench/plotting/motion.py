@@ -116,7 +116,7 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylabel(torque_word(units[k]), fontsize=style.SMALL)
         axis.margins(x=0)
 
-    return _panels(motion, path, joints, "what each torque is made of", draw, seen, "time [s]")
+    return _panels(motion, path, joints, "contributions to each torque", draw, seen, "time [s]")
 
 
 def plot_power(motion: DrawnMotion, path: str | Path) -> Path:

@@ -95,7 +95,7 @@ def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
     axis.plot(result.times, result.drift, color=style.OVER)
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     drift = residual(result.relative_drift)
-    axis.set_title(f"Drift [J]: gain of energy that work does not explain; at most {drift} of what moved", loc="left")
+    axis.set_title(f"Drift [J]: energy gain not explained by work; at most {drift} of the energy exchanged", loc="left")
     axis.set_xlabel("time [s]")
 
 
@@ -174,7 +174,7 @@ def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
             axis.text(*place, name, color="white", ha="center", va="center", fontsize=style.SMALL, bbox=box)
     axis.set_yticks([])
     axis.grid(visible=False)
-    caption = "what is at its limit: torques plain, velocities hatched (dotted beside)"
+    caption = "active limits: torques plain, velocities hatched (dotted beside)"
     axis.set_title(caption, loc="left", color=style.QUIET, fontsize=style.SMALL)
     axis.set_xlim(0, fast.duration)
 
@@ -206,7 +206,7 @@ def _coloured(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     """Draw the rate of a time-optimal motion, each part in the colour of the limiting joint."""
     curves = fast.limit_curves()
     s, rate = curves.path
-    axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
+    axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by limiting joint")
     for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
         colour = style.SERIES[names.index(touch.joint) % len(style.SERIES)]

@@ -177,7 +177,7 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
     _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=report.scale)
     whole = len(states) == report.rows
     part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
-    what = "no torque to give" if report.is_zero(joint.largest) else "what its torque is made of"
+    what = "no torque to give" if report.is_zero(joint.largest) else "contributions to its torque"
     doubt = f" ± {deviation(report.reach(joint))}" if report.noisy else ""
     peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {seconds(joint.time)} s"
     style.titles(axis, f"{joint.joint}: {what}{part}", peak)

@@ -53,7 +53,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         )
     if limits is None and robot.nv and not free.all() and np.isinf(effort[~free]).all():
         raise ValueRangeError(
-            f"robot {robot.name!r} gives no effort limits, so nothing bounds what it can hold. "
+            f"robot {robot.name!r} has no effort limits, so its holding torques are unbounded. "
             f"Pass limits= with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
         )
     return effort
@@ -96,12 +96,12 @@ def require_fixed_base(robot: Robot, what: str) -> None:
     """Raise ValueRangeError for a robot with a floating base or without joints, whose torques cannot hold it."""
     if robot.nv == 0:
         raise ValueRangeError(
-            f"{what} of {robot.name!r} has no answer: it has no joint that moves. If joints are locked, lock fewer of them."
+            f"{what} needs a robot with moving joints, but {robot.name!r} has none. If joints are locked, lock fewer of them."
         )
     if floating_entries(robot).any():
         raise ValueRangeError(
-            f"{what} of {robot.name!r} needs a fixed base: nothing drives a floating one. "
-            "Load it with its base fixed, or, in Python, call statics.robot_equilibrium for what its contacts can bear."
+            f"{what} of {robot.name!r} needs a fixed base, since a floating base is not driven. "
+            "Load it with its base fixed, or, in Python, call statics.robot_equilibrium with contacts."
         )
 
 

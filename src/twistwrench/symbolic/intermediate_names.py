@@ -121,7 +121,7 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     heights = _heights(names, model, entries, motions)
     names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
     M = _mass_matrix(names, entries, velocities, n)
-    names.group("potential_energy", "the sum of −m (gravity · p), and what springs store")
+    names.group("potential_energy", "the sum of −m (gravity · p), and the energy of springs")
     lifted = (names.number(b.mass) * y for b, y in zip(entries.bodies, heights, strict=True))
     P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
     remark = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"

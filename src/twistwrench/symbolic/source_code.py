@@ -124,7 +124,7 @@ def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> lis
 
 def header(equations: Equations) -> list[str]:
     """Sentences for the top of a source file."""
-    more = "h has more in it than c and g: what is linear in the rates, or due to time."
+    more = "h has terms besides c and g: terms linear in the rates, or due to time."
     lines = [f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians."]
     lines += ["h = c(q, dq) + g(q)." if equations.split else more]
     for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):

@@ -223,8 +223,8 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
 
 def _lost(s: float) -> PathError:
     return PathError(
-        f"no fastest timing was found beyond s = {printed(s)}: limits change there in a way the search cannot follow. A "
-        "path with fewer corners, or limits less far apart from joint to joint, may help; a trapezoidal scaling always exists.",
+        f"no fastest timing was found beyond s = {printed(s)}: the search failed to follow the limits there. A path "
+        "with fewer corners, or more similar limits of the joints, may help; a trapezoidal scaling always exists.",
         reached=s,
     )
 
@@ -456,8 +456,8 @@ def fastest(
     q1 = np.abs(path(s)[1]).max(axis=-1)
     if q1.min() < 1e-7 * q1.max():
         raise ValueRangeError(
-            f"the path stands still at s = {number(s[int(q1.argmin())])}, so its rate there does not determine that of the "
-            "motion. Take one whose dq/ds is nowhere zero: a spline without times, or each part by itself."
+            f"the path stands still at s = {number(s[int(q1.argmin())])}, so that ds/dt does not determine the joint "
+            "velocities there. Use a path with non-zero dq/ds: a spline without times, or each part separately."
         )
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
     kept = replace(bounds, **{kind: getattr(bounds, kind) * (1.0 - spare) for kind in _KINDS})
@@ -468,8 +468,8 @@ def fastest(
     ]
     if passed:
         warnings.warn(
-            f"the path leaves the positions that joints of {robot.name!r} can take: {listed(passed, 4, '; ')}. No timing "
-            "mends that: take another path.",
+            f"the path exceeds position limits of {robot.name!r}: {listed(passed, 4, '; ')}. This does not depend on the "
+            "timing: choose another path.",
             ConstraintWarning,
             stacklevel=2,
         )

@@ -79,9 +79,9 @@ class PathRows:
         law = robot.model.friction
         if friction and (np.any(law.load) or np.any(law.static != law.coulomb)):
             raise ValueRangeError(
-                f"friction of {robot.name!r} depends on the load or sticks (static, Stribeck), and the fastest timing takes "
-                "viscous and Coulomb friction only. Leave friction out (--no-friction) and lower the effort limits by what it "
-                "takes."
+                f"friction of {robot.name!r} depends on the load or has static or Stribeck parts, but fastest timing supports "
+                "only viscous and Coulomb friction. Leave friction out (--no-friction) and lower the effort limits by the "
+                "friction torques."
             )
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))
         self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))

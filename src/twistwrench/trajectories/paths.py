@@ -148,7 +148,7 @@ def require_path(path: Any, what: str) -> JointPath:
 def one_degree_joints(robot: Robot, what: str) -> None:
     """Raise ValueRangeError if a joint has several degrees of freedom, naming it, or if the robot has no joints."""
     if not robot.nv:
-        raise ValueRangeError(f"{what} has no answer: robot {robot.name!r} has no joint that moves.")
+        raise ValueRangeError(f"{what} needs a robot with moving joints, but {robot.name!r} has none.")
     others = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
     if others:
         raise ValueRangeError(
