@@ -195,7 +195,7 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["identify", "nowhere.csv"], "no log 'nowhere.csv'"),
         (["identify", "demo", "--bias", "1,2"], "--bias '1,2': expected 6 numbers"),
         (["identify", "demo", "--noise", "x"], "--noise 'x': expected 2 or 6 numbers"),
-        (["identify", "demo", "--sign", "by_sensor"], "Use --sign on_sensor: what is left is then noise of"),
+        (["identify", "demo", "--sign", "by_sensor"], "Use --sign on_sensor: the residual is then noise of"),
         (["identify", "demo", "--gravity", "0"], "--gravity 0.0"),
         (["identify", "demo", "--plot", "x.exe"], "Choose one of .png, .pdf, .svg"),
         (["identify", "demo", "--plot", "x.jpg"], "pictures of kind 'jpg' are not made"),
@@ -288,7 +288,7 @@ def test_a_picture_without_a_kind_is_a_png(run, tmp_path, monkeypatch):
 
 def test_the_wrong_sign_and_mounting_are_said_with_the_way_out(run, tmp_path, log):
     code, said = run("identify", "demo", "--sign", "by_sensor")
-    assert (code, "Use --sign on_sensor: what is left is then noise of" in said) == (2, True)
+    assert (code, "Use --sign on_sensor: the residual is then noise of" in said) == (2, True)
     turned = ForceTorqueSensor(SENSOR.load, SENSOR.bias, mounting=tw.so3.exp([0.4, 0.2, 0.3]))
     write_log(simulate(turned, 12), tmp_path / "log.csv")
     code, said = run("identify", tmp_path / "log.csv")

@@ -176,7 +176,7 @@ def test_the_right_sign_and_mounting_are_suggested(seed, mass):
     axis = np.random.default_rng(seed).normal(size=3)
     axis /= np.linalg.norm(axis)
     flipped = verdict(*read(seed, mass, "by_sensor"))
-    assert "Use sign='by_sensor': what is left is then noise of 0." in flipped, flipped
+    assert "Use sign='by_sensor': the residual is then noise of 0." in flipped, flipped
     for angle in (0.6, math.pi / 2, math.pi):
         turned = verdict(*read(seed, mass, turn=angle * axis))
         assert "Use sign='on_sensor' with assume='orientation' (turned by" in turned
@@ -273,7 +273,7 @@ def test_swapped_forces_and_moments_have_their_bias_swapped_too(seed):
     R = orientations(np.random.default_rng(seed), 12)
     readings = simulate(AT_REST, R, rng=seed).readings
     said = verdict(np.roll(readings, 3, axis=1), R, bias=np.roll(BIAS, 3))
-    assert re.search(r"seem swapped.* what is left is noise of 0\.[23]\d* N and 0\.0[01]\d* N m", said), said
+    assert re.search(r"seem swapped.* the residual is noise of 0\.[23]\d* N and 0\.0[01]\d* N m", said), said
 
 
 def test_gravity_that_points_up_is_as_good_as_the_other_sign_at_rest():

@@ -38,7 +38,7 @@ SHEARED = np.eye(3) + np.array([[0, 0.2, 0], [0, 0, 0], [0, 0, 0]])
         ({"quaternion": np.full((4, 4), 0.5)}, "Keep one"),
         ({"pose": np.tile(np.eye(3), (3, 1, 1))}, "a row for each reading"),
         ({"pose": None, "gravity": [0, 0, 0]}, "gravity is zero"),
-        ({"V": np.zeros((4, 6))}, "V and dV come together"),
+        ({"V": np.zeros((4, 6))}, "V and dV belong together"),
         ({"time": [0, 1]}, "time has shape"),
         ({"time": [0, 1, 1, 2]}, "time of reading 2 is 1 s, not after the 1 s"),
         ({"time": [0, 1, 3, 2]}, "time of reading 3 is 2 s, not after the 3 s"),

@@ -120,7 +120,7 @@ class DoctorReport:
         """Findings whose repairs :meth:`write` applies to the file.
 
         Includes errors, warnings, impossible tensors, and parts to be mirrored if a side is given, provided that the
-        file contains the numbers. Of two findings that change the same number, neither is included.
+        file contains the numbers. Of several findings that change the same number, only the worst is included.
         """
         found: list[Finding] = []
         taken: set[Place] = set()

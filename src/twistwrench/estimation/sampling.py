@@ -4,8 +4,8 @@ The displacement of joint j in step i differs from the mean of the neighbouring 
 
     e_ij = q_j(t_{i+1}) - q_j(t_i) - h_i v_ij.
 
-Positions that become late by s, or omitted rows, give e_i = -s v_i or e_i = s v_i in all joints at once, and the path
-continues beside the step. Let d_i be the deviation of q_i from the straight line between its neighbours. A corner of a
+Positions that become late by s give e_i = -s v_i in all joints at once; omitted rows give e_i = s v_i. In both cases the
+neighbouring steps are normal. Let d_i be the deviation of q_i from the straight line between its neighbours. A corner of a
 path is one large d. A single wrong row of size d is (-d/2, d, -d/2), larger than elsewhere in the log. A stamp that is
 wrong by s gives d = -s dq/dt in every joint.
 """
@@ -296,7 +296,7 @@ def segments(time: Array) -> list[slice]:
 
 
 def rate_scales(runs: Sequence[tuple[Array, Array, Array]], alike: Array) -> Array:
-    """Scale (k,) of rates y over the slopes of curves x, by least squares on ∫y dt; runs of (n,), (n, k) and (n, k).
+    """Scale (k,) of rates y over the slopes of curves x, by least squares on ∫y dt; runs are (t, x, y).
 
     It is 1 if they agree or it is undetermined, inf if y moves and x does not. Speeds are compared among curves of one
     kind, as given by ``alike`` (k,), because units differ.
@@ -321,7 +321,7 @@ def rate_scales(runs: Sequence[tuple[Array, Array, Array]], alike: Array) -> Arr
 def _sums(time: Array, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Sums (5, k), largest numbers (3, k) and least steps (k,) of one segment."""
     integral, extent, moved = _integral(time, y), np.ptp(x, axis=0), np.abs(np.diff(x, axis=0))
-    # Also sum every other row: samples do not determine a rate that changes from row to row.
+    # Integrate every other row for comparison: samples do not resolve a rate that changes from row to row.
     coarser = _integral(time[::2], y[::2]) - integral[::2]
     a, b = x - x.mean(axis=0), integral - integral.mean(axis=0)
     noise = np.sum(np.diff(x, 2, axis=0) ** 2, axis=0) / 6.0
@@ -345,7 +345,7 @@ _LAGS = np.linspace(-0.6, 0.6, 97)
 _STEP, _SHORTEST = 0.005, 1.5
 """Time between compared rows, and shortest length of a run [s]."""
 _LEAST, _LEAST_STEPS = 0.04, 2.0
-"""Smallest reported delay [s], and in time steps; filters of drives and stamps of one cycle cause less."""
+"""Smallest reported delay in s and in time steps; filters of drives, and stamps per control cycle, cause less."""
 _LEFT, _MATTERS = 0.25, 2e-4
 """Largest share of the squares left by a valid delay, and smallest relevant share of the curve's squares."""
 _AS_GOOD = 1e-3

@@ -1,10 +1,10 @@
 """Elements, attributes and model fields of other programs' formats: read, ignored, or left out with a note.
 
-``KNOWN[format][tag][name]`` is one of these; ``name`` is an attribute, or ``<child>`` for an element. An element marked
-READ has a row of its own, named by its tag, or ``parent/tag`` for tags with two meanings; without a row it contains
-only text. NO_MECHANICS (appearance, contacts, sensors, controllers) is skipped entirely. :class:`LeftOut` is mechanics
-that is not read. ``*`` stands for all unlisted names. Unlisted names with another program's prefix are skipped; other
-unlisted names give a note. The names are in ``known_elements.txt``.
+``KNOWN[format][tag][name]`` is READ, NO_MECHANICS or a :class:`LeftOut`; ``name`` is an attribute, or ``<child>`` for an
+element. An element marked READ has a row of its own, named by its tag, or ``parent/tag`` for tags with two meanings;
+without a row it contains only text. NO_MECHANICS (appearance, contacts, sensors, controllers) is skipped entirely.
+:class:`LeftOut` is mechanics that is not read. ``*`` stands for all unlisted names. Unlisted names with another
+program's prefix are skipped; other unlisted names give a note. The names are in ``known_elements.txt``.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ LEFT_OUT: Mapping[str, str] = {
     "joint/springyield": "has a spring that yields (springyield), which is read as elastic",
     "ball/stiffness": "is a ball or free joint with a stiffness, which is left out",
     "ball/range": "is a ball joint with a limit, which is not kept",
-    "actuator/unknown": "is not an actuator known here, and what it does is left out",
-    "actuator/joint": "drives no hinge or slide, and what it does is left out",
+    "actuator/unknown": "is not an actuator known here, and its effect is left out",
+    "actuator/joint": "drives no hinge or slide, and its effect is left out",
     "actuator/damping": "has a damping that is a polynomial, of which the linear term alone is kept",
     "tendon/stiffness": "has a stiffness that is a polynomial, and its spring is left out",
     "tendon/springyield": "has a spring that yields (springyield), which is read as elastic",

@@ -229,7 +229,7 @@ def _field(model: Any, name: str, i: int, default: Any = None) -> Any:
 
 
 def _polynomial(model: Any, name: str, i: int) -> ArrayLike:
-    """Linear coefficient of a damping or stiffness, and 1 if there are higher orders, as in newer versions."""
+    """Linear coefficient of a damping or stiffness, and 1 if it also has higher orders (newer versions of MuJoCo)."""
     linear, *more = [x for one in (name, f"{name}poly") for x in np.ravel(_field(model, one, i, ()))]
     return (linear, 1.0) if any(more) else linear
 

@@ -174,7 +174,7 @@ def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | Non
             f"{counted} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
             "(0.5, not 0,5)."
         )
-    return f"{counted} Remove what is too much."
+    return f"{counted} Remove the extra cells."
 
 
 def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:

@@ -220,7 +220,7 @@ def _pattern(words: Iterable[str]) -> tuple[str, ...]:
 def _left_over(
     taken: Iterable[Sequence[str]], all_words: Iterable[Sequence[str]], known: Iterable[Sequence[str]]
 ) -> bool:
-    """True if columns with the names of those taken, but other numbers, are not among the ``known``."""
+    """True if there are unknown columns whose names differ from those taken only by a number."""
     patterns, own = {_pattern(w) for w in taken}, {tuple(w) for w in [*taken, *known]}
     return any(_pattern(w) in patterns and tuple(w) not in own for w in all_words)
 

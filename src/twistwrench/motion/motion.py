@@ -578,7 +578,7 @@ class Motion:
         """
         if require_robot(robot, "Motion.with_robot").coordinate_names != self.robot.coordinate_names:
             raise ValueRangeError(
-                f"the motion is of robot {self.robot.name!r}, whose coordinates are others than those of {robot.name!r}."
+                f"the motion belongs to robot {self.robot.name!r}, whose coordinates differ from those of {robot.name!r}."
             )
         return replace(self, robot=robot)
 

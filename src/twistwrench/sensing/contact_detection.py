@@ -342,7 +342,7 @@ def _check_rate(false_alarms: float) -> None:
 
 # ── Compensation of a log by a known sensor, and explanations of a log that the sensor's file does not fit
 
-_STRANGE = 5.0  # residual ratio between explanations, or residual over noise, above which another cause is searched for
+_STRANGE = 5.0  # minimum residual over noise for a search, and minimum reduction of it by the cause
 _TURNS = 0.3  # spread of gravity directions above which a constant residual is a bias
 _EXACT = 1e-3  # of the load's wrench: smallest model error, used as a lower bound of the noise
 # Changes only the mass, so it is detected only if the mass is known.

@@ -59,7 +59,7 @@ _GAIN = 0.05  # of the load's wrench; smaller gains and cross-talk resemble pose
 
 
 def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
-    """Fit and its mask (n,) of kept rows; if bias drift explains the rows left out, with these included."""
+    """Restore rejected rows if bias drift explains them; returns the fit and its mask (n,) of kept rows."""
     drifts = problem.with_unknowns(drift=True)
     if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(drifts):
         return found, kept
@@ -154,7 +154,7 @@ def _chance_of_rows(P: Array, e: Array, free: float) -> float:
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
-    """Columns (n, 6, k) of each possible unknown; for a gain, each channel with a share of each load component."""
+    """Design columns (n, 6, k) of each possible unknown; for a gain, one for each pair of channel and load component."""
     log = problem.log
     state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
     possible = {"turn": True, "drift": True, "tilt": log.rotations is not None}
@@ -309,7 +309,7 @@ def _poses(found: Diagnosis, own: float) -> Doubt:
 
 def _ways(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
     best, *same = as_good_as_the_best(better)
-    ways = f"Use {' or '.join(e.options for e in (best, *same))}: what is left is then {_noise(best)}."
+    ways = f"Use {' or '.join(e.options for e in (best, *same))}: the residual is then {_noise(best)}."
     if same:
         ways += " These cannot be distinguished: check the sign, or add readings tilted about another axis."
     upward = log.by_gravity and log.V is None and best.sign != found.sign
@@ -347,7 +347,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
     if unexplained or free_bias(found, problem) is not None:
         if slip := _slip(found, problem, better[0] if better else found):
             return [slip]
-        left = f"what is left is {_noise(found)}, {percent(share, 2)} of how forces change"
+        left = f"the residual is {_noise(found)}, {percent(share, 2)} of the change of forces"
         if better:
             doubts.append(doubt("sensor-sign", left=left, ways=_ways(better, found, log)))
         elif seems_moving(log):

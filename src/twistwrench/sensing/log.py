@@ -145,7 +145,7 @@ class ReadingLog:
                 f"{name}: gravity is zero in a reading, so nothing has a weight. Give {STRENGTH} m/s² of it."
             )
         if (V is None) != (dV is None):
-            raise ValueRangeError(f"{name}: V and dV come together. Give both, or none for a sensor that stands still.")
+            raise ValueRangeError(f"{name}: V and dV belong together. Give both, or neither for a sensor at rest.")
         t = None if time is None else np.array(arguments.real(time, f"{name}: time"), float)
         if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
             raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")

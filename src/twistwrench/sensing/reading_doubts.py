@@ -87,7 +87,7 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
 
 
 def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
-    """True if a sign and mounting may explain a log significantly better. At rest: if any linear map of gravity does.
+    """True if another sign or mounting may explain a log significantly better; at rest, if any linear map of gravity does.
 
     Bias and weight are a linear map of gravity for every sign and mounting. If the best linear map is not better, no
     other sign or mounting is.
