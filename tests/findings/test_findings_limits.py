@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import re
 import sys
@@ -17,6 +18,7 @@ from robot_files import FILES
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.reports.load_case import arm_entries, placeholder_limits, weight_share
+from twistwrench.reports.robot_summary import read_limits
 
 T = np.arange(0, 4, 0.01)
 S = (T / 4) ** 3 * (10 - 15 * T / 4 + 6 * (T / 4) ** 2)
@@ -290,7 +292,54 @@ def test_finding_22_limits_in_degrees_are_found(run, tmp_path, command):
     (tmp_path / "limits.csv").write_text(rows.replace("180", "3.14").replace("300", "5"))
     assert run(*COMMANDS[command], "--limits", "limits.csv")[0] == 0
     (tmp_path / "limits.csv").write_text(rows.replace("180", "inf"))
+    code, said = run(*COMMANDS[command], "--limits", "limits.csv")
+    assert code == 2 and "velocity look like degrees: 300 for 'shoulder' is 47.7 turns a second" in said, said
+    (tmp_path / "limits.csv").write_text(rows.replace("180", "inf").replace("velocity", "velocity [rad/s]"))
     assert run(*COMMANDS[command], "--limits", "limits.csv")[0] == 0
+
+
+@pytest.mark.parametrize(
+    "head, row, velocity",
+    [
+        ("joint,velocity [deg/s]", "shoulder,180", math.pi),
+        ("joint,velocity [rad/s]", "shoulder,180", 180.0),
+        ("joint,unit,velocity", "shoulder,deg,180", math.pi),
+        ("joint,unit,velocity", "shoulder,rad,3", 3.0),
+        ("joint,unit,velocity", "shoulder,,3", 3.0),
+    ],
+)
+@pytest.mark.parametrize("degrees", [False, True])
+def test_the_unit_of_a_limit_is_that_of_its_head_or_row_before_that_of_the_command(
+    head, row, velocity, degrees, tmp_path
+):
+    (tmp_path / "limits.csv").write_text(f"{head}\n{row}\n")
+    limits = read_limits(tmp_path / "limits.csv", tw.load(arm()).model, degrees=degrees)
+    own = degrees and row == "shoulder,,3"
+    assert limits.velocity[0] == pytest.approx(math.radians(velocity) if own else velocity, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "head, row, words",
+    [
+        ("joint,unit,velocity", "shoulder,banana,3", "'banana' is not a unit of this joint. Write rad or deg"),
+        ("joint,velocity [furlong]", "shoulder,3", "the unit of 'velocity [furlong]' is not known"),
+        ("joint,effort [lbf in]", "shoulder,3", "the unit of 'effort [lbf in]' is not known. Write N m or N"),
+    ],
+)
+def test_unknown_units_of_limits_are_errors(head, row, words, tmp_path):
+    (tmp_path / "limits.csv").write_text(f"{head}\n{row}\n")
+    with pytest.raises(tw.ValueRangeError, match=re.escape(words)):
+        read_limits(tmp_path / "limits.csv", tw.load(arm()).model)
+
+
+def test_an_ok_without_limits_of_velocity_says_so(run, tmp_path):
+    for name, text in (
+        ("none.urdf", arm().replace('velocity="5"', "")),
+        ("degrees.urdf", arm().replace('velocity="5"', 'velocity="180"')),
+    ):
+        (tmp_path / name).write_text(text)
+        code, said = run("torques", name, "--trajectory", "ok.csv")
+        assert code == 0 and said.startswith("OK") and "Assumption: no velocity limit is known" in said, said
 
 
 def test_finding_22_many_turns_of_a_joint_are_no_degrees(run, tmp_path):

@@ -88,7 +88,7 @@ def test_finding_27_drift_is_named_before_poses_are_blamed(tmp_path):
     result = run()
     assert result.exit_code == 1
     assert result.output.startswith("UNSURE: ")
-    assert "ask for --assume drift" in result.output
+    assert "pass --assume drift" in result.output
     assert "Look at the poses" not in result.output
     assert run("--assume", "drift").output.startswith("OK: ")
 

@@ -158,7 +158,7 @@ def test_one_limit_of_acceleration_holds_for_both_ways(ur5, tmp_path, header, ro
     ],
 )
 def test_limits_that_are_not_judged_are_named_in_the_verdict(run, motion_file, tmp_path, header, words):
-    (tmp_path / "limits.csv").write_text(f"joint,{header}\nelbow_joint{',90' * len(header.split(','))}\n")
+    (tmp_path / "limits.csv").write_text(f"joint,{header}\nelbow_joint{',9' * len(header.split(','))}\n")
     code, said = run("torques", "ur5", "--trajectory", motion_file, "--limits", tmp_path / "limits.csv")
     assert code == 0 and words in " ".join(said.split()), said
     assert ("not judged" in said) == (header != "velocity")

@@ -204,9 +204,19 @@ def test_rms_weighs_uneven_steps_by_their_length():
 def test_gaps_are_counted_across_portions():
     gaps = Gaps(0.5)
     for part in ([0.0, 0.1], [1.1, 1.2, 3.2], [3.3]):
-        gaps.add(np.array(part), np.minimum(part, 1.1)[:, None])
+        q = np.minimum(part, 1.1)[:, None]
+        gaps.add(np.array(part), q, np.zeros_like(q))
     assert (gaps.count, gaps.longest, gaps.longest_at) == (2, pytest.approx(2.0), pytest.approx(1.2))
-    assert (gaps.hidden, gaps.hidden_at) == (pytest.approx(1.0), pytest.approx(0.1))  # the longer one stands
+    assert gaps.hiding == [(pytest.approx(0.1), pytest.approx(1.0))]  # the longer one stands
+
+
+def test_a_gap_hides_a_motion_that_comes_back_to_where_it_began():
+    time = np.array([0.0, 0.1, 1.1, 1.2])
+    for speed, hidden in ((1.0, 1.0), (0.0, 0.0)):
+        gaps = Gaps(0.5)
+        gaps.add(time, np.zeros((4, 1)), speed * np.array([[1.0], [1.0], [-1.0], [-1.0]]))
+        assert gaps.hidden == pytest.approx(hidden)
+        assert gaps.beside(1.1, 0.01) == (hidden > 0) and not gaps.beside(0.5, 0.01)
 
 
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])

@@ -21,6 +21,7 @@ from ..model.assembly import follower_torques
 from ..model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
 from ..model.limits import Limits
 from ..model.model import BASE, Model
+from ..motion.coordinates import Coordinates
 from ..motion.differentiation import MotionSamples
 from ..typing import Array
 from .robot_summary import StatedLimits, parse_numbers
@@ -43,6 +44,8 @@ _POSES, _USUAL = 2000, 0.15
 """Random poses, and the share of effort below which an arm's own weight leaves it in doubt: real arms have 0.25 to 0.83."""
 _LARGE, _LIGHT = 1000.0, 50.0
 """Effort [N m or N] that stands for none, in a robot of less than so many kilograms."""
+_FASTEST = 60.0
+"""Velocity limit [rad/s] from which it stands for none, or is in degrees; joints of quadrupeds reach 52."""
 _CHAIN, _FINGER = 3, 4
 """Fewest joints of an arm before it branches, and most joints one behind the other of a finger."""
 _SETS = {
@@ -78,6 +81,13 @@ def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
     """Names of the drives that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
     missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
     return [name for name, none in zip(model.drive_labels, missing, strict=True) if none]
+
+
+def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
+    """Joints with a drive whose velocity limit is unknown: none is given, or beyond that of any joint of a robot."""
+    turning = Coordinates.from_model(model).angular_velocity
+    unknown = ~(limits.velocity < np.where(turning, _FASTEST, np.inf))
+    return [name for name, none in zip(model.velocity_names, driven_entries(model) & unknown, strict=True) if none]
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:

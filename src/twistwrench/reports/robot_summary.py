@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -254,8 +255,15 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
     "nan": math.nan
 }
 """Words for numbers."""
-_TURNS, _ENDLESS, _FAR = 4 * math.pi, 1e4, 3.0
-"""Two turns [rad], from which positions may be degrees; numbers that stand for no limit; times the robot's own limit."""
+_TURNS, _FAST, _ENDLESS, _FAR = 4 * math.pi, 20.0, 1e4, 3.0
+"""rad and rad/s, from which numbers may be degrees; numbers that stand for no limit; times the robot's own limit."""
+_ANGULAR = dict.fromkeys(("rad", "radian", "radians"), 1.0) | dict.fromkeys(
+    ("deg", "degree", "degrees", "°"), math.radians(1.0)
+)
+"""Units of angles, in rad."""
+_LINEAR = ("m", "metre", "meter", "metres", "meters")
+_UNIT_OF_HEAD = re.compile(r"(?P<name>\w+) *[\[(](?P<unit>[^\])]*)[\])]")
+"""A head with a unit: ``velocity [deg/s]``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,8 +275,9 @@ class StatedLimits(Limits):
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
-    """The model's limits with those of a file in their places; angles of the file are in degrees if ``degrees``.
+    """The model's limits with those of a file in their places.
 
+    Angles are in the unit of the head, ``velocity [deg/s]``, else of the column ``unit``, else in degrees if ``degrees``.
     Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
     :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
@@ -277,12 +286,12 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
     path = as_path(path)
     with table_errors(path, "limits file", f"joint,{','.join(_KINDS)}, then a line per joint"):
         file = CsvFile.open(path)
-        header, rows = _header(file), list(file.rows())
+        header, units = _header(file)
+        rows = list(file.rows())
     joints = Coordinates.from_model(model)
-    angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
-    sizes, stated = np.zeros(model.nv), np.zeros(model.nv, bool)
+    sizes, stated = {"position": np.zeros(model.nv), "velocity": np.zeros(model.nv)}, np.zeros(model.nv, bool)
     for line, cells in rows:
         row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
         if row.get("leader"):
@@ -298,34 +307,57 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         stated[k] = "effort" in values
         if "acceleration" in values:
             values.setdefault("deceleration", values["acceleration"])
+        scale = _scale(row.get("unit", ""), bool(joints.angular_velocity[k]), degrees, where)
         for kind, value in values.items():
-            found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
-        positions = (values.get(kind, math.inf) for kind in ("lower", "upper"))
-        sizes[k] = max((abs(x) for x in positions if math.isfinite(x)), default=0)
+            found[kind][k] = value * (1.0 if kind == "effort" else units.get(kind, scale))
+            what = "velocity" if kind == "velocity" else "position" if kind in ("lower", "upper") else None
+            if what and kind not in units and scale == 1.0 and math.isfinite(value):
+                sizes[what][k] = max(sizes[what][k], abs(value))
         if found["lower"][k] > found["upper"][k]:
             raise ValueRangeError(
                 f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
                 f"{printed(found['upper'][k])}. Swap them."
             )
-    if not degrees:
-        _check_radians(path, sizes * joints.angular_velocity, model)
+    for what, size in sizes.items():
+        _check_radians(path, what, size * joints.angular_velocity, model)
     return StatedLimits(**found, stated=stated)
 
 
-def _check_radians(path: Path, sizes: Array, model: Model) -> None:
-    """Refuse positions of turning joints that are degrees: more than half are beyond two turns and the robot's own.
+def _check_radians(path: Path, what: str, sizes: Array, model: Model) -> None:
+    """Refuse limits of turning joints that are degrees: more than half are beyond those of joints, and of the robot's own.
 
-    ``sizes`` (nv,) are the largest magnitudes in the file, zero where none is given.
+    ``sizes`` (nv,) are the largest magnitudes of the file without a unit in their heads, zero where none is given.
     """
-    own = np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
-    far = (sizes > _TURNS) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
+    own = (
+        model.limits.velocity
+        if what == "velocity"
+        else np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
+    )
+    beyond = _FAST if what == "velocity" else _TURNS
+    far = (sizes > beyond) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
     if not 2 * int(far.sum()) > int((sizes > 0).sum()):
         return
     k = int(np.argmax(far))
+    turns, unit = f"{printed(sizes[k] / math.tau, 3)} turns", "/s" if what == "velocity" else ""
+    head = "velocity" if what == "velocity" else "lower"
     raise ValueRangeError(
-        f"{path}: the limits of position look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
-        f"{printed(sizes[k] / math.tau, 3)} turns in radians. Add --degrees, or write radians; inf stands for no limit."
+        f"{path}: the limits of {what} look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
+        f"{turns}{' a second' if unit else ''} in radians. Add --degrees, or name the unit in the header "
+        f"('{head} [deg{unit}]' or '{head} [rad{unit}]') or in a column 'unit'; inf stands for no limit."
     )
+
+
+def _scale(unit: str, turns: bool, degrees: bool, where: str) -> float:
+    """Radians or metres in one unit of a row: that of its column ``unit``, else degrees of a turning joint if ``degrees``."""
+    if not unit:
+        return math.radians(1.0) if turns and degrees else 1.0
+    known = _ANGULAR if turns else dict.fromkeys(_LINEAR, 1.0)
+    if (found := known.get(unit.lower())) is None:
+        allowed = "rad or deg" if turns else "m"
+        raise ValueRangeError(
+            f"{where}, column 'unit': {unit!r} is not a unit of this joint. Write {allowed}, or leave it blank."
+        )
+    return found
 
 
 def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
@@ -345,15 +377,29 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
     return k
 
 
-def _header(file: CsvFile) -> list[str]:
-    header = [cell.strip().lower() for cell in file.header]
+def _header(file: CsvFile) -> tuple[list[str], dict[str, float]]:
+    """Names of the columns, and the factors to radians of those with an angular unit in their heads."""
+    header, units = [], {}
+    for cell in file.header:
+        head = _UNIT_OF_HEAD.fullmatch(cell.strip())
+        name, unit = (head["name"].lower(), head["unit"].strip().lower()) if head else (cell.strip().lower(), "")
+        header.append(name)
+        angle = re.sub(r"(/s(ec)?([\^²³23*]*)| per s)$", "", unit)
+        if unit and name != "effort" and angle not in _LINEAR:
+            if angle not in _ANGULAR or name not in _KINDS:
+                raise ValueRangeError(
+                    f"{file.path}: the unit of {cell!r} is not known. Write rad or deg, with /s for a velocity."
+                )
+            units[name] = _ANGULAR[angle]
+        elif unit and name == "effort" and unit.replace("*", " ") not in ("n m", "nm", "n", "n·m"):
+            raise ValueRangeError(f"{file.path}: the unit of {cell!r} is not known. Write N m or N.")
     unknown = [name for name in header if name not in COLUMNS]
     if "joint" not in header or unknown or len(set(header)) < len(header):
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
             f"{', '.join(_KINDS)}, each once, separated by commas."
         )
-    return header
+    return header, units
 
 
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:

@@ -22,7 +22,6 @@ from .sentences import SENTENCES, sentence
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
 from .torque_verdict import (
-    HIDDEN,
     KINDS,
     NEAR,
     SHARE,
@@ -38,6 +37,7 @@ from .torque_verdict import (
     force_remark,
     is_noise,
     model_warnings,
+    most_hidden,
     verdict_of,
 )
 
@@ -203,13 +203,13 @@ def _of_the_log(report: TorqueReport) -> dict[str, Any]:
         {"chance": j.chance, "reach": report.reach(j), "end": report.at_an_end(j), "sigma": j.uncertainty}
         for j in report.joints
     ]
-    share = HIDDEN * (report.end - report.begin)
-    gap = {"hidden": report.gaps.hidden, "words": report.gaps.hidden_words, "most": share}
+    hidden = report.gaps.hidden
+    gap = {"hidden": hidden, "words": report.gaps.hidden_words, "most": most_hidden(report)} if hidden else None
     return {
         "passed": [vars(e) for e in passed],
         "noisy": noise,
         "joints": joints if report.noisy else None,
-        "gap": gap if report.gaps.hidden else None,
+        "gap": gap,
         "asLogged": _over_as_logged(report),
         "questions": [f"{question} {remark}" for question, remark in _questions(report) if question != MISSING_CONTACT],
         "text": verdict_text(report),

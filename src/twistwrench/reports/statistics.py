@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,9 +44,9 @@ class Rms:
         return np.asarray(np.sqrt(self._integral / duration if duration > 0 else self._last[1]))
 
 
-_LONG, _MOVED = 0.1, 1e-3
-"""A gap so long [s], across which a coordinate changes by so much [rad, m], hides a motion: in less time no joint that has
-mass speeds up and brakes again."""
+_LONG, _MOVED, _FAST = 0.1, 1e-3, 0.1
+"""Length of a gap [s], change of a coordinate across it [rad, m], and speed beside it as a share of the largest, from which it
+hides a motion: in less time no joint that has mass speeds up and brakes again."""
 
 
 @dataclass
@@ -57,29 +57,47 @@ class Gaps:
     count: int = 0
     longest: float = 0.0
     longest_at: float = float("nan")
-    hidden: float = 0.0
-    """The longest in which something moved [s]."""
-    hidden_at: float = float("nan")
-    _last: tuple[float, Array] | None = None
+    fastest: float = 0.0
+    """Largest speed of a coordinate [rad/s, m/s]."""
+    _long: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Begin, length, largest change of a coordinate and largest speed beside it, of each gap in which joints may have moved."""
+    _last: tuple[float, Array, float] | None = None
+
+    @property
+    def hiding(self) -> list[tuple[float, float]]:
+        """Begin and length [s] of each gap in which something moved: across it, or at its ends."""
+        fast = max(_FAST * self.fastest, _MOVED)
+        return [(at, step) for at, step, moved, speed in self._long if moved > _MOVED or speed > fast]
+
+    @property
+    def hidden(self) -> float:
+        """Length [s] of the longest gap in which something moved; 0 without any."""
+        return max((step for _, step in self.hiding), default=0.0)
 
     @property
     def hidden_words(self) -> str:
-        """The longest pause in which something moved."""
-        return (
-            f"the robot moves while nothing is logged for {number(self.hidden)} s after t = {seconds(self.hidden_at)} s"
-        )
+        """Sentence on the longest gap in which something moved."""
+        at, step = max(self.hiding, key=lambda gap: gap[1])
+        return f"the robot moves while nothing is logged for {number(step)} s after t = {seconds(at)} s"
 
-    def add(self, time: Array, q: Array) -> None:
-        """Take in consecutive times (n,) and coordinates (n, nq)."""
+    def beside(self, time: float, within: float) -> bool:
+        """True if the time is at most ``within`` [s] from an end of a gap in which something moved."""
+        return any(min(abs(time - at), abs(time - at - step)) <= within for at, step in self.hiding)
+
+    def add(self, time: Array, q: Array, dq: Array) -> None:
+        """Add consecutive times (n,), coordinates (n, nq) and velocities (n, nv)."""
+        speed = np.abs(dq).max(axis=1, initial=0.0)
+        self.fastest = max(self.fastest, float(speed.max(initial=0.0)))
         if self._last is not None:
-            time, q = np.r_[self._last[0], time], np.concatenate([self._last[1][None], q])
+            before, at, fast = self._last
+            time, q, speed = np.r_[before, time], np.concatenate([at[None], q]), np.r_[fast, speed]
         steps, moved = np.diff(time), np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0)
         found = steps > self.threshold
         self.count += int(found.sum())
         self.longest, self.longest_at = _longest(time, np.where(found, steps, 0.0), (self.longest, self.longest_at))
-        hides = found & (steps > _LONG) & (moved > _MOVED)
-        self.hidden, self.hidden_at = _longest(time, np.where(hides, steps, 0.0), (self.hidden, self.hidden_at))
-        self._last = float(time[-1]), q[-1].copy()
+        for k in np.flatnonzero(found & (steps > _LONG)):
+            self._long.append((float(time[k]), float(steps[k]), float(moved[k]), float(speed[k : k + 2].max())))
+        self._last = float(time[-1]), q[-1].copy(), float(speed[-1])
 
 
 def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from ..model.inertia_checks import massless_links
 from ..model.limits import Limits, over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
-from .load_case import TEMPLATE, Payload, cause_label, limit_doubts, unlimited
+from .load_case import TEMPLATE, Payload, cause_label, limit_doubts, unlimited, without_velocity_limit
 from .log_quality import MeasuredTorque
 from .sentences import sentence
 from .statistics import INTERVAL
@@ -108,6 +108,9 @@ def assumptions(
     that are ``unjudged`` as to acceleration and jerk are named.
     """
     clauses = []
+    if unjudged and (unknown := without_velocity_limit(model, unjudged)):
+        named = "" if len(unknown) == len(model.velocity_names) else f" of {listed(unknown, 4)}"
+        clauses.append(f"no velocity limit{named} is known")
     kinds = [kind for kind in ("acceleration", "jerk") if unjudged and np.isfinite(getattr(unjudged, kind)).any()]
     if kinds:
         clauses.append(f"limits of {' and '.join(kinds)} are not judged")
@@ -167,6 +170,8 @@ _COUNTS, _SMALL = 0.5, 0.02
 HIDDEN, NEAR = 0.15, 0.8
 """Share of the time from which a pause in which the robot moves leaves too much of the motion unknown, and share of a limit
 beside which any such pause does."""
+_BESIDE = 3
+"""Usual steps of the log within which a peak is at the end of a gap."""
 _MOST_LISTED = 4
 
 
@@ -182,13 +187,20 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
     near = max((j.share for j in report.joints), default=0.0) > NEAR
-    hides = report.gaps.hidden > (0.0 if near else HIDDEN * (report.end - report.begin))
+    hides = report.gaps.hidden > (0.0 if near else most_hidden(report))
     before, after = carried_doubts(report, report.joints)
     gaps = [report.gaps.hidden_words] if hides else []
     own = Verdict.from_reasons(
         look_again=contradictions(report), over=stated, unsure=[*limits, *unsure, *before, *gaps, *after]
     )
     return own if report.clearance is None else own.joined(report.clearance.verdict)
+
+
+def most_hidden(report: TorqueReport) -> float:
+    """Longest gap [s] with motion that leaves the verdict sure: none if a peak is beside a gap, in which it may go on."""
+    peaks = [j for j in report.joints if not report.is_zero(j.largest)]
+    beside = any(report.gaps.beside(j.time, _BESIDE * report.quality.step) for j in peaks)
+    return 0.0 if beside else HIDDEN * (report.end - report.begin)
 
 
 def contradictions(report: TorqueReport) -> list[str]:
@@ -571,8 +583,8 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     )
     if ends := [j.joint for j in report.joints if report.at_an_end(j)]:
         yield (
-            f"The peak of {', '.join(ends)} lies at an end of the log, where derived accelerations are several times "
-            "as uncertain, for want of neighbours. Log a little more before and after."
+            f"The peak of {', '.join(ends)} lies at an end of the log or beside a gap, where derived accelerations are several "
+            "times as uncertain, for want of neighbours. Log a little more before and after."
         )
     if any(report.reach(j) > _NOISY * report.reference(j) for j in report.joints):
         yield (
