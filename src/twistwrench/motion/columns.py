@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.text import listed
+from ..core.text import ReadingNote, listed
 from ..errors import TrajectoryError, UnknownNameError
 from ..typing import Array
 from .column_names import (
@@ -301,7 +301,7 @@ class Assignment:
                 "ns, min."
             )
         if choice.unit is not None and time_factor(choice.unit) != 1.0 and not noted:
-            self.notes.append(f"Time is read in {choice.unit} from column {self.cells[choice.column]!r}.")
+            self.notes.append(ReadingNote(f"Time is read in {choice.unit} from column {self.cells[choice.column]!r}."))
         self.free = [k for k in self.free if k != choice.column]
         return choice
 
@@ -352,7 +352,7 @@ class Assignment:
             assigned.append((self.cells[columns[0]], key))
         if assigned:
             others = f", and {len(assigned) - 1} more likewise" if len(assigned) > 1 else ""
-            self.notes.append(f"Column {assigned[0][0]!r} is taken to be {assigned[0][1]}{others}.")
+            self.notes.append(ReadingNote(f"Column {assigned[0][0]!r} is taken to be {assigned[0][1]}{others}."))
 
     def assign_by_rules(self, others: Sequence[str]) -> None:
         """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
@@ -370,7 +370,8 @@ class Assignment:
             cells = [self.cells[c.column] for c in columns]
             if len(cells) > 1:
                 pairs = listed([f"{cell} is {name}" for cell, name in zip(cells, names, strict=True)])
-                self.notes.append(f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}.")
+                note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}."
+                self.notes.append(ReadingNote(note) if rule.startswith("by ") else note)  # their order is a guess
             elif cells:
                 self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
             if meant == "q" and not self.degrees and are_in_degrees(cells):

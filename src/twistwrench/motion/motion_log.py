@@ -373,7 +373,7 @@ class MotionLog:
     def notes(self) -> tuple[str, ...]:
         """Sentences about assumptions: from the header, and from the rows once they are decoded."""
         columns, last = self.columns, self._decoded
-        said: list[str] = [*map(ReadingNote, (*columns.notes, *last.date))]
+        said: list[str] = [*columns.notes, *map(ReadingNote, last.date)]
         if columns.of_locked:
             said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
         if columns.extra:
