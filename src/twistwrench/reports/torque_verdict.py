@@ -187,9 +187,8 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
     near = max((j.share for j in report.joints), default=0.0) > NEAR
-    hides = report.gaps.hidden > (0.0 if near else most_hidden(report))
     before, after = carried_doubts(report, report.joints)
-    gaps = [report.gaps.hidden_words] if hides else []
+    gaps = [report.gaps.hidden_words] if report.gaps.hidden > (0.0 if near else most_hidden(report)) else []
     own = Verdict.from_reasons(
         look_again=contradictions(report), over=stated, unsure=[*limits, *unsure, *before, *gaps, *after]
     )
