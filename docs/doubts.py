@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from twistwrench.log_checks.doubts import DoubtKind, doubt_table
-from twistwrench.reports.load_case import TEMPLATE
+from twistwrench.reports.load_case import limits_remedy
 from twistwrench.reports.sentences import SENTENCES
 
 PAGE = Path(__file__).with_name("unsure.md")
@@ -130,7 +130,8 @@ def _own() -> Iterable[tuple[str, ...]]:
 
 
 def _template() -> str:
-    return f"{TEMPLATE[0].upper()}{TEMPLATE[1:]}; see [limits](limits.md)."
+    remedy = limits_remedy()
+    return f"{remedy[0].upper()}{remedy[1:]}; see [limits](limits.md)."
 
 
 def _others() -> Iterable[tuple[str, ...]]:

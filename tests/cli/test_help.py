@@ -111,3 +111,11 @@ def test_an_old_name_is_answered_by_the_new_one_where_it_exists():
     assert "Did you mean --step?" in said("simulate", "ur5", "--dt", "0.1")
     assert "Did you mean --plot motors=OUT.png?" in said("torques", "ur5", "--motor-plot", "a.png")
     assert "--torque-side" not in said("payload", "ur5", "--torque", "motor")
+
+
+def test_help_without_a_topic_lists_the_topics():
+    found = CliRunner().invoke(main, ["help"])
+    assert found.exit_code == 0
+    assert all(
+        f"{topic}:" in found.output for topic in ("columns", "limits", "unsure", "verdicts", "robot", "assistant")
+    )

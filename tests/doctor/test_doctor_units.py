@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
+import numpy as np
 import pytest
+from click.testing import CliRunner
 from quiet_loading import load_quietly
 from robot_files import FILES
 
 import twistwrench as tw
+from twistwrench import SpatialInertia
+from twistwrench.cli.main import main
 from twistwrench.diagnosis import Severity
 
 ARM = """<robot name="arm3"><link name="base"/>
@@ -67,6 +73,39 @@ def test_own_weight_warns_only_if_it_takes_a_multiple_of_the_effort():
     for share, severity in ((0.5, Severity.NOTE), (0.05, Severity.WARNING)):
         (finding,) = tw.doctor(arm(effort=f"{share * weight:.6f}"), only="effort").findings
         assert finding.severity is severity and "own weight" in finding.sentence
+
+
+def test_limits_from_a_table_replace_missing_ones(tmp_path):
+    """Without efforts the doctor is UNSURE; a table of the user's clears that, and is not doubted as a placeholder."""
+    text = re.sub(r' (effort|velocity)="[^"]*"', "", arm())
+    (tmp_path / "arm.urdf").write_text(text)
+    (tmp_path / "limits.csv").write_text("joint,effort,velocity\nj1,9000,3\nj2,9000,3\nj3,9000,3\n")
+    (tmp_path / "some.csv").write_text("joint,effort,velocity\nj1,40,3\nj2,40,3\n")
+    bare, whole, some = (
+        CliRunner().invoke(main, ["doctor", str(tmp_path / "arm.urdf"), *flags])
+        for flags in ((), ("--limits", str(tmp_path / "limits.csv")), ("--limits", str(tmp_path / "some.csv")))
+    )
+    assert (bare.exit_code, whole.exit_code, some.exit_code) == (1, 0, 1)
+    assert bare.output.startswith("UNSURE") and whole.output.startswith("OK: arm3, 0 errors, 0 warnings, 0 notes.")
+    assert "joint 'j3'" in some.output and "'j1'" not in some.output
+    with pytest.raises(tw.ValueRangeError, match="no joint named .j9."):
+        (tmp_path / "wrong.csv").write_text("joint,effort\nj9,40\n")
+        tw.doctor(tmp_path / "arm.urdf", limits=tmp_path / "wrong.csv")
+
+
+def test_a_milder_tensor_is_named_beside_a_slip():
+    """izz is 0.06 for 0.035: 0.021 too large, 21 % away; ten times ixx, the only single slip, is a change of 52 %."""
+    (finding,) = tw.doctor(
+        arm().replace('iyy="0.035" izz="0.035"', 'iyy="0.035" izz="0.06"'), only="impossible"
+    ).findings
+    I = np.diag([0.004, 0.035, 0.06])
+    assert finding.repair.kind == "slip"
+    assert finding.repair.sentence.startswith(
+        "one slip would explain it: ixx is 10 times too small; the nearest tensor"
+    )
+    J = SpatialInertia.from_com(3.0, moment_about_com=I).nearest_consistent().moment_about_com
+    mild, slip = np.linalg.norm(J - I) / np.linalg.norm(I), 0.036 / np.linalg.norm(I)
+    assert f"{100 * mild:.0f} % away, the slip's {100 * slip:.0f} %" in finding.repair.sentence
 
 
 @pytest.mark.slow

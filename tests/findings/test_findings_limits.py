@@ -85,7 +85,7 @@ def test_finding_17_no_ok_unless_each_loaded_joint_has_a_limit(run, tmp_path, co
     code, said = run(*COMMANDS[command])
     if COUNTS[efforts]:
         assert (code, said.startswith(f"UNSURE: no torque limit for {COUNTS[efforts]} of 2 joints")) == (1, True), said
-        assert "'twistwrench info ROBOT --csv limits.csv'" in said and "--limits limits.csv" in said
+        assert "'twistwrench info arm.urdf --csv limits.csv'" in said and "--limits limits.csv" in said
     else:
         assert code == 0 and not said.startswith("UNSURE"), said
 
@@ -380,7 +380,9 @@ def test_finding_19_placeholder_limits_are_doubted_unless_they_are_the_users(run
     assert code == 1 and said.startswith("UNSURE: effort 35 on all 3 joints: the arm's own weight takes at most 1."), (
         said
     )
-    assert "write a table with 'twistwrench info ROBOT --csv limits.csv', fill in its efforts" in " ".join(said.split())
+    assert "write a table with 'twistwrench info arm.urdf --csv limits.csv', fill in its efforts" in " ".join(
+        said.split()
+    )
     assert (
         run("info", "arm.urdf", "--csv", "limits.csv")[0] == 0
     )  # as that says, and every row of it is the user's then

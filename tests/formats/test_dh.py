@@ -11,6 +11,7 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
+from twistwrench.symbolic import derive
 from twistwrench.testing import assert_close
 
 EXACT = 1e-13
@@ -220,3 +221,27 @@ def test_angles_of_a_whole_turn_are_not_doubted(convention):
 def test_an_impossible_body_may_be_accepted():
     robot = tw.from_dh({"a": [1.0]}, **HEAVY, inertia="accept")
     assert any("cannot exist" in remark for remark in robot.defects)
+
+
+def test_a_rod_with_one_moment_is_refused_with_what_a_planar_problem_needs():
+    """The moment about the other axis across the rod changes no torque in the plane."""
+    table, gravity = {"a": [1.0, 1.0]}, (0, -9.81, 0)
+    with pytest.raises(tw.InertiaError, match=r"diag\(\[0, I, I\]\) if it lies along x\. In a planar problem"):
+        tw.from_dh(table, masses=[1, 1], moments_about_com=[np.diag([0, 0, 1 / 12])] * 2)
+    with pytest.raises(tw.InertiaError) as caught:
+        tw.from_dh(table, masses=[1, 1], moments_about_com=[np.diag([1, 1, 3.0])] * 2)
+    assert "planar" not in str(caught.value)
+    rods = [
+        tw.from_dh(table, masses=[1, 1], moments_about_com=[np.diag([0, 1 / 12, 1 / 12])] * 2, gravity=gravity),
+        tw.from_dh(table, masses=[1, 1], moments_about_com=[np.diag([1 / 12, 1 / 12, 1 / 12])] * 2, gravity=gravity),
+    ]
+    states = [0.3, -0.7], [1.0, 2.0], [0.5, -0.5]
+    np.testing.assert_allclose(*(rod.inverse_dynamics(*states) for rod in rods), rtol=1e-12)
+
+
+def test_derived_symbols_name_links_and_joints_and_no_frame_of_the_reader():
+    """The moving bodies of the standard convention are called axis1, axis2, which no table has."""
+    arm = tw.from_dh({"a": [1.0, 1.0]}, masses=[1, 1], coms=[[-0.4, 0, 0]] * 2, moments_about_com=[np.eye(3)] * 2)
+    meanings = [p.meaning for p in derive(arm).parameters]
+    assert "mass of link1 [kg]" in meanings and "x of the centre of mass of link2 from joint joint2 [m]" in meanings
+    assert "x of joint joint2 from joint joint1 [m]" in meanings and not any("axis1" in text for text in meanings)

@@ -75,6 +75,8 @@ DOORS = {
     "KUKA": maker([f"A{k}" for k in range(1, 7)], DEGREES, KUKA, "Zeit", separator=";", comma=True),
     "ABB": maker([f"rax_{k}" for k in range(1, 7)], DEGREES),
     "UR's RTDE": maker([f"actual_q_{k}" for k in range(6)], names=OWN, time="timestamp"),
+    "German": maker([f"Achse {k} [°]" for k in range(1, 7)], DEGREES, OWN, "Zeit", separator=";", comma=True),
+    "Italian": maker([f"asse_{k}" for k in range(1, 7)], names=OWN, time="tempo"),
     "Franka": maker([f"q_{k}" for k in range(6)], names=PANDA),
     "endings": maker(BODIES, names=[f"{place}_{body}" for place, body in zip(PLACES, BODIES, strict=True)]),
     "time without a name": maker(NUMBERED, time="uhr"),

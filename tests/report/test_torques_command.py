@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from motions import report_of, write_motion, write_positions
 
-from twistwrench import load, robots
+from twistwrench import ValueRangeError, load, robots
 from twistwrench.cli.main import main, with_option_names
 from twistwrench.model.inertia_checks import massless_links
 from twistwrench.reports.load_case import parse_payload, parse_wrenches
@@ -26,6 +26,10 @@ def test_payloads_and_wrenches_are_read_as_written():
     assert parse_payload("5").mass == 5
     load = parse_payload(" 2.5,0,-.1,1e-2@tool0")
     assert (load.mass, load.place, load.frame) == (2.5, (0.0, -0.1, 0.01), "tool0")
+    assert parse_payload("2kg").mass == parse_payload("2 kg, 0, 0, 0").mass == 2
+    for wrong in ("kg", "2g", "2kg kg", "1,2kg,0,0"):
+        with pytest.raises(ValueRangeError, match="expected MASS"):
+            parse_payload(wrong)
     wrenches = parse_wrenches(["a:1,2,3,4,5,6", "ns:b:0,0,0,0,0,1", "a:1,1,1,1,1,1"])
     np.testing.assert_array_equal(wrenches["a"], [2, 3, 4, 5, 6, 7])
     np.testing.assert_array_equal(wrenches["ns:b"], [0, 0, 0, 0, 0, 1])

@@ -283,3 +283,34 @@ def test_frames_of_jacobians_by_their_names_in_pinocchio_are_translated(name, ki
     arm = tw.robots.planar_2r()
     with pytest.raises(tw.UnknownNameError, match=f"what Pinocchio calls so is kind='{kind}', with angular rows first"):
         arm.jacobian([0, 0], kind=name)
+
+
+OTHERS = {
+    "rnea": ("inverse_dynamics", "robot.inverse_dynamics(…)"),
+    "crba": ("mass_matrix", "robot.mass_matrix(…)"),
+    "aba": ("forward_dynamics", "robot.forward_dynamics(…)"),
+    "mj_inverse": ("inverse_dynamics", "robot.inverse_dynamics(…)"),
+    "centroidal_momentum": ("momentum_about_com", "robot.momentum(q, dq, frame='com')"),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_names_of_other_libraries_lead_to_ours(name):
+    robot, (quantity, call) = tw.robots.planar_2r(), OTHERS[name]
+    for ask in (robot.kernel, robot.to_jax):
+        with pytest.raises(tw.UnknownNameError, match=f"calls so is '{quantity}'"):
+            ask(name)
+    with pytest.raises(AttributeError) as caught:
+        getattr(robot, name)
+    assert str(caught.value).endswith(call) and not hasattr(robot, name)
+
+
+def test_each_quantity_is_a_method_or_its_error_names_the_call():
+    robot = tw.robots.planar_2r()
+    without = {name for name in QUANTITIES if not hasattr(type(robot), name)}
+    assert "momentum_about_com" in without and "mass_matrix" not in without
+    for name in without:
+        with pytest.raises(AttributeError, match=r"use robot\.(kernel|momentum)\("):
+            getattr(robot, name)
+    with pytest.raises(AttributeError, match=r"object has no attribute 'elbow'$"):
+        robot.elbow  # noqa: B018

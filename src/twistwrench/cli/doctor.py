@@ -15,7 +15,7 @@ from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
-from .shared import JSON, RobotOptions, robot_command, robot_source
+from .shared import JSON, LIMITS, RobotOptions, robot_command, robot_source
 from .terminal import show
 
 
@@ -39,6 +39,7 @@ from .terminal import show
         choices=("frobenius", "entropic"),
         default="frobenius",
     ),
+    LIMITS,
     JSON,
     option("--strict", "Exit with 1 also for notes, and list all of them."),
     option("--model NAME", "Model to read from an SDF world."),
@@ -56,7 +57,7 @@ def doctor_command(given: Given) -> ExitCode:
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
     found = robot_source(given.source)
-    files = {"ROBOT": given.source if Path(given.source).is_file() else None}
+    files = {"ROBOT": given.source if Path(given.source).is_file() else None, "--limits": given.limits}
     given.check_files(files)
     report = doctor(
         found,
@@ -66,6 +67,7 @@ def doctor_command(given: Given) -> ExitCode:
         mirror_from=given.mirror_from,
         floating_base=given.floating_base or None,
         model=given.model,
+        limits=given.limits,
     )
     blocks = list(doctor_view(report, every=given.strict))
     if given.json is not None:

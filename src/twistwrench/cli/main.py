@@ -565,14 +565,17 @@ _GUIDES = {"assistant": "assistant", "columns": "logs", "limits": "limits", "uns
 
 
 @click.command("help", epilog=examples("help columns", "help verdicts"))
-@click.argument("topic", metavar="TOPIC", type=click.Choice([*_GUIDES, "robot"]))
-def help_command(topic: str) -> None:
+@click.argument("topic", metavar="TOPIC", required=False, type=click.Choice([*_GUIDES, "robot"]))
+def help_command(topic: str | None) -> None:
     """Print the page of the documentation on a topic.
 
     columns: names and units of the columns of a log. limits: files of torque, velocity and position limits. unsure: reasons
     of the verdicts UNSURE and LOOK AGAIN, and their remedies. verdicts: first words of reports, and exit codes. robot:
     options that all commands with a robot have. assistant: ten tasks in Python, and pitfalls.
     """
+    if topic is None:
+        click.echo(help_command.get_help(click.get_current_context()))
+        return
     if topic == "robot":
         torques = main.get_command(click.Context(main), "torques")
         assert torques is not None

@@ -12,7 +12,8 @@ from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
 from ..model.limits import margin
-from ..reports.load_case import TEMPLATE, arm_entries, placeholder_limits
+from ..reports.load_case import arm_entries, limits_remedy, placeholder_limits
+from ..reports.robot_summary import StatedLimits
 from ..robot import Robot
 from . import mass_checks as masses
 from . import tensor_checks as tensors
@@ -80,7 +81,9 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Missing effort and velocity limits, and joints whose own weight exceeds their effort limit."""
     leaders = {body.joint.name for body in robot.model.leaders}
     for what in ("effort", "velocity") if robot.format == "urdf" else ():
-        limits = {name: _limit(joint, what) for name, joint in robot.joints.items() if joint.text("type") in _SINGLE}
+        limits = {
+            name: _limit(robot, joint, what) for name, joint in robot.joints.items() if joint.text("type") in _SINGLE
+        }
         none = [name for name, x in limits.items() if not x and name in leaders]
         large = [name for name, x in limits.items() if x >= 1e4 or x == 1000.0]
         arm = what == "effort" and len(arm_entries(robot.model)) > 1
@@ -104,11 +107,13 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Effort limits that are probably placeholders: far above the torques due to weight."""
-    said = placeholder_limits(Robot(robot.model))
-    if said:
+    limits = robot.model.limits
+    if isinstance(limits, StatedLimits) and limits.stated.all():  # limits that the user gave are not doubted
+        return
+    if said := placeholder_limits(Robot(robot.model)):
         yield Finding(
             "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, said,
-            repair=FileRepair("advice", f"take the efforts from the data sheet, or {TEMPLATE}"),
+            repair=FileRepair("advice", f"take the efforts from the data sheet, or {limits_remedy(robot.model.source)}"),
         )  # fmt: skip
 
 
@@ -137,7 +142,12 @@ def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _limit(joint: Element, what: str) -> float:
+def _limit(robot: ParsedFile, joint: Element, what: str) -> float:
+    """The limit in force, of the user's table if there is one, else of the file; 0 without any."""
+    limits, name = robot.model.limits, joint.text("name")
+    if isinstance(limits, StatedLimits) and name in robot.model.velocity_names:
+        value = float(getattr(limits, what)[robot.model.velocity_names.index(name)])
+        return value if math.isfinite(value) else 0.0
     limit = joint.child("limit")
     return (limit.optional_number(what) if limit is not None else None) or 0.0
 

@@ -6,7 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
 from ..formats.edit import edited, encoded
 from ..formats.xml import Place
+from ..reports.robot_summary import read_limits
 from ..robot import Robot, load
 from .checks import CHECKS, Options
 from .findings import Effect, Finding, Severity
@@ -238,6 +239,7 @@ def doctor(
     floating_base: bool | None = None,
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
+    limits: str | Path | None = None,
 ) -> DoctorReport:
     """Find errors in a robot file, their effect on the dynamics, and repairs.
 
@@ -251,6 +253,7 @@ def doctor(
     floating_base : bool, optional, let the root link float, so that its own inertia counts; default: as in the file
     model : str, optional, name of a model in an SDF world
     max_bodies : int, largest number of bodies
+    limits : str or Path, optional, table of limits in place of the file's, as ``twistwrench info ROBOT --csv`` writes
 
     Returns
     -------
@@ -281,6 +284,10 @@ def doctor(
     side = "" if mirror_from is None else arguments.choice(mirror_from, "doctor: mirror_from", ("left", "right"))
     options = Options(arguments.choice(metric, "doctor: metric", list(METRICS)), side)
     subject = read_subject(robot, meshes=meshes, floating_base=floating_base, model=model, max_bodies=max_bodies)
+    if limits is not None:
+        model_read = subject.robot.model
+        given = replace(model_read, limits=read_limits(limits, model_read))
+        subject = replace(subject, robot=replace(subject.robot, model=given))
     findings = [finding for one in names for finding in CHECKS[one](subject.robot, options)]
     name = subject.robot.model.name
     source = str(subject.path) if subject.path is not None else "the text given" if subject.text else name

@@ -183,6 +183,8 @@ _FACTOR = 2.0
 """Ratio to the largest moment in the box above which a moment is too large."""
 _IDENTIFIED = 10.0
 """Ratio to this largest moment up to which base-parameter regrouping is an explanation."""
+_MILDER = 0.5
+"""Ratio to the change by a slip's repair below which the nearest tensor is named beside it."""
 _SMALL = 1.0 / 30.0
 """Ratio to the diagonal of the shapes below which a gyration radius is too small."""
 
@@ -197,7 +199,7 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         body = robot.model.frames[link.name].body if link.name in robot.model.frames else BASE
         reference = reference_of(link)
         error = explain([*_signs(written.tensor), *_entries(written.tensor)], reference)
-        repair = entry_error_repair(link, error) or nearest_repair(link, options.metric, reference)
+        repair = _with_milder(link, error, options.metric, reference) or nearest_repair(link, options.metric, reference)
         effect = robot.effects.evaluate(repair.inertias)
         fate = (
             "the moving body it belongs to cannot exist, and is refused on loading" if body in refused
@@ -293,7 +295,24 @@ def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair
     """Repair by correction of an entry error, if there is one."""
     if error is None:
         return None
-    return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
+    return _repair(link, "slip", f"one slip would explain it: {error.sentence}", error.tensor)
+
+
+def _with_milder(link: ParsedLink, error: EntryError | None, metric: str, reference: Array | None) -> FileRepair | None:
+    """Repair of an entry error, with the distance of the nearest tensor in its sentence if that is far milder."""
+    repair = entry_error_repair(link, error)
+    if error is None or repair is None or link.written is None:
+        return repair
+    written = link.written.tensor
+    near = nearest(written, metric, reference if metric == "entropic" else None)
+    mild, change = (
+        float(np.linalg.norm(tensor - written) / np.linalg.norm(written)) for tensor in (near, error.tensor)
+    )
+    if mild >= _MILDER * change:
+        return repair
+    sizes = f"{percent(mild, 2)} away, the slip's {percent(change, 2)}: check all entries"
+    said = f"{repair.sentence}; the nearest tensor that can exist ({METRICS[metric]}) is only {sizes}"
+    return replace(repair, sentence=said)
 
 
 def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> FileRepair:

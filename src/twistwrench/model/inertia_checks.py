@@ -20,6 +20,13 @@ INERTIA_POLICIES = ("error", "accept", "repair")
 """Policies for a moving body with a physically impossible inertia: error, keep it, or use the nearest consistent inertia."""
 
 
+_PLANAR = (
+    " A thin rod has the same moment about both axes across it: diag([0, I, I]) if it lies along x. In a planar problem the "
+    "second one has no effect on the result."
+)
+"""Addition to the error on a body with a moment about one axis only."""
+
+
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
     """Violated conditions of physical consistency, as text with amounts; without mass, only the rotational inertia is checked.
 
@@ -38,6 +45,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
     """
     remarks: list[str] = []
     refused: list[str] = []
+    planar = False
     bodies = list(model.bodies)
     clear = _clear([body.inertia for body in bodies])
     doubtful = [i for i, body in enumerate(bodies) if not clear[i]]
@@ -46,6 +54,8 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
         text = f"{_who(model, i, link)} cannot exist: {'; '.join(found)}"
         if policy == "error":
             refused.append(text)
+            A, B, C = bodies[i].inertia.principal()[0] if bodies[i].inertia.mass > 0 else (0.0, 0.0, 0.0)
+            planar = planar or max(abs(A), abs(B)) < 1e-9 * C
         elif policy == "accept":
             remarks.append(f"{text}; accepted as it is")
         else:
@@ -53,6 +63,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
             remarks.append(f"{text}; repaired, {change}")
     if refused:
         more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
+        more += _PLANAR if planar else ""
         raise InertiaError(
             f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest "
             "valid ones, or with inertia='accept' to keep them."

@@ -56,8 +56,8 @@ NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "s
 NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
 NEUTRAL |= frozenset(("observation", "observations"))
 """Words that do not change the meaning of a name."""
-JOINT = frozenset(("joint", "joints", "axis", "j", "rax"))
-"""Words for a joint; ``rax`` is ABB's."""
+JOINT = frozenset(("joint", "joints", "axis", "j", "rax", "achse", "gelenk", "axe", "eje", "asse", "giunto"))
+"""Words for any joint, also in German, French, Spanish and Italian; ``rax`` is ABB's."""
 UNITS = frozenset(("rad", "deg"))
 ROS_TIME = "%time"
 """Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,10 +37,25 @@ if TYPE_CHECKING:
 
 LOADED = 1e-6
 """Share of the largest torque from which a joint is loaded; less is rounding."""
-TEMPLATE = (
-    "write a table with 'twistwrench info ROBOT --csv limits.csv', fill in its efforts, and add --limits limits.csv"
-)
-"""Remedy for limits that are missing or no limits."""
+_BUNDLED = Path(__file__).parent.parent / "robots"
+
+
+def limits_remedy(robot: str = "ROBOT") -> str:
+    """Remedy for limits that are missing or no limits, of a robot's file (:attr:`Model.source`).
+
+    >>> limits_remedy("arm.urdf")
+    "write a table with 'twistwrench info arm.urdf --csv limits.csv', fill in its efforts, and add --limits limits.csv"
+    """
+    path = Path(robot or "ROBOT")
+    if path.parent == _BUNDLED:
+        name = path.stem
+    else:
+        name = "ROBOT" if "site-packages" in path.parts else shlex.quote(str(path))
+    quote = '"' if "'" in name else "'"
+    command = f"{quote}twistwrench info {name} --csv limits.csv{quote}"
+    return f"write a table with {command}, fill in its efforts, and add --limits limits.csv"
+
+
 _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
 _LISTED = 6
 _POSES, _USUAL = 2000, 0.15
@@ -101,11 +119,13 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
         named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
         some = sentence("some", count=str(len(missing)), all=str(count), named=named)
         joints = some if count > 1 else sentence("one", joint=missing[0])
-        remedy = _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else TEMPLATE
+        remedy = (
+            _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else limits_remedy(model.source)
+        )
         sentences.append(sentence("unlimited", joints=joints, remedy=remedy))
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
-        sentences.append(f"{placeholders}; {TEMPLATE}")
+        sentences.append(f"{placeholders}; {limits_remedy(model.source)}")
     return sentences
 
 
@@ -366,7 +386,9 @@ def parse_payload(text: str, tip: str | None = None) -> Payload:
     """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if it names no frame; raises ValueRangeError, which shows the form."""
     form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
     numbers, at, frame = text.partition("@")
-    mass, *place = parse_numbers(numbers, "payload", form, 1, 4)
+    first, *others = numbers.split(",")
+    first = re.sub(r"(?<=[\d.])\s*kg\s*$", "", first)  # 2kg
+    mass, *place = parse_numbers(",".join([first, *others]), "payload", form, 1, 4)
     if mass < 0:
         raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
     if at and not frame.strip():

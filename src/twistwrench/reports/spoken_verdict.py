@@ -147,7 +147,8 @@ def verdict_data(
         "fixed": why_fixed(load),
         "sentences": dict(SENTENCES),
         "words": {
-            "kinds": KINDS, "causes": {term: cause_label(term) for term in load_case.TERMS}, "remedy": load_case.TEMPLATE,
+            "kinds": KINDS, "causes": {term: cause_label(term) for term in load_case.TERMS},
+            "remedy": load_case.limits_remedy(model.source),
         },
         "bounds": {
             "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,

@@ -18,7 +18,7 @@ from ..model.inertia_checks import massless_links
 from ..model.limits import Limits, over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
-from .load_case import TEMPLATE, Payload, cause_label, limit_doubts, unlimited, without_velocity_limit
+from .load_case import Payload, cause_label, limit_doubts, limits_remedy, unlimited, without_velocity_limit
 from .log_quality import MeasuredTorque
 from .sentences import sentence
 from .statistics import INTERVAL
@@ -476,7 +476,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     model = report.load.with_load.model
     missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])
     if missing and report.verdict.word is not Word.UNSURE:  # where it is among the reasons
-        yield f"No torque limit is known for {listed(missing)}: {TEMPLATE}."
+        yield f"No torque limit is known for {listed(missing)}: {limits_remedy(model.source)}."
     if resting := [
         f"{p.frame or report.load.robot.model.tip}"
         for p in report.load.payloads

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 from weakref import WeakMethod
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..typing import Array
 from .engine import CachedModel, Engine
+from .quantities import OTHER_NAMES, QUANTITIES, other_name_hint
 
 if TYPE_CHECKING:
     from ..ir.program import Program
@@ -41,6 +42,13 @@ class RobotBase:
     def __repr__(self) -> str:
         tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
         return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}, {tip}>"
+
+    if not TYPE_CHECKING:  # so that type checkers reject these names too
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Name the method or the kernel for a quantity that has another name here."""
+            hint = "" if name.startswith("_") else _other_call(type(self), name)
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=self)
 
     def __getstate__(self) -> Model:
         return self.model
@@ -334,6 +342,17 @@ class RobotBase:
             trace
         """
         return self.engine.reference(name, arrays, options)
+
+
+def _other_call(robot: type, name: str) -> str:
+    """Clause on how to evaluate what another library, or the table of quantities, calls by that name."""
+    hint = other_name_hint(name)
+    _, quantity = OTHER_NAMES.get(name.casefold(), ("", name))
+    if quantity not in QUANTITIES:
+        return ""
+    call = f"robot.{quantity}(…)" if hasattr(robot, quantity) else f"robot.kernel({quantity!r})"
+    call = "robot.momentum(q, dq, frame='com')" if quantity == "momentum_about_com" else call
+    return f": {hint}, {call}" if hint else f": use {call}"
 
 
 complete(globals())

@@ -242,7 +242,9 @@ def from_dh(
     Examples
     --------
     >>> import numpy as np, twistwrench as tw
-    >>> arm = tw.from_dh({"a": [1.0, 1.0]}, masses=[1, 1])                       # the planar 2R arm
+    >>> arm = tw.from_dh({"a": [1.0, 1.0]}, masses=[1, 1], gravity=(0, -9.81, 0))   # the planar 2R arm
+    >>> np.round(arm.gravity_forces([0, 0]), 2).tolist()                         # gravity along z would give zeros
+    [29.43, 9.81]
     >>> np.round(arm.forward_kinematics([0, np.pi / 2])[:3, 3], 12).tolist()
     [1.0, 1.0, 0.0]
     >>> scara = {"theta": [0, 0, 0, 0], "d": [0.4, 0, 0, 0], "a": [0, 0.3, 0.25, 0], "alpha": [0, 0, np.pi, 0]}

@@ -20,7 +20,7 @@ from ..model.parameters import matching, moves_joints, regrouped, with_symbolic_
 from ..typing import Array
 from .arguments import CONFIGURATIONS
 from .differentiate import Chart, Derivative
-from .quantities import QUANTITIES, Quantity, Shape
+from .quantities import QUANTITIES, Quantity, Shape, other_name_hint
 
 if TYPE_CHECKING:
     from .engine import Engine
@@ -53,6 +53,8 @@ OF_DERIVATIVES: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "au
 def options_of(name: str) -> tuple[str, ...]:
     """Options of a quantity; raises UnknownNameError."""
     if name not in QUANTITIES:
+        if hint := other_name_hint(str(name)):
+            raise UnknownNameError(f"no quantity named {name!r}: {hint}.")
         raise UnknownNameError.from_choices("quantity", name, QUANTITIES)
     own = QUANTITIES[name].options
     return (*own, *(["on_robot"] if "wrenches" in own else []), "parameters", *OF_DERIVATIVES)

@@ -265,3 +265,28 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
 }
 # fmt: on
+
+# ── Names of quantities in other libraries
+
+OTHER_NAMES: Mapping[str, tuple[str, str]] = {
+    "centroidal_momentum": ("another library", "momentum_about_com"),
+    "rne": ("the Robotics Toolbox", "inverse_dynamics"),
+    **{
+        name.casefold(): (library, quantity)
+        for quantity, row_ in reversed(QUANTITIES.items())
+        for library, names in (("MuJoCo", row_.mujoco), ("Pinocchio", row_.pinocchio))
+        for name in names.split(", ")
+        if name
+    },
+}
+"""Library and quantity by the library's name for it, in small letters."""
+
+
+def other_name_hint(name: str) -> str:
+    """Clause on a name that another library has for a quantity; empty for other names.
+
+    >>> other_name_hint("rnea"), other_name_hint("elbow")
+    ("what Pinocchio calls so is 'inverse_dynamics'", '')
+    """
+    library, quantity = OTHER_NAMES.get(name.casefold(), ("", ""))
+    return f"what {library} calls so is {quantity!r}" if quantity else ""

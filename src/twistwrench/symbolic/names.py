@@ -428,17 +428,26 @@ class Namer:
             if _same(k, com[k], (k, size)):
                 kinds.append("coms")
         axes = [k for k, _ in sizes]
-        found, link = {}, "the base" if i == BASE else self.model.bodies[i].link
+        found, where = {}, "in the base" if i == BASE else self._massive_link(self.model.bodies[i])[1]
         for n, ((k, size), (what, kinds)) in enumerate(sizes.items()):
             letter = _AXES[k] if len(sizes) > 1 else ""
             again = f"_{axes[:n].count(k) + 1}" if axes[:n].count(k) else ""
-            meaning = f"{_AXES[k]} of {what} in {link}" + (", and of its centre of mass" if "coms" in kinds else "")
+            meaning = f"{_AXES[k]} of {what} {where}" + (", and of its centre of mass" if "coms" in kinds else "")
             tag = "0" if i == BASE else self.tags[i]
             found[k, size] = self._new(f"L_{tag}{letter}{again}", size, kinds, f"{meaning} [m]")
         return found
 
+    def _massive_link(self, body: Body) -> tuple[str, str]:
+        """Link with the mass of a body, and words for the body's frame; of a DH table, the user never named that frame."""
+        G, frames = self.model.link_inertias, self.model.frames
+        index = self.model.bodies.index(body)
+        fixed = [name for name, f in frames.items() if f.body == index and name in G and G[name].parameters.any()]
+        if body.link in fixed or len(fixed) != 1:
+            return body.link, f"in {body.link}"
+        return fixed[0], f"from joint {body.joint.name}"
+
     def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
-        n, link, G = self.tags[i], body.link, body.inertia
+        n, (link, where), G = self.tags[i], self._massive_link(body), body.inertia
         mass = self._named(f"m_{n}", shortest(G.mass), "masses", f"mass of {link} [kg]")
         place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
         extent = float(np.abs(G.com).max())
@@ -448,7 +457,7 @@ class Namer:
         for k in unnamed:
             name, meaning = (
                 f"r_{n}{_AXES[k] if len(unnamed) > 1 else ''}",
-                f"{_AXES[k]} of the centre of mass of {link} [m]",
+                f"{_AXES[k]} of the centre of mass of {link}{'' if link == body.link else f' {where}'} [m]",
             )
             com[k] = self._named(name, com[k].value, "coms", meaning)
         point, pitch = self._axis(n, body)
@@ -484,7 +493,9 @@ class Namer:
                 value = shortest(I[a, b], scale)  # the parallel-axis term leaves a rounding error
                 if abs(value) > _DUST * scale:
                     axes = _AXES[a] + _AXES[b]
-                    meaning = f"rotational inertia {axes} of {body.link} about its centre of mass [kg m²]"
+                    meaning = (
+                        f"rotational inertia {axes} of {self._massive_link(body)[0]} about its centre of mass [kg m²]"
+                    )
                     # Products of inertia keep their sign, as in the matrix.
                     parameter = self._new(f"I_{n}{axes}", value, ["inertias"], meaning, signed=True)
                     found[a][b] = found[b][a] = Entry(value, parameter)
