@@ -88,7 +88,7 @@ def test_limits_from_a_table_replace_missing_ones(tmp_path):
     assert (bare.exit_code, whole.exit_code, some.exit_code) == (1, 0, 1)
     assert bare.output.startswith("UNSURE") and whole.output.startswith("OK: arm3, 0 errors, 0 warnings, 0 notes.")
     assert "joint 'j3'" in some.output and "'j1'" not in some.output
-    with pytest.raises(tw.ValueRangeError, match="no joint named .j9."):
+    with pytest.raises(tw.ValueRangeError, match=r"no joint named .j9."):
         (tmp_path / "wrong.csv").write_text("joint,effort\nj9,40\n")
         tw.doctor(tmp_path / "arm.urdf", limits=tmp_path / "wrong.csv")
 
