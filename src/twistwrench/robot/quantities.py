@@ -273,7 +273,7 @@ OTHER_NAMES: Mapping[str, tuple[str, str]] = {
     "rne": ("the Robotics Toolbox", "inverse_dynamics"),
     **{
         name.casefold(): (library, quantity)
-        for quantity, row_ in reversed(QUANTITIES.items())
+        for quantity, row_ in reversed([*QUANTITIES.items()])
         for library, names in (("MuJoCo", row_.mujoco), ("Pinocchio", row_.pinocchio))
         for name in names.split(", ")
         if name
