@@ -170,7 +170,7 @@ def test_what_no_log_tells_is_the_table():
 
 def test_the_drift_of_each_method_is_the_one_measured():
     text, (first, *shown) = page("simulation"), kept("drift")["relative drift"].values()
-    assert f"at most {first['variational']:.1e} of the energy that moved".replace("e-0", "e-") in text
+    assert f"at most {first['variational']:.1e} of the energy exchanged".replace("e-0", "e-") in text
     for method in first:
         row = next(line for line in text.splitlines() if line.startswith(f'| `"{method}"`')).split("|")
         assert [float(x) for x in row[4:6]] == [case[method] for case in shown], method

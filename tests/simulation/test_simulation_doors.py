@@ -311,8 +311,8 @@ def test_functions_cannot_change_the_state_they_are_shown(arm):
 
 def test_a_motion_gone_wrong_is_remarked_on(arm):
     found = arm.simulate([1, 1], None, 2.0, 0.02, method="euler")
-    assert "the energy is off by" in found.remarks[-1]
-    assert "the energy is off by" in repr(found)
+    assert "the energy drift is" in found.remarks[-1]
+    assert "the energy drift is" in repr(found)
 
 
 def test_progress_is_told(arm):

@@ -72,7 +72,7 @@ def test_a_robot_too_weak_for_itself_holds_nothing(arm):
 
 
 def test_it_says_on_which_side_the_limit_is_and_which_joint_cannot_hold_the_robot(arm):
-    assert str(statics.largest_payload(arm, [np.pi, 0.0], limits=STRONG)).endswith("then joint2 is at -20")
+    assert str(statics.largest_payload(arm, [np.pi, 0.0], limits=STRONG)).endswith("limited by joint2 at -20 N m")
     said = str(statics.largest_payload(arm, [0.0, 0.0], limits=[50.0, 5.0]))
     assert said.startswith("no payload: joint2 needs 9.81 of 5 ")  # joint1 needs more, and has it
 

@@ -122,7 +122,10 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         end = f"{number(result.times[-1], 6)} s"
         pictures = [robot_picture(loaded, *_worst_moment(loaded, result))]
         pictures.append(drawn("Joints, energies and drift", result.plot))
-        facts = [("simulated", end), ("drift of the energy that moved", residual(result.relative_drift))]
+        facts = [
+            ("simulated", end),
+            ("energy drift, relative to the energy exchanged", residual(result.relative_drift)),
+        ]
         used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
         subject, shown = f"{loaded.name} · {end}", [*blocks, *(remarks([hint]) if hint else [])]
         write_report(

@@ -1,8 +1,8 @@
-"""Wording of standard arguments and errors, and the function that completes docstrings with it.
+"""Wording of standard arguments and errors, and functions that insert it into docstrings.
 
-A docstring lists only unusual arguments. Those of the signature that it does not list, and the errors that go with them, are
-filled in from here: by :func:`complete` at the end of a module, by the pages' generator, and in the files of the wheel. This
-module imports nothing of the library, so that the build can load it alone.
+A docstring lists only unusual arguments. :func:`complete` at the end of a module, the page generator and the wheel build add
+the other arguments of the signature and their errors from here. This module does not import the library, so that the build can
+load it alone.
 """
 
 from __future__ import annotations
@@ -14,53 +14,53 @@ from typing import Any
 ENTRIES: Mapping[str, str] = {
     "Blist": "(6, n) array_like, body screw axes as columns",
     "Glist": "(n, 6, 6) array_like, spatial inertias in the link frames",
-    "Mlist": "(n + 1, 4, 4) array_like, home poses of each link frame in the one before",
+    "Mlist": "(n + 1, 4, 4) array_like, home pose of each link frame in the previous one",
     "Slist": "(6, n) array_like, space screw axes as columns",
     "T": "(..., 4, 4) array_like, pose",
     "Tf": "float, duration, above 0 [s]",
     "V": "(..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]",
-    "actuated": "iterable of str, optional, joints that have a motor; None: all",
+    "actuated": "iterable of str, optional, joints with a motor; None: all",
     "angle": "float, tolerance [rad]",
     "bounds": "Limits, optional; None: the robot's own",
-    "dV": "(..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]",
+    "dV": "(..., 6) array_like or Twist, optional, rate of the twist [rad/s², m/s²]",
     "ddq": "(nv,) array_like, joint accelerations [rad/s², m/s²]",
     "density": "float, optional [kg/m³]",
     "distance": "float, tolerance [m]",
     "dq": "(nv,) array_like, joint velocities [rad/s, m/s]",
     "duration": "float, T, above 0 [s]",
-    "false_alarms": "float, share of readings without contact that pass",
-    "frame": "str, optional, a link of the robot; its tip if None",
-    "friction": "bool, count the friction of the joints",
+    "false_alarms": "float, fraction of contact-free readings that exceed the threshold",
+    "frame": "str, optional, a link of the robot; None: its tip",
+    "friction": "bool, include joint friction",
     "gravity": "(3,) array_like, in the base frame [m/s²]",
-    "inertia": '"error", "accept" or "repair", what to do with bodies that cannot exist',
+    "inertia": '"error", "accept" or "repair", treatment of bodies with an impossible inertia',
     "kind": '"body", "space" or "world_aligned", axes and reference point as in :meth:`.Robot.jacobian`',
-    "limits": "(nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]",
-    "lock": "{joint: position}, optional, joints that are fixed [rad, m]",
+    "limits": "(nv,) array_like, optional, torque limits in place of the robot's own [N m, sliding joints: N]",
+    "lock": "{joint: position}, optional, joints to lock [rad, m]",
     "mass": "float, optional [kg]; give this or ``density``",
-    "near": "(nq,) array_like, optional, configuration near which the closed loops are searched; None: anywhere",
-    "out": "array, optional, takes the result",
-    "overwrite": "bool, replace a file that is there",
+    "near": "(nq,) array_like, optional, initial guess for closing the loops; None: any",
+    "out": "array, optional, receives the result",
+    "overwrite": "bool, replace an existing file",
     "path": "str or Path",
     "precision": '"double" or "float"',
-    "prefix": "str, optional, what the functions' names begin with; None: the robot's name",
-    "progress": "callable, optional, called with the share that is done",
+    "prefix": "str, optional, prefix of the function names; None: the robot's name",
+    "progress": "callable, optional, called with the finished fraction, 0 to 1",
     "q": "(nq,) array_like, configuration",
     "quantities": "names as for :meth:`.Robot.kernel`, with options as ``(name, {option: value})``",
-    "quantity": "str, a quantity's name",
+    "quantity": "str, name of a quantity",
     "radius": "float [m]",
-    "redundant": '"error" or "accept", what to do with rows that depend on the others',
+    "redundant": '"error" or "accept", treatment of linearly dependent rows',
     "rng": "numpy Generator or seed",
     "robot": "Robot",
-    "rows": 'str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six',
+    "rows": 'str or iterable, optional, rows of the twist by name, ``"vx vz"``, or index, 0 to 5; None: all six',
     "size": "int or tuple of int, batch shape",
     "tau": "(nv,) array_like, joint torques [N m, sliding joints: N]",
     "thetalist": "(..., n) array_like, joint angles",
     "time": "(n,) array [s], increasing",
-    "tip": "str, optional, the frame meant when none is named",
+    "tip": "str, optional, default frame",
     "wrench_by_robot": "{frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]",
-    "wrench_on_robot": "{frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise",
+    "wrench_on_robot": "{frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, each in its frame [N m, N]",
 }
-"""The wording of a parameter by its name."""
+"""Wording of each parameter."""
 
 ROOMS: Mapping[str, Mapping[str, str]] = {
     "algorithms": {
@@ -81,24 +81,24 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "ddq": "(n, nv) array",
         "dq": "(n, nv) array",
         "friction_speed": "(nv,) array, v_0 [rad/s or m/s]",
-        "level": "float, the chance that an interval holds the truth",
+        "level": "float, confidence level of the intervals",
         "model": "Model",
         "q": "(n, nq) array",
-        "sizes": "(p,) array, that each unknown parameter could have at most",
+        "sizes": "(p,) array, largest possible size of each unknown parameter",
         "time": "(n,) array [s]",
-        "values": "(p,) array, a value of each unknown parameter",
-        "which": "(k,) array, numbers of parameters",
+        "values": "(p,) array, values of the unknown parameters",
+        "which": "(k,) array, indices of parameters",
     },
     "joints": {
-        "angles": "(nq,) array of symbols, q again, for sines and cosines",
-        "cosine_sine": "gives cosine and sine of a chart's entry",
+        "angles": "(nq,) array of symbols, q as the argument of sines and cosines",
+        "cosine_sine": "function that returns cosine and sine of a chart's entry",
         "q": "(nq,) or (..., nq) array, coordinates of the joint",
     },
     "lie": {
         "R": "(..., 3, 3) array_like, rotation matrix",
         "V": "(..., 6) array_like, exponential coordinates (omega, v) [rad, m]",
-        "direction": "(..., 3) array_like, of any length but zero; it is normalised",
-        "frame": "str, the frame that it is expressed in",
+        "direction": "(..., 3) array_like, nonzero; it is normalised",
+        "frame": "str, frame of the coordinates",
         "pitch": "(...) array_like, h [m/rad]; infinite for a pure translation",
         "point": "(..., 3) array_like, q [m]",
         "w": "(..., 3) array_like, exponential coordinates [rad]",
@@ -106,7 +106,7 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
     "model": {
         "g": "(3,) array_like, gravity in the base frame [m/s²]",
         "model": "Model",
-        "where": "str, where it was described, for messages",
+        "where": "str, place of the description, for messages",
     },
     "modern_robotics": {
         "Ftip": "(..., 6) array_like, wrench that the end-effector applies, in its frame [N m, N]",
@@ -131,9 +131,9 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "dthetalistd": "(..., n) array_like, joint rates of the reference",
         "dthetamat": "(N, n) array_like, joint rates",
         "dthetamatd": "(N, n) array_like, joint rates of the reference",
-        "eint": "(..., n) array_like, integral of the error up to the step before",
-        "eomg": "float, largest rotation that may be left [rad]",
-        "ev": "float, largest displacement that may be left [m]",
+        "eint": "(..., n) array_like, integral of the error up to the previous step",
+        "eomg": "float, tolerance of the rotation error [rad]",
+        "ev": "float, tolerance of the position error [m]",
         "expc3": "(..., 3) array_like, omg theta [rad]",
         "expc6": "(..., 6) array_like, S theta",
         "g": "(3,) array_like, gravity in the space frame [m/s²]",
@@ -156,26 +156,26 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "thetastart": "(n,) array_like, joint angles at the start",
     },
     "motion": {
-        "degrees": "bool, angles are in degrees wherever the column does not name its unit",
+        "degrees": "bool, angles are in degrees unless the column names its unit",
         "kind": '"position", "velocity", "acceleration" or "torque"',
         "limits": "Limits, optional; velocity limits help to distinguish a jump from a fast motion",
         "model": "Model",
     },
     "plotting": {
-        "joints": "sequence of str, those that are drawn; none: all",
+        "joints": "sequence of str, joints to draw; none: all",
         "motion": "DrawnMotion",
         "path": "str or Path; the suffix sets the kind (.png, .pdf, .svg)",
         "report": "TorqueReport",
     },
     "robot": {
-        "every": "int, keep one state in so many",
+        "every": "int, keep every n-th state",
         "joint_names": "sequence of n str, optional",
         "weights": "(nv,) array_like, w",
     },
     "sensing": {
         "F": "(..., 6) array_like, wrench (m, f) on the load [N m, N]",
         "V": "(..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]",
-        "axes": "slice, which of the six are looked at; ``slice(3, 6)`` for the forces",
+        "axes": "slice, components to compare; ``slice(3, 6)`` for the forces",
         "com": "(3,) array_like, in {f} [m]",
         "gravity": "(..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}",
         "log": "ReadingLog",
@@ -187,13 +187,13 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
     "simulation": {"model": "Model"},
     "statics": {
         "com": "(3,) array_like, centre of mass of the payload in the frame [m]",
-        "edges": "int, edges of each friction cone to begin with",
+        "edges": "int, initial number of edges of each friction cone",
     },
-    "symbolic": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
+    "symbolic": {"steps": "iterable of str, optional, names of the steps to write; None: all"},
     "testing": {
         "actual": "array_like",
         "desired": "array_like, of the same shape",
-        "joints": "int, how many, fixed and mimic ones counted",
+        "joints": "int, number of joints, including fixed and mimic joints",
         "kinds": "sequence of str, joint types to choose from",
     },
     "trajectories": {
@@ -203,18 +203,18 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "t": "(...) array_like [s]",
     },
     "viz": {
-        "fps": "float, pictures a second of film",
+        "fps": "float, frames per second",
         "path": "str or Path, .gif or .mp4",
         "motion": "DrawnMotion",
-        "progress": "callable, optional, called with the number of pictures drawn and their total",
-        "scene": "Scene, optional, the robot's looks",
-        "speed": "float, seconds of motion that a second of film shows",
+        "progress": "callable, optional, called with the number of frames drawn and their total",
+        "scene": "Scene, optional, the robot's appearance",
+        "speed": "float, playback speed relative to real time",
     },
 }
-"""The same of one room, in place of the general one."""
+"""Wording that replaces the general one in one package."""
 
-_WRENCH = ("UnknownNameError", "A wrench is at no frame of the robot.")
-_LISTS = "The lists do not describe a chain, or arrays do not fit it."
+_WRENCH = ("UnknownNameError", "A wrench acts on a frame that the robot does not have.")
+_LISTS = "The lists do not describe a chain, or array sizes do not match it."
 ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "Mlist": (("ShapeError, ModelError, InertiaError", _LISTS),),
     "q": (("ShapeError", "The last axes are not the robot's sizes, or batch shapes do not broadcast."),),
@@ -225,7 +225,7 @@ ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "wrench_by_robot": (_WRENCH,),
     "wrench_on_robot": (_WRENCH,),
 }
-"""Errors that go with a parameter whose general wording is used."""
+"""Errors of a parameter with the general wording."""
 
 RETURNS: Mapping[str, str] = {
     "Averaged": "scaling : Averaged",
@@ -278,7 +278,7 @@ RETURNS: Mapping[str, str] = {
     "tuple[Path, ...]": "paths : tuple of Path, the files written",
     "tuple[Violation, ...]": "found : tuple of Violation",
 }
-"""The section Returns by the annotation of the result."""
+"""Section Returns by the annotation of the result."""
 
 SECTIONS = (
     "Parameters",
@@ -292,13 +292,13 @@ SECTIONS = (
     "References",
     "Examples",
 )
-"""Sections of a docstring, in the order of numpydoc."""
+"""Docstring sections in numpydoc order."""
 
 
 def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
-    """Docstring with completed sections Parameters, Returns and Raises, in the order of the signature's names.
+    """Complete the sections Parameters, Returns and Raises of a docstring, in the order of the signature.
 
-    Docstrings without a section Returns, Yields or Examples are left as they are.
+    Docstrings without a section Returns, Yields or Examples stay unchanged.
     """
     own = ROOMS.get(room, {})
     if result not in RETURNS and not any(name in own or name in ENTRIES for name in names):
@@ -355,7 +355,7 @@ def complete(module: Mapping[str, Any]) -> None:
 
 
 def signature_names(function: Any) -> list[str]:
-    """Names of the parameters of a function, or of the one that it decorates, without the first of a method."""
+    """Parameter names of a function, or of the function it decorates, without ``self`` and ``cls``."""
     wrapped = getattr(function, "__wrapped__", function)
     code = (wrapped if wrapped.__name__ == function.__name__ else function).__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
@@ -363,7 +363,7 @@ def signature_names(function: Any) -> list[str]:
 
 
 def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
-    """Lines of each section by title, with the text before the first under the empty title; and the indentation."""
+    """Lines of each section by title, and the indentation; the text before the first section has the empty title."""
     lines = doc.rstrip().split("\n")
     sections: dict[str, list[str]] = {}
     title, start, indent = "", 0, ""

@@ -91,8 +91,8 @@ class Accuracy:
             said.append(f"the errors of its steps add up to {share} the motion: take a smaller {less}")
         if relative_drift > _DRIFT:
             said.append(
-                f"the energy is off by {_percent(relative_drift)} of what moved: the motion, or the work "
-                f"recorded, is wrong: take a smaller {less}"
+                f"the energy drift is {_percent(relative_drift)} of the energy exchanged: the motion, or the recorded "
+                f"work, is wrong: take a smaller {less}"
             )
         return said
 

@@ -110,8 +110,8 @@ class SimulationResult:
         """Largest drift divided by the largest kinetic energy, work, or change of potential energy."""
         if not np.isfinite(self.energy).all():
             return np.nan
-        moved = float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))
-        largest = max(*moved, *map(_largest, self.work.values()), _ROUNDING * _largest(self.energy))
+        exchanged = float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))
+        largest = max(*exchanged, *map(_largest, self.work.values()), _ROUNDING * _largest(self.energy))
         return _largest(self.drift) / largest if largest > 0 else 0.0
 
     def __len__(self) -> int:
@@ -152,7 +152,7 @@ class SimulationResult:
         """
         if require_robot(robot, "SimulationResult.with_robot").coordinate_names != self.coordinate_names:
             raise ValueRangeError(
-                f"the result is of robot {self.robot!r}, whose coordinates are others than those of {robot.name!r}."
+                f"the result is of robot {self.robot!r}, whose coordinates differ from those of {robot.name!r}."
             )
         return replace(self, simulated=robot)
 

@@ -12,8 +12,9 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import number, printed, rounded_down
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..joints.units import units_of
 from ..model.assembly import follower_torques
-from ..model.couplings import motor_torques
+from ..model.couplings import drive_turns, motor_torques
 from ..model.limits import margin
 from ..reports.load_case import least_torque_per_kilogram
 from ..typing import Array
@@ -57,6 +58,8 @@ class LargestPayload:
     """(nv,): the limits used."""
     joint_names: tuple[str, ...]
     """Names of the joints, indexed by ``joint``."""
+    units: tuple[str, ...]
+    """Units of their torques."""
 
     @property
     def torques(self) -> Array:
@@ -85,7 +88,7 @@ class LargestPayload:
             return "not limited at this pose: no joint with a limit carries the payload"
         k = int(self.joint)
         limit = printed(self.side * self.limits[k], 4, signed=True)
-        return f"{rounded_down(self.mass)} kg, then {self.joint_names[k]} is at {limit}"
+        return f"{rounded_down(self.mass)} kg, limited by {self.joint_names[k]} at {limit} {self.units[k]}"
 
 
 def torques_per_kilogram(
@@ -165,7 +168,7 @@ def largest_payload(
     >>> import twistwrench as tw
     >>> found = largest_payload(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0])
     >>> print(found)
-    1.038 kg, then joint2 is at +20
+    1.038 kg, limited by joint2 at +20 N m
     """
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
@@ -173,17 +176,20 @@ def largest_payload(
     per_kilogram = motor_torques(robot.model, torques_per_kilogram(robot, q, com, frame))
     per_kilogram = np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
-    names = robot.model.drive_labels
+    names, turning = robot.model.drive_labels, drive_turns(robot.model)
     if robot.model.limited_followers:
         alone, added, theirs, followers = _followers(robot, q, com, frame)
         unloaded, per_kilogram = np.concatenate([unloaded, alone], -1), np.concatenate([per_kilogram, added], -1)
         L, names = np.concatenate([L, theirs]), (*names, *followers)
+        turning += [bool(robot.model.bodies[i].joint.turning[0]) for i in robot.model.limited_followers]
     s = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
     mass = np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0))
     joint, side = np.where(holds, s.joint, -1), np.where(holds, s.side, 0)
-    return LargestPayload(mass, joint, side, holds, unloaded, per_kilogram, s.per_joint, L, names)
+    return LargestPayload(
+        mass, joint, side, holds, unloaded, per_kilogram, s.per_joint, L, names, units_of("tau", turning)
+    )
 
 
 @dataclass(frozen=True, eq=False)
