@@ -297,7 +297,7 @@ def test_a_joint_that_friction_holds_is_no_drift(pendulum, method):
     drives = {"actuators": {pendulum.joint_names[0]: {"friction": {"coulomb": "0.5 N m"}}}}
     wheel = pendulum.with_gravity([0, 0, 0]).with_actuators(drives)
     found = wheel.simulate([0.0], None, 1.0, 0.01, friction=True, method=method, tau=[0.4])
-    assert not said(found, "the energy is off")
+    assert not said(found, "the energy drift")
     assert not said(found, STEPS)
 
 
