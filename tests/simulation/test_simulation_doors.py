@@ -358,7 +358,7 @@ def test_files_give_every_bit_back(result, tmp_path, kind):
     with pytest.raises(tw.ValueRangeError, match=r"result\.with_robot\(robot\)\.motion"):
         _ = read.motion
     np.testing.assert_array_equal(read.with_robot(tw.robots.floating_box()).motion.q, result.motion.q)
-    with pytest.raises(tw.ValueRangeError, match="coordinates are others"):
+    with pytest.raises(tw.ValueRangeError, match="coordinates differ"):
         read.with_robot(tw.robots.ur5())
 
 
