@@ -1,11 +1,11 @@
-"""Causes that a fit assumes: unknowns that are estimated with the groups of parameters, and taken off the log.
+"""Causes that a fit assumes: their values are estimated with the groups of parameters, and removed from the log.
 
-A cause with value β turns the samples (q, τ) of a log into those of a log without it. With the groups x and the residual
-r = τ - W x of the corrected log, Gauss and Newton's steps solve for both together, at the rows and weights of the fit,
+A cause with value β maps the samples (q, τ) of a log to a corrected log. With the groups x and the residual r = τ - W x
+of the corrected log, Gauss-Newton steps solve for both together, with the rows and weights of the fit,
 
     r(x + dx, β + dβ) = r(x, β) - W dx - E dβ,      E = d(τ̂ - τ)/dβ,    τ̂ = W x
 
-and the covariance of the groups is that of [W E], so that their intervals include what is not known of β.
+and the covariance of the groups is taken from [W E], so that their intervals include the uncertainty of β.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples, of_springs
 
 Built = tuple[SettingRows, Array, Prior]
-"""Rows of samples, largest plausible sizes of the unknown parameters, and the weak prior of their groups."""
+"""Rows of samples, largest plausible sizes of the unknown parameters, and weak prior of their groups."""
 Build = Callable[[BaseParameters, Sequence[SteadySamples]], Built]
 
 _LAWS = ("load-friction", "warming", "drift")
@@ -46,7 +46,7 @@ JOINTS_OF_CAUSE: dict[str, tuple[int, ...]] = {
     "drift": (1,),
     "elasticity": (0, 1),
 }
-"""Causes that can be assumed, in the order in which they are taken off, and the numbers of joints that each may name."""
+"""Causes that can be assumed, in the order of their removal, with the number of joints that each may name."""
 _NOT_TAKEN_OFF = {
     "low-pass": "what a filter has taken away is not in the log. Log the torques before the filter, or filter positions alike.",
     "late-joint": "friction and elasticity of the joint show alike. Assume one of them, or late for all joints.",
@@ -55,29 +55,29 @@ _NOT_TAKEN_OFF = {
 }
 _OF_TIME, _TURNING = ("warming", "drift"), ("tilt", "mounting")
 _STEPS, _SETTLED = 4, 1e-3
-"""Most of Gauss and Newton's steps, and the change of torques, in sizes of their residuals, below which they end."""
+"""Maximum number of Gauss-Newton steps; change of torques, in residual sizes, below which the iteration ends."""
 _UNTOLD = 1e-7
-"""Share of a column's squares left by the others, below which no log determines its parameter."""
+"""Share of a column's squares not spanned by the others, below which no log determines its parameter."""
 _OF_RATE, _USUAL_SPEED = 0.1, 0.05
-"""Cut-off, as a share of the rate of the samples, and speed of friction that the search begins with."""
+"""Cut-off as a share of the sampling rate, and Coulomb smoothing speed, at the beginning of the search."""
 _WIDE = 1e3
-"""Size of β, as torques of so many times the largest joint's, that the weak prior allows."""
+"""Prior standard deviation of β, as a multiple of the largest joint torque."""
 
 
 @dataclass(frozen=True)
 class WantedCause:
-    """A cause to be assumed, and the joints that it names; none for all of them, or for the whole log."""
+    """Cause to assume, with the joints that it names; no joints for all joints or the whole log."""
 
     kind: str
     joints: tuple[int, ...]
 
     def stands_for(self, found: FoundCause) -> bool:
-        """True if a cause that was found is this one."""
+        """True if a found cause is this cause."""
         return found.kind == self.kind and (not self.joints or bool({*self.joints} & {*found.joints}))
 
 
 def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[WantedCause, ...]:
-    """Causes by ``KIND`` or ``KIND:JOINT``, in the order in which they are taken off; raises for others.
+    """Parse causes such as ``KIND`` or ``KIND:JOINT`` and sort them in the order of their removal; raises for unknown ones.
 
     >>> wanted_causes(["zero:elbow", "tilt"], ["shoulder", "elbow"])
     (WantedCause(kind='tilt', joints=()), WantedCause(kind='zero', joints=(1,)))
@@ -104,12 +104,12 @@ def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[Wa
 
 
 Correction = Callable[[LogStates, Array, Array], LogStates]
-"""Takes a cause off states, by the groups x (r,) and β (k,)."""
+"""Function that removes a cause from states, given the groups x (r,) and β (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _TakenOff:
-    """A cause, its correction, and β, which is empty for a cause without a value; ``number`` is that of a discrete one."""
+    """Cause, its correction, and β (empty for a cause without a value); ``number`` is the value of a discrete cause."""
 
     wanted: WantedCause
     correct: Correction
@@ -120,16 +120,16 @@ class _TakenOff:
 
 @dataclass(frozen=True, eq=False)
 class AssumedCauses:
-    """Causes that a fit assumes, and the log that they are taken off.
+    """Assumed causes of a fit, and the log from which they are removed.
 
     Attributes
     ----------
     base : BaseParameters, under the gravity of the robot's file
     samples : sequence of SteadySamples, on the robot's clock
-    causes : tuple of the causes, in the order in which they are taken off
-    dead : (nv,) bool array, joints without a torque
-    settings : FitSettings, cut-off and speeds of friction that rates and laws are made with
-    x : (r,) array, groups
+    causes : tuple of the causes, in the order of their removal
+    dead : (nv,) bool array, True for joints without a torque
+    settings : FitSettings, cut-off and friction speeds for rates and laws
+    x : (r,) array, values of the groups
     """
 
     base: BaseParameters
@@ -148,7 +148,7 @@ class AssumedCauses:
         settings: FitSettings,
         dead: Array,
     ) -> AssumedCauses:
-        """Causes near their best values, one after another, by the search for causes."""
+        """Estimate initial values of the causes one after another, by the search for causes."""
         found, fit = list[_TakenOff](), log_fit(unknown, samples, settings, dead)
         for one in wanted:
             x = fit.x[: fit.states.base.count]
@@ -170,13 +170,13 @@ class AssumedCauses:
         return cls(base, samples, tuple(found), dead, settings, fit.x[: base.count])
 
     def _states(self, samples: Sequence[SteadySamples]) -> LogStates:
-        """All samples as states: positions and torques as they are, rates below the cut-off; causes taken off."""
+        """States of all samples, causes removed: unfiltered positions and torques, rates below the cut-off."""
         cutoff, speed = self.settings.cutoff, self.settings.friction_speed
         s = LogStates.from_samples(self.base, samples, cutoff, speed, np.inf, whole=True)
         return _corrected(s, self.causes, self.x)
 
     def corrected(self) -> tuple[list[SteadySamples], Array]:
-        """Samples with the causes taken off, and the gravity (3,) there."""
+        """Samples with the causes removed, and their gravity (3,)."""
         return self._corrected(self.samples)
 
     def _corrected(self, samples: Sequence[SteadySamples]) -> tuple[list[SteadySamples], Array]:
@@ -185,13 +185,13 @@ class AssumedCauses:
         return [replace(one, q=s.q[p], tau=tau[p]) for one, p in zip(samples, s.pieces, strict=True)], s.gravity
 
     def of_other_logs(self, samples: Sequence[SteadySamples]) -> list[SteadySamples]:
-        """Samples of logs that are only predicted; causes that depend on the time in a log stay in them."""
+        """Remove the causes from test logs; causes that depend on the time in a log are not removed."""
         scale = next((one.number for one in self.causes if one.wanted.kind == "time-scale"), None)
         same = tuple(one for one in self.causes if one.wanted.kind not in _OF_TIME)
         return replace(self, causes=same)._corrected(_clocked(samples, scale or 1.0))[0]
 
     def columns(self, most: float) -> Array:
-        """(m, nv, k) columns E of β in the rows of the corrected log, ``most`` at most."""
+        """(m, nv, k) columns E of β in at most ``most`` rows of the corrected log."""
         s = LogStates.from_samples(self.base, self.samples, self.settings.cutoff, self.settings.friction_speed, most)
         found = list[Array]()
         for k, one in enumerate(self.causes):
@@ -206,9 +206,9 @@ class AssumedCauses:
         return np.stack(found, axis=-1) if found else np.zeros((len(s.rows), len(s.gain), 0))
 
     def refined(self, build: Build, method: Method, most: float) -> tuple[AssumedCauses, FitSettings, Built]:
-        """Values at which the rows of the fit are explained best, with its settings and its rows.
+        """Refine the values for the rows of the fit, together with its settings.
 
-        Raises ValueRangeError if the logs do not tell a value.
+        Raises ValueRangeError if the logs do not determine a value.
         """
         turned = any(one.wanted.kind in _TURNING for one in self.causes)
         base = self.base if turned else BaseParameters.from_unknowns(self.base.unknown)
@@ -235,7 +235,7 @@ class AssumedCauses:
         return known, settings, made
 
     def moved(self, step: Array) -> AssumedCauses:
-        """Causes with other values, by ``step`` (k,)."""
+        """Causes with values changed by ``step`` (k,)."""
         causes, at = list[_TakenOff](), 0
         for one in self.causes:
             causes.append(replace(one, beta=one.beta + step[at : at + len(one.beta)]))
@@ -243,7 +243,7 @@ class AssumedCauses:
         return replace(self, causes=tuple(causes))
 
     def check(self, W: Array, root: Array) -> None:
-        """Raise ValueRangeError if rows [W E] (m, nv, r + k) of these weights do not distinguish a value from the groups."""
+        """Raise ValueRangeError if weighted rows [W E] (m, nv, r + k) cannot distinguish a value from the groups."""
         N = NormalEquations.from_rows(W, 0.0 * root, root=root).N.sum(axis=0)
         size = np.sqrt(np.maximum(N.diagonal(), 1e-300))
         left = 1.0 / np.linalg.inv(N / size[:, None] / size + 1e-10 * np.eye(len(N))).diagonal()[len(self.x) :]
@@ -257,12 +257,12 @@ class AssumedCauses:
             at += len(one.beta)
 
     def text_of(self, wanted: WantedCause) -> str:
-        """Cause as it is written."""
+        """Text of a cause, as in ``assume``."""
         names = self.base.unknown.model.velocity_names
         return ":".join([wanted.kind, *(names[k] for k in wanted.joints)])
 
     def found(self, covariance: GroupCovariance) -> tuple[AssumedCause, ...]:
-        """Causes with their values and intervals, by the covariance of [x, β]."""
+        """Causes with their values and intervals, from the covariance of [x, β]."""
         names, half = self.base.unknown.model.velocity_names, covariance.half_width()[len(self.x) :]
         gravity, at, found = tuple(self.corrected()[1].tolist()), 0, list[AssumedCause]()
         for one in self.causes:
@@ -276,7 +276,7 @@ class AssumedCauses:
 
 
 def begin_settings(nv: int, samples: Sequence[SteadySamples], asked: FitOptions) -> FitSettings:
-    """Settings of the search before any are chosen."""
+    """Initial settings of the search, before settings are chosen."""
     cutoff = asked.cutoff or _OF_RATE * min(one.rate for one in samples)
     return FitSettings(cutoff, np.full(nv, asked.friction_speed or _USUAL_SPEED), asked.shift or 0.0)
 
@@ -288,7 +288,7 @@ def prior_with(prior: Prior, E: Array, tau: Array) -> Prior:
 
 
 def fit_covariance(trial: Trial, E: Array, x: Array, sigma: Array, weights: Array, prior: Prior) -> GroupCovariance:
-    """Covariance of [x, β], with the settings that were chosen."""
+    """Covariance of [x, β] at the chosen settings."""
     rows = trial.rows
     return group_covariance(
         np.concatenate([trial.W, E], axis=2), trial.tau, np.append(x, np.zeros(E.shape[2])), sigma, weights,
@@ -304,19 +304,19 @@ def _unchanged(s: LogStates, _x: Array, _beta: Array) -> LogStates:
 
 
 def _corrected(s: LogStates, causes: Iterable[_TakenOff], x: Array) -> LogStates:
-    """States with causes taken off one after another."""
+    """Remove causes from states one after another."""
     for one in causes:
         s = one.correct(s, x, one.beta)
     return s
 
 
 def _joints(wanted: WantedCause, s: LogStates) -> tuple[int, ...]:
-    """Numbers of the joints of a cause that every joint has."""
+    """Indices of the joints of a cause that names joints; all joints if it names none."""
     return wanted.joints or tuple(range(len(s.gain)))
 
 
 def _with_law(one: WantedCause, fit: CauseFit, x: Array) -> tuple[_TakenOff, CauseFit]:
-    """A law of joints with its coefficient."""
+    """Joint law with its coefficient, and the fit that contains it."""
     s = fit.states
     law = next(law for law in causes.laws(s) if (law.kind, law.joints) == (one.kind, _joints(one, s)))
     refit = fit.refit(s, law_columns(fit, [law], FittedTorques.from_groups(s, x))[0][..., 0])
@@ -328,7 +328,7 @@ def _with_law(one: WantedCause, fit: CauseFit, x: Array) -> tuple[_TakenOff, Cau
 
 
 def _candidates(one: WantedCause, s: LogStates, x: Array) -> list[Cause]:
-    """Causes of that name, one of which is assumed."""
+    """Candidate causes of that name, of which the best is assumed."""
     tried: Iterable[Cause]
     if one.kind == "elasticity":
         one = replace(one, joints=_joints(one, s))
@@ -339,7 +339,7 @@ def _candidates(one: WantedCause, s: LogStates, x: Array) -> list[Cause]:
 
 
 def _taken_off(one: WantedCause, s: LogStates, x: Array, best: FoundCause) -> _TakenOff:
-    """The cause that was estimated from states with groups x."""
+    """Correction by a cause that was estimated from states with groups x."""
     if one.kind == "time-scale":
         return _TakenOff(one, _unchanged, np.zeros(0), number=best.number)
     cause = next(c for c in _candidates(one, s, x) if best.value is not None or c.number == best.number)
@@ -361,7 +361,7 @@ def _taken_off(one: WantedCause, s: LogStates, x: Array, best: FoundCause) -> _T
 
 
 def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParameters:
-    """Unknown parameters with static friction of each joint, faded at the speed that explains most."""
+    """Unknown parameters with static friction of each joint, at the Stribeck speed that explains most."""
     s, best = fit.states, list[tuple[float, float]]()
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     for speed in causes.STRIBECK_SPEEDS:
@@ -381,5 +381,5 @@ def _under(base: BaseParameters, gravity: Array) -> BaseParameters:
 
 
 def _clocked(samples: Sequence[SteadySamples], factor: float) -> list[SteadySamples]:
-    """Samples whose times were ``factor`` times the true ones."""
+    """Samples with corrected times, for a log whose times are ``factor`` times the true ones."""
     return [replace(one, start=one.start / factor, rate=one.rate * factor) for one in samples]

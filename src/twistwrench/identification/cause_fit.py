@@ -1,10 +1,10 @@
-"""Fit of the rows of logs in which causes are sought, and the gain of columns beside it, judged by rows held out.
+"""Least-squares fit of log rows for the search for causes, and the gain in S of additional columns on held-out rows.
 
-With s_j² the mean square of the residual of joint j in 5-fold cross-validation over time, columns of a cause make
+With s_j² the mean square of the residual of joint j in 5-fold cross-validation over time, columns of a cause gain
 
     S = Σ_j log(s_j² without it / s_j² with it),
 
-the criterion that settings are chosen by, in which each joint counts alike.
+the criterion by which settings are chosen too. Each joint has equal weight.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples
 
 LEAST_S = 0.25
-"""S from which a cause is raised: of 56 clean logs none had more than 0.19."""
+"""S from which a cause is reported: no S of 56 clean logs exceeded 0.19."""
 _CHANCE = 0.01
 _FLOOR = 0.005
-"""Share of a joint's torque (rms) below which no residual counts."""
+"""Lower bound of the residual, as a share of a joint's torque (rms)."""
 _SECONDS, _LENGTHS = (1.0, 2.5), 5.0
-"""Shortest and longest blocks of time [s], and lengths of the residuals' correlation in a block: other causes make it long."""
+"""Minimum and maximum length of blocks of time [s]; block length in autocorrelation lengths, which other causes increase."""
 _UNTOLD = 1e-7
 _BEGINS = 6
-"""Parts of a log between which laws are tried to begin at first."""
+"""Number of parts of a log between which the first candidates for the beginning of a law lie."""
 _ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
-"""Direction of gravity along no axis, so that groups are those of any mounting."""
+"""Direction of gravity along no coordinate axis, which makes the groups valid for any mounting."""
 _HIGHEST, _SLOWEST = 10.0, 0.1
-"""Cut-off [Hz] and speed of friction at most."""
+"""Maximum cut-off [Hz], and maximum speed of Coulomb smoothing."""
 _FEWEST, _MOST = 300, 1200
 _LEAST_ROWS, _PER_GROUP = 40, 3
-"""Rows, and equations for each group, from which causes are sought."""
-_NUMBERS = 5e6  # entries of rows at most
-_TOGETHER = 64  # sets of columns at a time, so that they stay small
+"""Minimum number of rows, and of equations per group, for a search for causes."""
+_NUMBERS = 5e6  # maximum number of entries of rows
+_TOGETHER = 64  # sets of columns per batch, to limit memory
 
 
 class CauseFit:
-    """Fit of the rows of states, with columns of laws (m, nv) beside those of the groups, and its residuals held out.
+    """Fit of the rows of states, with columns of laws (m, nv) beside those of the groups, and held-out residuals.
 
-    Residuals ``left`` (m, nv) are in units of √(1 + w' C w / σ²), with C the covariance of the parameters from the other
-    fifths: rows that these do not determine say nothing.
+    Residuals ``left`` (m, nv) are in units of √(1 + w' C w / σ²), with C the covariance of the parameters from the
+    other fifths. This reduces the weight of rows that the other fifths do not determine.
     """
 
     def __init__(self, states: LogStates, prior: Prior, live: Array, laws: Sequence[Array] = ()) -> None:
@@ -86,44 +86,44 @@ class CauseFit:
             for j in np.flatnonzero(live):
                 A = W[f, j][:, felt[j]]
                 self.spread[f, j] += self.weight[j] * ((A @ inverse[np.ix_(felt[j], felt[j])]) * A).sum(axis=1)
-        self.spread = np.sqrt(np.maximum(self.spread, 1.0))  # less only by rounding
+        self.spread = np.sqrt(np.maximum(self.spread, 1.0))  # less only by rounding error
         left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
         self.left = left / self.spread
         self.floor = (_FLOOR * size) ** 2 + 1e-300
 
     def refit(self, states: LogStates, *laws: Array) -> CauseFit:
-        """Fit of other states, with more laws."""
+        """Fit of other states, with additional laws."""
         return CauseFit(states, self._groups, self.live, (*self.laws, *laws))
 
     @property
     def enough(self) -> bool:
-        """True if there are rows enough for causes to be sought."""
+        """True if there are enough rows for a search for causes."""
         count, groups = len(self.tau), self.states.base.count
         return count >= _LEAST_ROWS and count * int(self.live.sum()) >= _PER_GROUP * groups
 
     @cached_property
     def squares(self) -> Array:
-        """(nv,) mean squares of the residuals held out."""
+        """(nv,) mean squares of the held-out residuals."""
         return np.asarray((self.left**2).mean(axis=0) + self.floor)
 
     @cached_property
     def shares(self) -> Array:
-        """(nv,) residuals held out as shares of the torques."""
+        """(nv,) held-out residuals as shares of the torques."""
         return np.sqrt(self.squares / np.maximum((self.tau**2).mean(axis=0), 1e-300)) * self.live
 
     def gained(self, other: CauseFit) -> float:
-        """S of a fit with a cause."""
+        """S of another fit, which includes a cause, against this one."""
         volume = np.log(self.spread / other.spread).mean(axis=0)
         return float((np.log(self.squares / other.squares) + 2.0 * volume)[self.live].sum())
 
     def gained_by(self, e: Array) -> tuple[Array, Array]:
-        """S (g,) of more columns e (m, nv, g, k), k at a time, at the weights of this fit, and their coefficients (g, k)."""
+        """S (g,) of additional columns e (m, nv, g, k), k at a time, with the weights of this fit; coefficients (g, k)."""
         left, beta = self.with_columns(e)
         squares = (left**2).mean(axis=0) + self.floor[:, None]
         return np.log(self.squares[:, None] / squares)[self.live].sum(axis=0), beta
 
     def gains(self, columns: Sequence[Array]) -> list[tuple[float, Array]]:
-        """S and coefficients (k,) of each of several sets of columns (m, nv, k) alone."""
+        """S and coefficients (k,) of each of several sets of columns (m, nv, k), one set at a time."""
         found = [(0.0, np.zeros(0))] * len(columns)
         for width in {e.shape[2] for e in columns}:
             mine = [c for c, e in enumerate(columns) if e.shape[2] == width]
@@ -134,9 +134,9 @@ class CauseFit:
         return found
 
     def with_columns(self, e: Array) -> tuple[Array, Array]:
-        """Residuals held out (m, nv, g) and coefficients (g, k) of more columns e (m, nv, g, k), k at a time beside the others.
+        """Held-out residuals (m, nv, g) and coefficients (g, k) with additional columns e (m, nv, g, k), k at a time.
 
-        Columns that others make up, in the rows that any fifth is predicted from, have coefficients of 0.
+        Columns that are linearly dependent on others in the training rows of a fifth have coefficients of 0.
         """
         v, a, c = [], [], []
         for f in self.folds:
@@ -165,30 +165,30 @@ class CauseFit:
         return left, beta
 
     def change(self, e: Array, beta: Array) -> Array:
-        """(r,) by how much the groups are moved by columns (m, nv, k) with coefficients (k,) beside them."""
+        """(r,) change of the groups by additional columns (m, nv, k) with coefficients (k,)."""
         v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
         return np.asarray(-(self._inverse[-1] @ v @ beta)[: self.states.base.count])
 
     @cached_property
     def joint_causes(self) -> list[ScreenedCause]:
-        """Laws of the joints and their elasticity, each by its column."""
+        """Laws of the joints and their elasticity, each tested by its column."""
         return _laws_screened(self) if self.enough else []
 
     def deviation(self, e: Array) -> Array:
-        """Deviations (k,) of the coefficients of columns (m, nv, k) whose values this fit has, by blocks of time."""
+        """Standard deviations (k,), by blocks of time, of coefficients of columns (m, nv, k) that this fit contains."""
         v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
         across = e - self.W @ (self._inverse[-1] @ v)
         size = np.linalg.pinv(np.einsum("mjk,mjl,j->kl", across, across, self.weight, optimize=True))
         return self._block_deviation(across @ size)
 
     def law_deviation(self, count: int) -> Array:
-        """Deviations of the coefficients of the last ``count`` columns of laws."""
+        """Standard deviations of the coefficients of the last ``count`` columns of laws."""
         return self._block_deviation(self.W @ self._inverse[-1][:, -count:])
 
     def _block_deviation(self, influence: Array) -> Array:
-        """Deviations (k,) of Σ influence' Λ r, with r held out, which the fit takes part of away from its own rows.
+        """Standard deviations (k,) of Σ influence' Λ r, with held-out residuals r; residuals of training rows are too small.
 
-        The larger of two: by blocks of time, few of which may hold most of it; by rows and the length of their correlation.
+        Returns the larger of two estimates: by blocks of time, and by rows with their autocorrelation length.
         """
         u = np.einsum("mjk,mj,j->mk", influence, self.left * self.spread, self.weight, optimize=True)
         by_blocks = (np.add.reduceat(u, self.blocks, axis=0) ** 2).sum(axis=0)
@@ -201,7 +201,7 @@ class CauseFit:
 
     @cached_property
     def blocks(self) -> Array:
-        """First rows of blocks of time, five autocorrelation lengths of the residuals long, of a second to 2.5."""
+        """First rows of blocks of time with a length of five autocorrelation lengths, between 1 and 2.5 s."""
         s = self.states
         step = float(np.median(np.diff(s.time[s.rows]))) if len(s.rows) > 1 else 1.0
         length = max(_SECONDS[0] / step, min(_SECONDS[1] / step, _LENGTHS * self.correlation))
@@ -209,11 +209,11 @@ class CauseFit:
         return np.linspace(0, len(self.left), count + 1).astype(int)[:-1]
 
     def sure(self, tried: int) -> float:
-        """Student's t that one of so many causes exceeds by chance once in a hundred logs."""
+        """Student's t that the largest of ``tried`` causes exceeds by chance in 1 % of the logs."""
         return float(student_quantile(max(1.0, len(self.blocks) - 1.0), 1.0 - _CHANCE / max(1, tried)))
 
     def t_value(self, before: CauseFit) -> float:
-        """Mean over deviation of the block differences of log-likelihood against a fit without the cause."""
+        """Student's t of the differences of log-likelihood, by blocks, against the fit ``before``, without the cause."""
         a, b = before.squares, self.squares
         volume = 2.0 * np.log(before.spread / self.spread)
         d = 0.5 * (before.left**2 / a - self.left**2 / b + np.log(a / b) + volume)[:, self.live].sum(axis=1)
@@ -224,7 +224,7 @@ class CauseFit:
 def log_fit(
     unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
 ) -> CauseFit:
-    """Fit to the rows of logs that causes are sought in."""
+    """Fit to the rows of logs for the search for causes."""
     base = askew_base(unknown)
     nv, cutoff = unknown.model.nv, min(settings.cutoff, _HIGHEST)
     most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
@@ -237,16 +237,16 @@ def log_fit(
 
 
 def askew_base(unknown: UnknownParameters) -> BaseParameters:
-    """Groups of the robot mounted askew, which are those of any mounting."""
+    """Base parameters for a tilted mounting, which are valid for any mounting."""
     return BaseParameters.from_unknowns(unknown, gravity=np.linalg.norm(unknown.model.gravity) * _ASKEW)
 
 
-# ── Causes by their columns
+# ── Screening of causes by their columns
 
 
 @dataclass(frozen=True, eq=False)
 class ScreenedCause:
-    """Cause by its columns e (m, nv, k) alone, with β and S at the weights of the fit without it."""
+    """Cause screened by its columns e (m, nv, k), with β and S at the weights of the fit without it."""
 
     S: float
     cause: Cause | Law
@@ -255,7 +255,7 @@ class ScreenedCause:
 
 
 def screened(fit: CauseFit, tried: Iterable[Cause]) -> list[ScreenedCause]:
-    """Causes with a value, by their columns at each of the values that they start from."""
+    """Screen causes with a value by their columns at each of their start values."""
     s, places = fit.states, list[tuple[CauseFit, Cause, Array, Array]]()
     for cause in tried:
         for start in cause.starts:
@@ -281,11 +281,11 @@ def cause_columns(fit: CauseFit, s: LogStates, cause: Cause, beta: Array) -> Arr
 
 
 def law_columns(fit: CauseFit, laws: Iterable[Law], fitted: FittedTorques) -> list[Array]:
-    """Columns (m, nv, k) of laws in the rows of a fit, filtered as the torques are."""
+    """Columns (m, nv, k) of laws in the rows of a fit, low-passed like the torques."""
     s, found, alike = fit.states, list[Array](), dict[Any, Array]()
     for law in laws:
         key = law.values, law.since
-        if key not in alike:  # laws of several joints are filtered once
+        if key not in alike:  # filter laws of several joints once
             alike[key] = s.filtered(law.everywhere(s, fitted))[s.rows]
         mine = fit.live & np.isin(np.arange(len(fit.live)), law.joints)
         found.append(alike[key] * mine[:, None])
@@ -293,7 +293,7 @@ def law_columns(fit: CauseFit, laws: Iterable[Law], fitted: FittedTorques) -> li
 
 
 def _laws_screened(fit: CauseFit) -> list[ScreenedCause]:
-    """Laws of the joints and their elasticity, each by its column."""
+    """Screen the laws of the joints and their elasticity, each by its column."""
     s = fit.states
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     laws = list(causes.laws(s))
@@ -304,7 +304,7 @@ def _laws_screened(fit: CauseFit) -> list[ScreenedCause]:
 
 
 def screened_changes(fit: CauseFit) -> list[ScreenedCause]:
-    """Laws that begin within the log, each at the row from which its columns gain most."""
+    """Screen laws that begin within the log, each from the row at which its columns gain most."""
     s, found = fit.states, list[ScreenedCause]()
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     laws = list(causes.changes(s))
@@ -317,7 +317,7 @@ def screened_changes(fit: CauseFit) -> list[ScreenedCause]:
 
 
 def _best_begins(fit: CauseFit, columns: Sequence[Array]) -> list[tuple[float, Array, int]]:
-    """S and coefficients of columns e (m, nv, k) from some row on, and the row, found by halving steps; for each of several."""
+    """S, coefficients and first row of each of several columns e (m, nv, k) that begin within the log, by step halving."""
     m = len(fit.tau)
     rows, step = np.arange(m)[:, None, None], m // _BEGINS
     best = [(-np.inf, np.zeros(0), 0)] * len(columns)

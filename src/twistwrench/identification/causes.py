@@ -1,21 +1,21 @@
-"""Causes of wrong logs as corrections: states of a log with one fault taken off, and the torque that a law of the joint adds.
+"""Causes of faults in logs: corrections of states that remove one fault, and additional torques of joint laws.
 
-A cause c with value β turns the states s of a log into c(s, β), which the robot's equations hold for if c is what happened:
+A cause c with value β maps the states s of a log to c(s, β). If c is the fault, the robot's equations hold for c(s, β):
 
-    gain g of joint k:        τ_k = g (W x)_k                         a gain of -1 is a sign
-    zero β of joint k:        q_k - β                                 W taken there
+    gain g of joint k:        τ_k = g (W x)_k                         g = -1 is a wrong sign
+    zero β of joint k:        q_k - β                                 W evaluated there
     tilt (β_x, β_y):          gravity exp([β]) g
     delay β:                  τ(t + β)
     low-pass ω:               W / (1 + s/ω)
     time scale s:             dq / s, ddq / s²
     elasticity β of joint k:  q_k - β τ̂_k, with its rates             τ̂ = W x̂, the fitted torque
 
-and laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
+Laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
 
     load friction |R_k| tanh(dq_k / v_0),   Stribeck fc_k tanh(dq_k / v_0) exp(-(dq_k / v_s)²),
     warming fc_k (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt.
 
-The fitted torque stands in all of them, never the measured one, which contains the residual itself.
+All of them use the fitted torque. The measured torque contains the residual itself.
 """
 
 from __future__ import annotations
@@ -40,28 +40,28 @@ _MADE_OF = {
     "bodies": ("q", "dq", "ddq", "gravity", "weightless", "rows", "lag"),
     "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lag"),
 }
-"""Fields that columns are made of."""
+"""Fields on which the columns depend."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogStates:
-    """States of logs below a cut-off, at 20 samples a period of it, and the rows among them that equations are made for.
+    """States of logs below a cut-off, at 20 samples per period of the cut-off, and the rows of equations among them.
 
     Attributes
     ----------
-    base : BaseParameters, whatever the direction of gravity
+    base : BaseParameters, independent of the direction of gravity
     cutoff : float [Hz]
     pieces : list of slice, states of each piece of a log without pauses
-    rows : (m,) array, numbers of the states that become rows
-    time, piece : (n,) arrays, time [s] and the number of its piece
-    rate : (n,) array, states a second
+    rows : (m,) array, indices of the states that become rows
+    time, piece : (n,) arrays, time [s] and index of the piece
+    rate : float, states per second [Hz]
     q, dq, ddq, tau : (n, nv) arrays
     friction_speed : (nv,) array, v_0
     gravity : (3,) array
     gain : (nv,) array
-    logs : sequence of int, the number of each piece's log, from 1; 0 if its times belong to one log only
+    logs : sequence of int, number of the log of each piece, from 1; 0 if there is only one log
     lag : float, time constant of the low-pass of the torques [s]
-    weightless : tuple of int, joints whose torques are without those of gravity
+    weightless : tuple of int, joints whose logged torques exclude gravity
     """
 
     base: BaseParameters
@@ -94,7 +94,7 @@ class LogStates:
         *,
         whole: bool = False,
     ) -> LogStates:
-        """States of samples on steady clocks, with ``most`` rows at most; of all samples, q and τ as they are, if ``whole``."""
+        """Resample samples on steady clocks to at most ``most`` rows; if ``whole``, keep all samples with q and τ unchanged."""
         found, rows, pieces, at = [], [], [], 0
         for one, s, kept in states_with_rows(samples, cutoff, most, whole=whole):
             found.append(replace(s, q=one.q, tau=one.tau) if whole else s)
@@ -121,26 +121,26 @@ class LogStates:
         )
 
     def filtered(self, x: Array) -> Array:
-        """Values (n, ...) of the states below the cut-off, piece by piece."""
+        """Low-pass values (n, ...) of the states at the cut-off, piece by piece."""
         if not self.pieces:
             return x
         return np.concatenate([low_pass(x[s], self.cutoff, float(self.rate[s.start])) for s in self.pieces])
 
     def slope(self, x: Array) -> Array:
-        """Rates of values (n, ...) of the states."""
+        """Time derivatives of values (n, ...) of the states."""
         if not self.pieces:
             return np.zeros_like(x)
         return np.concatenate([np.gradient(x[s], self.time[s], axis=0) for s in self.pieces])
 
     @cached_property
     def measured(self) -> Array:
-        """(m, nv) measured torques at the rows, springs taken off."""
+        """(m, nv) measured torques at the rows, without the torques of springs."""
         known = of_springs(self.base, self.q[self.rows], self.dq[self.rows], self.ddq[self.rows])
         return np.asarray(self.in_time[self.rows] - known)
 
     @cached_property
     def in_time(self) -> Array:
-        """(n, nv) measured torques, the shift taken off."""
+        """(n, nv) measured torques, corrected for the time shift."""
         return np.concatenate([self._moved(s) for s in self.pieces]) if self.shift else self.tau
 
     def _moved(self, s: slice) -> Array:
@@ -149,7 +149,7 @@ class LogStates:
 
     @cached_property
     def columns(self) -> Array:
-        """(m, nv, r) columns of the groups at the rows, friction low-passed as the torques are."""
+        """(m, nv, r) columns of the groups at the rows, with friction low-passed like the torques."""
         kept, unknown = self.base.kept, self.base.unknown
         of_bodies, drives = unknown.of_bodies[kept] >= 0, self.base.drives
         W = np.empty((*self.bodies.shape[:2], len(kept)))
@@ -170,14 +170,14 @@ class LogStates:
         return self.bodies @ mine, (self.drives * x[drives]) @ unknown.shares[kept[drives]]
 
     def _at_rows(self, W: Array) -> Array:
-        """Columns, or torques, of gains, and behind a low-pass that is in all states."""
+        """Columns or torques at the rows, with gains and the low-pass of the torques applied."""
         if self.lag:
             W = np.concatenate([lagged(W[s], self.lag * float(self.rate[s.start])) for s in self.pieces])[self.rows]
         return np.asarray(W * self.gain.reshape(-1, *[1] * (W.ndim - 2)) if (self.gain != 1.0).any() else W)
 
     @cached_property
     def bodies(self) -> Array:
-        """Columns of the bodies' parameters at the rows, or in all states that a low-pass needs."""
+        """Columns of the body parameters at the rows, or in all states if there is a low-pass."""
         at = slice(None) if self.lag else self.rows
         states = self.q[at], self.dq[at], self.ddq[at]
         Y = self.base.unknown.regressor(*states, self.gravity)
@@ -198,7 +198,7 @@ class LogStates:
         return found
 
     def torques(self, x: Array) -> tuple[Array, Array]:
-        """(n, nv) torques W x of all states, and those of the bodies, in portions."""
+        """(n, nv) torques W x of all states, and the part of the bodies, computed in portions."""
         n, found = len(self.time), []
         for k in range(0, n, _PORTION):
             span = slice(k, min(n, k + _PORTION))
@@ -210,7 +210,7 @@ class LogStates:
         return whole, bodies
 
     def changed(self, **columns: Any) -> LogStates:
-        """States with other values of some fields; columns that no change concerns are kept."""
+        """Copy with other values of some fields; columns that do not depend on them stay cached."""
         found = replace(self, **columns)
         for part, fields in _MADE_OF.items():
             if part in self.__dict__ and all(getattr(found, name) is getattr(self, name) for name in fields):
@@ -238,7 +238,7 @@ def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
 
 
 def zero(s: LogStates, k: int, beta: float) -> LogStates:
-    """Move the zero of joint k by β, which the log is beyond the robot by."""
+    """Subtract the zero error β from the position of joint k."""
     return s.changed(q=_one(s.q, k, lambda x: x - beta))
 
 
@@ -250,31 +250,31 @@ def exchanged_positions(s: LogStates, j: int, k: int) -> LogStates:
 
 
 def exchanged_torques(s: LogStates, order: Array) -> LogStates:
-    """Reorder the torques: column ``order[j]`` is that of joint j."""
+    """Reorder the torques: joint j gets column ``order[j]``."""
     return s.changed(tau=s.tau[:, order])
 
 
 def tilt(s: LogStates, beta: Array) -> LogStates:
     """Turn the base by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
-    turn = np.linalg.svd(s.gravity[None])[2][1:].T @ beta  # at right angles to gravity
+    turn = np.linalg.svd(s.gravity[None])[2][1:].T @ beta  # perpendicular to gravity
     angle = float(np.linalg.norm(turn))
     return s.changed(gravity=np.cos(angle) * s.gravity + np.sinc(angle / np.pi) * np.cross(turn, s.gravity))
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
-    """Scale the rates: times of the log are ``factor`` times the true ones."""
+    """Scale the rates for a log whose times are ``factor`` times the true ones."""
     return s.changed(dq=s.dq * factor, ddq=s.ddq * factor**2)
 
 
 def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Array) -> LogStates:
-    """Turn the links back from their motors by β times ``turn`` (n, nv), with its rates."""
+    """Shift joint positions back by β times ``turn`` (n, nv), with its rates: links lag behind their motors."""
     if not s.pieces:
         return s
     return s.changed(q=s.q - beta * turn, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
 
 
 def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> Iterator[Cause]:
-    """Elasticity of each joint, and of all alike; β is the angle at the ``largest`` (nv,) of the fitted torques (n, nv)."""
+    """Elasticity of each joint, and of all joints; β is the deflection at the ``largest`` (nv,) fitted torques (n, nv)."""
     every = tuple(range(torque.shape[1]))
     share = torque / np.maximum(np.abs(torque).max(axis=0) if largest is None else largest, 1e-300)
     rate = s.slope(share)
@@ -290,7 +290,7 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """Correction of states that is tried; with a value β, ``correct`` takes it, and the search begins at ``starts``."""
+    """Correction of states to test; ``correct`` applies it with a value β, and the search begins at ``starts``."""
 
     kind: str
     joints: tuple[int, ...]
@@ -298,16 +298,16 @@ class Cause:
     step: float = 0.0
     """Step of β in finite differences; 0 for a cause without a value."""
     size: int = 1
-    """Numbers that β has."""
+    """Number of components of β."""
     starts: tuple[float, ...] = (0.0,)
     number: float | None = None
-    """Value of a discrete cause, in the unit of the table."""
+    """Value of a discrete cause, in the unit of the table of doubts."""
     cost: float = 0.0
-    """S by which it must explain more than others."""
+    """Amount by which its S must exceed the S of other causes."""
 
 
 class FittedTorques(NamedTuple):
-    """Torques of states by a fit: all, those of rigid bodies (n, nv), and Coulomb's friction of each joint (nv,)."""
+    """Fitted torques of states: total and of the rigid bodies (n, nv), and Coulomb friction of each joint (nv,)."""
 
     whole: Array
     rigid: Array
@@ -315,7 +315,7 @@ class FittedTorques(NamedTuple):
 
     @classmethod
     def from_groups(cls, s: LogStates, x: Array) -> FittedTorques:
-        """Torques of the states ``s`` by groups ``x`` (r,)."""
+        """Torques of the states ``s`` with groups ``x`` (r,)."""
         unknown, kept = s.base.unknown, s.base.kept
         dry = np.zeros(len(s.gain))
         for c, joints in unknown.coulomb_columns(kept):
@@ -325,28 +325,28 @@ class FittedTorques(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Law of joints: a torque by the states and their fitted torques, from some row on."""
+    """Joint law: a torque as a function of the states and their fitted torques, optionally from some row on."""
 
     kind: str
     joints: tuple[int, ...]
     values: Callable[[LogStates, FittedTorques], Array]
     speed: float = 0.0
-    """Speed at which static friction has faded."""
+    """Speed at which static friction has decayed (Stribeck speed)."""
     since: tuple[int, float] | None = None
-    """Piece and time [s] from which it acts."""
+    """Piece and time [s] at which the law begins to act."""
 
     def columns(self, s: LogStates, fitted: FittedTorques) -> Array:
         """Columns (n, nv, k) of the law, in the rows of its joints."""
         return self.everywhere(s, fitted) * np.isin(np.arange(len(s.gain)), self.joints)[:, None]
 
     def everywhere(self, s: LogStates, fitted: FittedTorques) -> Array:
-        """Columns (n, nv, k) of the law as if all joints had it."""
+        """Columns (n, nv, k) of the law applied to all joints."""
         values = self.values(s, fitted)
         values = values if values.ndim == 3 else values[..., None]
         return values * self.acting(s)[:, None, None]
 
     def acting(self, s: LogStates) -> Array:
-        """(n,) bool: states in which it acts."""
+        """(n,) bool: states in which the law acts."""
         if self.since is None:
             return np.ones(len(s.time), bool)
         piece, time = self.since
@@ -383,7 +383,7 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
 
 
 def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
-    """Gain, scale and zero of each joint, tilt of the base, delay and low-pass; also far from none if ``wide``."""
+    """Gain, scale and zero of each joint, tilt of the base, delay and low-pass; with distant starts if ``wide``."""
     turning = [bool(b.joint.turning[0]) for b in s.base.unknown.model.leaders]
     for k in range(len(s.gain)):
         yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, 1, _GAINS if wide else (0.0,))
@@ -426,7 +426,7 @@ def laws(s: LogStates) -> Iterator[Law]:
 
 
 def changes(s: LogStates) -> Iterator[Law]:
-    """Laws that may begin within the log: another gain of a joint, another delay of all torques, a load on the tip."""
+    """Laws that may begin within the log: a changed gain of a joint, a changed delay of all torques, a load on the tip."""
     every = tuple(range(len(s.gain)))
     for k in every:
         yield Law("gain-change", (k,), _whole)
@@ -437,7 +437,7 @@ def changes(s: LogStates) -> Iterator[Law]:
 
 
 def _load(s: LogStates, _fitted: FittedTorques) -> Array:
-    """Columns of a mass m on the tip and of its first moments m c there, those of others left out; m c c' is neglected."""
+    """Columns of a mass m on the tip and of its first moments m c; dependent columns are left out and m c c' is neglected."""
     model = s.base.unknown.model
     frame = model.frames[str(model.tip)]
     near = [SpatialInertia.from_com(1.0, c, np.zeros((3, 3))).in_frame(frame.pose).parameters for c in _NEAR]
@@ -452,7 +452,7 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
 
 
 _OFF, _DEPENDENT = 1e-3, 1e-6
-"""Distance of finite differences [m], and share of a column that others leave of it, below which it depends on them."""
+"""Step of finite differences [m]; share of a column not spanned by others below which the column is dependent."""
 _NEAR = np.concatenate([np.zeros((1, 3)), *(_OFF * way * np.eye(3)[[k]] for k in range(3) for way in (1, -1))])
 
 
@@ -485,17 +485,17 @@ def _dry(s: LogStates) -> Array:
 
 
 def _through(s: LogStates) -> Array:
-    """Share of the logs' time that has passed; a half for states without a time."""
+    """Elapsed share of the duration of the logs; 0.5 for states without time."""
     length = np.ptp(s.time)
     return (s.time - s.time.min()) / length if length else np.full(len(s.time), 0.5)
 
 
 _SHORTEST, _GAP = 0.3, 0.2
-"""Least length of a run of rows, and most of a gap in it [s]."""
+"""Minimum length of a run of rows, and maximum gap in a run [s]."""
 
 
 def runs(time: Array, piece: Array, high: Array) -> list[tuple[int, int]]:
-    """Runs of rows of one piece that are high, but for short gaps, of 0.3 s at least."""
+    """Runs of high rows within one piece, of at least 0.3 s; short gaps are bridged."""
     places = np.flatnonzero(high)
     if not places.size:
         return []
@@ -506,7 +506,7 @@ def runs(time: Array, piece: Array, high: Array) -> list[tuple[int, int]]:
 
 
 def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
-    """β (k,) and its interval, of half the widths (k,), in the unit of the table; the size of β that is a vector."""
+    """β (k,) and its interval of half-widths (k,), in the unit of the table; the magnitude if β is a vector."""
     size = float(np.linalg.norm(value)) if len(value) > 1 else float(value[0])
     along = value / size if len(value) > 1 and size else np.eye(len(value))[0]
     wide = float(np.sqrt(((along * half) ** 2).sum()))

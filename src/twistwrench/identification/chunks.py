@@ -1,4 +1,4 @@
-"""Logs of any length in chunks: their clock, overlapping chunks on a steady clock, and the rows of equations of each."""
+"""Logs of any length in chunks: clock, overlapping chunks on a steady clock, and rows of equations of each chunk."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ from .rows import (
 )
 
 CHUNK = 1 << 20
-"""Rows of one unit of work: seventeen minutes at 1 kHz."""
+"""Number of rows of one unit of work: 17 minutes at 1 kHz."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogClock:
-    """Clock of a log: its step, and its stretches without a pause."""
+    """Clock of a log: its time step, and its stretches without a pause."""
 
     rows: int
     step: float  # mean step within stretches [s]
     begins: Array
-    ends: Array  # (s,) first and last stamps of the stretches [s]
+    ends: Array  # (s,) last time stamps of the stretches [s]
 
     @classmethod
     def from_times(cls, time: Array, where: str) -> LogClock:
-        """Clock of stamps (n,) that do not run back; raises TrajectoryError, which begins with ``where``, for fewer than two.
+        """Clock of nondecreasing time stamps (n,); raises TrajectoryError for fewer than two, with ``where`` in the message.
 
         >>> clock = LogClock.from_times(np.array([0.0, 0.5, 1.0, 5.0, 5.5]), "a log")
         >>> clock.step, clock.begins.tolist(), clock.ends.tolist()
@@ -77,7 +77,7 @@ class LogClock:
 
     @property
     def rate(self) -> float:
-        """Rows a second [Hz]."""
+        """Rows per second [Hz]."""
         return 1.0 / self.step
 
     @property
@@ -87,12 +87,12 @@ class LogClock:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence on the pauses, if there are any."""
+        """Sentence on the pauses, if there are any."""
         return gap_notes(self.begins[1:] - self.ends[:-1])
 
 
 def gap_notes(lengths: Array) -> tuple[str, ...]:
-    """A sentence on pauses of these lengths (k,) [s], at which logs are split; none without pauses."""
+    """Sentence on pauses of these lengths (k,) [s], at which logs are split; empty without pauses."""
     if not len(lengths):
         return ()
     count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
@@ -101,7 +101,7 @@ def gap_notes(lengths: Array) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class LogSource:
-    """A log, by its file and how it is read (as :func:`read_motion` does), or by its motion in memory."""
+    """Log given by a file and its reading options (as for :func:`read_motion`), or by a motion in memory."""
 
     robot: Robot
     path: str
@@ -116,14 +116,14 @@ class LogSource:
 
     @classmethod
     def from_log(cls, robot: Robot, log: Motion | str | Path, number: int, **reading: Any) -> LogSource:
-        """A log that is given as either; ``number`` names one without a file."""
+        """Source from a path or a motion; ``number`` names a log without a file."""
         if isinstance(log, Motion):
             return cls(robot, f"logs number {number}", motion=log)
         return cls(robot, str(log), **reading)
 
     @property
     def log(self) -> MotionLog:
-        """Log of the file, decoded once in a process; raises the errors of :meth:`MotionLog.open`."""
+        """Log of the file, decoded once per process; raises the errors of :meth:`MotionLog.open`."""
         told, gain = (tuple(sorted((x or {}).items())) for x in (self.columns, self.gain))
         file = Path(self.path)
         written = file.stat().st_mtime_ns if file.is_file() else 0
@@ -148,23 +148,23 @@ class LogSource:
         return LogClock.from_times(self.log.table[:, 0] if self.motion is None else self.motion.time, self.path)
 
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each kind of rows left out."""
+        """Sentences, one for each kind of omitted rows."""
         doubts = self.log.doubts() if self.motion is None else self.motion.doubts
         return tuple(doubt.sentence for doubt in doubts if doubt.kind == LEFT_OUT)
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Doubts about a file of the joints' own columns."""
+        """Doubts about a file whose columns are those of the joints."""
         return () if self.motion is not None or self.side is not None else self.log.doubts(self.robot.limits)
 
     def rows(self, rows: slice) -> LogRows:
-        """Some rows, of the joints' side."""
+        """Range of rows, converted to the joints' side."""
         m = self.motion
         if m is not None:
             return LogRows(m.time[rows], m.q[rows], None, None, None if m.tau is None else m.tau[rows])
         return self._sided(self.log.motion(self.log.table[rows]))
 
     def excerpts(self, count: int, rows: int) -> list[Motion]:
-        """Runs of consecutive rows spread evenly over the log, as motions; a short one comes whole."""
+        """Runs of consecutive rows, evenly spaced over the log, as motions; a short log is returned whole."""
         if self.motion is not None:
             return [self.motion[span] for span in spread_rows(len(self.motion), count, rows)]
         found = [self.rows(span) for span in spread_rows(len(self.log.table), count, rows)]
@@ -180,38 +180,38 @@ class LogSource:
         return replace(found, dq=None, ddq=None)
 
 
-_OPENED: dict[Any, MotionLog] = {}  # logs that this process has decoded last, so that the chunks of one decode it once
+_OPENED: dict[Any, MotionLog] = {}  # cache of the logs last decoded in this process; chunks of a log share it
 _MOST_OPENED = 2
 
 
-# ── Windows on a steady clock, which overlap by the reach of the filters
+# ── Windows on a steady clock, which overlap by the settling length of the filters
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyWindow:
-    """Samples first, first + 1, … of one stretch of a log, q and tau (n, nv), and those that are this window's own."""
+    """Consecutive samples of one stretch of a log, q and tau (n, nv), and the range of samples that belong to this window."""
 
     stretch: int
-    count: int  # samples of the whole stretch
+    count: int  # number of samples of the whole stretch
     begin: float  # time of the stretch's first sample [s]
     step: float
     first: int
     q: Array
     tau: Array
-    own: tuple[int, int]  # numbers of the stretch's samples, from the first to the one after the last
+    own: tuple[int, int]  # range of samples of the stretch that belong to this window, end excluded
     cut: bool  # True if there are other stretches
 
 
 def steady_windows(
     source: LogSource, clock: LogClock, core: int, margin: int, begin: int, end: int
 ) -> Iterator[SteadyWindow]:
-    """Windows of about ``core`` rows from ``begin`` to ``end``, ``margin`` more on either side, on its stretch's clock."""
+    """Windows of about ``core`` rows from ``begin`` to ``end``, plus ``margin`` on either side, on the clock of the stretch."""
     model = source.robot.model
     for rows, _ in windows(end - begin, core, 0):
         a, b = begin + rows.start, begin + rows.stop
         low = max(0, a - margin)
         part = source.rows(slice(low, min(clock.rows, b + margin + 1)))
-        time, q, tau = part.time, part.q, np.asarray(part.tau)  # sources refuse logs without torques
+        time, q, tau = part.time, part.q, np.asarray(part.tau)  # sources reject logs without torques
         since = -math.inf if a == 0 else float(time[a - low])
         until = math.inf if b == clock.rows else float(time[b - low])
         for s, (first, last) in enumerate(zip(clock.begins.tolist(), clock.ends.tolist(), strict=True)):
@@ -230,7 +230,7 @@ def steady_windows(
 
 
 def _number(time: float, begin: float, step: float, count: int) -> int:
-    """Number of the first sample at that time or later."""
+    """Index of the first sample at or after a time."""
     if math.isinf(time):
         return 0 if time < 0 else count
     return min(max(math.ceil((time - begin) / step - 0.5), 0), count)
@@ -239,7 +239,7 @@ def _number(time: float, begin: float, step: float, count: int) -> int:
 def _steady(
     time: Array, q: Array, tau: Array, begin: float, step: float, count: int
 ) -> tuple[int, Array, Array] | None:
-    """Number of the first sample, and positions and torques at the samples that lie between the rows."""
+    """Index of the first sample, and interpolated positions and torques at the samples between the rows."""
     first = max(0, math.ceil((time[0] - begin) / step - STEADY))
     last = min(count - 1, math.floor((time[-1] - begin) / step + STEADY))
     if last - first + 1 < 2:
@@ -252,39 +252,39 @@ def _steady(
 
 # ── Rows of equations of one chunk
 
-# Beside the groups' columns stand those of the settings that were chosen on an excerpt, the derivatives of the equation by the
-# clock's offset and by the speeds of friction: in a fit of all rows the errors of that choice are unknowns like others,
+# Columns of the settings that were chosen on an excerpt follow those of the groups: derivatives of the equation by the
+# clock offset and by the friction speeds. In a fit of all rows, the errors of these settings are additional unknowns,
 #
 #     τ(t + shift) = W x - δ_shift dτ/dt + Σ_j δ_j ∂(W x_0)/∂v_0j.
 
 PERIODS = 16
-"""Periods of the cut-off that chunks reach to either side: beyond, a filter's response is below 1e-16."""
+"""Margin of chunks on either side, in periods of the cut-off; the filter response beyond is below 1e-16."""
 FASTER = 0.1
-"""Share of a friction speed that its derivative is taken over."""
+"""Step of the finite difference by a friction speed, as a share of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class RowFrame:
-    """Common settings of the rows of all logs, so that they add up."""
+    """Common settings of the rows of all logs, which make their normal equations additive."""
 
     base: BaseParameters
     settings: FitSettings
-    x: Array  # (r,) groups that an excerpt gave: where derivatives are taken
+    x: Array  # (r,) groups of an excerpt, at which derivatives are evaluated
     sigma: Array  # (nv,) sizes of the residuals
-    dead: Array  # (nv,) bool, joints without a torque
-    free_shift: bool  # True if the clock's offset was chosen
-    free_speed: bool  # True if the speeds of friction were chosen
-    robust: bool  # True if large residuals count less
+    dead: Array  # (nv,) bool, True for joints without a torque
+    free_shift: bool  # True if the clock offset was chosen automatically
+    free_speed: bool  # True if the friction speeds were chosen automatically
+    robust: bool  # True if large residuals get lower weights
     cells: StateCells
 
     @cached_property
     def columns(self) -> BaseColumns:
-        """Places of the entries."""
+        """Positions of the entries in a row."""
         return BaseColumns.from_parameters(self.base)
 
     @cached_property
     def speeds(self) -> dict[int, list[tuple[int, Array]]]:
-        """Columns of dry friction and the joints they are in, by the joint whose chosen speed they depend on."""
+        """Columns of dry friction with their joints, by the joint whose chosen friction speed they depend on."""
         found: dict[int, list[tuple[int, Array]]] = {}
         for column, joints in self.base.unknown.coulomb_columns(self.base.kept) if self.free_speed else []:
             owner = speed_owner(joints)
@@ -293,31 +293,31 @@ class RowFrame:
 
     @property
     def first_speed(self) -> int:
-        """Number of the first column of a friction speed; that of the clock's offset stands before it."""
+        """Index of the first column of a friction speed; the column of the clock offset precedes it."""
         return self.base.count + int(self.free_shift)
 
     @property
     def width(self) -> int:
-        """Number of columns of groups and of settings."""
+        """Number of columns of groups and settings."""
         return self.first_speed + len(self.speeds)
 
     @cached_property
     def active(self) -> Array:
-        """(nv, width) bool, the columns of groups and then of settings that are not zero in the rows of each joint."""
+        """(nv, width) bool, True for columns of groups, then settings, that are not zero in the rows of each joint."""
         of_speeds = [columns[0][1] for columns in self.speeds.values()]
         offset = np.full((len(self.sigma), int(self.free_shift)), True)
         return np.concatenate([self.base.felt, offset, np.reshape(of_speeds, (-1, len(self.sigma))).T > 0], axis=1)
 
     def margin(self, rate: float) -> int:
-        """Samples on each side that a chunk needs besides its own."""
+        """Number of samples that a chunk needs as a margin on each side."""
         return math.ceil((2 * PERIODS / self.settings.cutoff + abs(self.settings.shift)) * rate) + 16
 
 
 def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, Array, list[Array]]]:
-    """The chunk's own rows in portions: times (n,) [s], cells of state, and each joint's entries (n, r_j + 1), torques last."""
+    """The chunk's own rows in batches: times (n,) [s], cells of state, and entries (n, r_j + 1) per joint, torques last."""
     cutoff, rate = frame.settings.cutoff, 1.0 / chunk.step
     every = max(1, math.floor(rate / (STATE_RATE * cutoff)))
-    number = -(-chunk.first // every)  # of the first state, on the stretch's own grid
+    number = -(-chunk.first // every)  # of the first state, on the grid of the stretch
     time = chunk.begin + chunk.step * (chunk.first + np.arange(len(chunk.q)))
     grid = slice(number * every - chunk.first, None, every)
     states = states_below_of(time, chunk.q, chunk.tau, chunk.step, cutoff, grid)
@@ -330,7 +330,7 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, Array
     wanted = wanted[(wanted >= 0) & (wanted < len(states.time))]
     if not wanted.size:
         return
-    filtered = low_pass(states.tau, cutoff, states.rate)  # once more, as the columns
+    filtered = low_pass(states.tau, cutoff, states.rate)  # second pass, as for the columns
     torques = UniformSpline.from_samples(states.time, filtered)
     there = np.clip(states.time[wanted] + frame.settings.shift, states.time[0], states.time[-1])
     tau, slope = torques(there), torques.slope(there)
@@ -346,7 +346,7 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, Array
 
 
 def _of_joints(frame: RowFrame, entries: Array, beside: Sequence[Array], tau: Array) -> list[Array]:
-    """Entries of each joint, with the columns (n, nv) of settings and the torques beside them."""
+    """Entries of each joint, with the columns (n, nv) of settings and the torques appended."""
     found = []
     for j, place in enumerate(frame.columns.slices):
         mine = [
@@ -358,7 +358,7 @@ def _of_joints(frame: RowFrame, entries: Array, beside: Sequence[Array], tau: Ar
 
 
 def _slower(frame: RowFrame, s: Filtered, span: slice, owner: int) -> Array:
-    """(n, nv) what W x_0 changes by when the friction speed of a joint grows by a tenth of itself."""
+    """(n, nv) change of W x_0 if the friction speed of a joint increases by a tenth."""
     unknown, kept = frame.base.unknown, frame.base.kept
     speed = frame.settings.friction_speed
     faster = np.where(np.arange(len(speed)) == owner, 1.0 + FASTER, 1.0) * speed

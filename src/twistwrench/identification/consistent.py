@@ -1,14 +1,14 @@
-"""Physically consistent bodies: least squares of the groups, near the file's bodies in the divergence of their pseudo-inertias.
+"""Physically consistent bodies: regularised least squares with the divergence from the file's pseudo-inertias.
 
-Over pseudo-inertias J_i of the bodies, above 0, and positive numbers d_k of the drives:
+The fit minimises, over positive definite pseudo-inertias J_i of the bodies and positive parameters d_k of the drives,
 
     f = ½ |W x - τ|² + γ Σ_i D(J_i, J_i0) + γ Σ_k (d_k / d_k0 - log d_k / d_k0 - 1)
     D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4
 
 D is the Bregman divergence of -log det (Lee, Wensing and Park, "Geometric robot dynamic identification: a convex programming
-approach", IEEE T-RO 36(2), 2020). f is convex, and f / γ self-concordant: Newton's method from a large γ, where the minimum is
-the file itself, down to the one wanted, each from the minimum before, keeps all J_i positive by construction. Steps are taken
-as J = L (1 + X) L' about J = L L', in which the divergence's own Hessian is γ times the unit matrix.
+approach", IEEE T-RO 36(2), 2020). f is convex, and f / γ is self-concordant. Newton's method starts at a large γ, where
+the minimum is the file itself, and follows the minimum to the requested γ. Steps J = L (1 + X) L' about J = L L' keep
+all J_i positive definite; in X the Hessian of the divergence is γ times the unit matrix.
 """
 
 from __future__ import annotations
@@ -30,53 +30,53 @@ from ..typing import Array
 from .parameters import DRIVE, BaseParameters
 
 STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
-"""Weights γ of the divergence that are offered, in units of the squared residuals; from large to small."""
+"""Available weights γ of the divergence, in units of the squared residuals, from large to small."""
 MOST_STEPS = 50
-_BETWEEN = 3  # steps of γ to a tenth, each from the minimum before
+_BETWEEN = 3  # intermediate steps per decade of γ
 _DONE = 1e-10
 _THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
-"""Shares that a prior body has at least: of its own second moments, of the robot's mass, and of its reach as a radius."""
+"""Lower bounds of a prior body: share of its own second moments, share of the robot's mass, share of its reach as radius."""
 _SMALL_DRIVE = 1e-3
 _ROUNDING = 1e-13  # ratio of the eigenvalues of a pseudo-inertia below which it has no Cholesky factor
-_HOLD = 1e6  # weight that holds known values, in units of the residuals, per size that they could have
+_HOLD = 1e6  # weight of known values, in units of the residuals, per plausible size
 
 
 _PAIRS = np.array([(i, j) for i in range(4) for j in range(i, 4)])
 _E = np.zeros((10, 4, 4))  # orthonormal symmetric matrices
 _E[np.arange(10), *_PAIRS.T] = _E[np.arange(10), *_PAIRS.T[::-1]] = np.where(np.diff(_PAIRS)[:, 0], math.sqrt(0.5), 1.0)
 _TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
-"""(10, 4, 4): J = Σ_k π_k of these."""
+"""(10, 4, 4) basis: J = Σ_k π_k of these matrices."""
 _FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))  # (10, 10): π from the ten coordinates of J
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """(4, 4) of ten parameters."""
+    """(4, 4) pseudo-inertia of ten parameters."""
     return np.einsum("k,kij->ij", parameters, _TO_PSEUDO)
 
 
 @dataclass(frozen=True, eq=False)
 class PositiveFit:
-    """Parameters of physically consistent bodies, of one strength."""
+    """Parameters of physically consistent bodies at one strength of the prior."""
 
     strength: float  # γ
     values: Array  # (p,), of all unknown parameters
-    cost: float  # f there, the constant of the residuals included
-    steps: int  # Newton's steps of this strength
-    above: float = 0.0  # how far the cost is above the least, by Newton's last decrement
+    cost: float  # f at the minimum, including the constant of the residuals
+    steps: int  # Newton steps at this strength
+    above: float = 0.0  # bound of the suboptimality, from the last Newton decrement
 
 
 @dataclass(frozen=True, eq=False)
 class PositivePrior:
-    """Prior bodies and drives, to which a fit is kept near."""
+    """Prior bodies and drives of a fit."""
 
-    bodies: Array  # (n, 4, 4), pseudo-inertias above 0, of the links that move
+    bodies: Array  # positive definite pseudo-inertias of the moving links
     drives: Array  # (p,), positive; 1 where the parameter is free
-    positive: Array  # (p,) bool, parameters of drives that cannot be negative
-    repaired: tuple[str, ...]  # links whose inertia in the file is on the border of what can exist
+    positive: Array  # bool, parameters of drives that must be positive
+    repaired: tuple[str, ...]  # links whose inertia in the file is on the boundary of physical consistency
 
     @classmethod
     def from_values(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:
-        """The file's bodies, thickened where they have no extent, and the drives as the groups have them."""
+        """Prior with the file's bodies, thickened if they have no extent, and the drives of the groups."""
         model = base.unknown.model
         mass, length = base.unknown.lengths
         bodies, repaired = [], []
@@ -88,7 +88,7 @@ class PositivePrior:
         kinds = np.array(base.unknown.kinds)
         positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
         drives = np.where(positive, _SMALL_DRIVE * sizes, 1.0)
-        lacking = values - base.project(base.unknown.file_values)  # what the file's bodies leave to the drives
+        lacking = values - base.project(base.unknown.file_values)  # part of the groups that the drives must provide
         for k in np.flatnonzero(positive):
             rows = np.flatnonzero(base.grouping[:, k])
             if rows.size:
@@ -99,7 +99,7 @@ class PositivePrior:
 
 
 def _thickened(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
-    """A pseudo-inertia above 0 near that of a body, and whether it had to be changed."""
+    """Positive definite pseudo-inertia near that of a body, and True if it was changed."""
     m = float(G.mass)
     changed = not m > 1e-9 * mass
     if changed:
@@ -118,7 +118,7 @@ def _thickened(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bo
 
 
 class PositiveProblem:
-    """The cost of one set of rows: N (r, r), c (r,) and y = |τ|² of the groups."""
+    """Cost of one set of rows, given by N (r, r), c (r,) and y = |τ|² of the groups."""
 
     def __init__(self, base: BaseParameters, prior: PositivePrior, N: Array, c: Array, y: float, sizes: Array) -> None:
         self.base, self.prior = base, prior
@@ -132,14 +132,14 @@ class PositiveProblem:
         self.y = y + float(weight @ known**2)
         of_bodies = base.unknown.of_bodies
         ten = 10 * np.array(base.unknown.bodies, int)[:, None] + np.arange(10)
-        self._bodies = np.argmax(of_bodies == ten[..., None], axis=-1)  # (n, 10) places of their parameters
+        self._bodies = np.argmax(of_bodies == ten[..., None], axis=-1)  # (n, 10) indices of their parameters
         self._drives = np.flatnonzero(prior.positive)
         self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)
         self._size = sizes
         self._inverse = np.linalg.inv(prior.bodies)
 
     def path(self, strengths: Sequence[float]) -> list[PositiveFit]:
-        """The minima for strengths from large to small, each begun at the one before."""
+        """Minima for decreasing strengths, each started at the previous minimum."""
         J, x = self.prior.bodies.copy(), np.zeros(len(self.base.unknown.names))
         x[self._drives] = self.prior.drives[self._drives]
         found = []
@@ -159,7 +159,7 @@ class PositiveProblem:
         return values
 
     def cost(self, J: Array, x: Array, strength: float) -> float:
-        """f; infinite where something is not positive."""
+        """f, or infinity if J or a drive parameter is not positive."""
         values = self._values(J, x)
         relative, share = self._inverse @ J, x[self._drives] / self.prior.drives[self._drives]
         sign, size = np.linalg.slogdet(relative)
@@ -205,7 +205,7 @@ class PositiveProblem:
         return J, x, cost, MOST_STEPS, fall / 2
 
     def _tangents(self, L: Array, x: Array) -> Array:
-        """(p, n) what each coordinate of a step adds to the parameters."""
+        """(p, n) derivatives of the parameters by the coordinates of a step."""
         n, free = 10 * len(L), 10 * len(L) + len(self._drives)
         T = np.zeros((len(x), free + len(self._free)))
         moved = L[:, None] @ _E @ np.swapaxes(L, 1, 2)[:, None]  # (n, 10, 4, 4)
@@ -225,22 +225,22 @@ class PositiveProblem:
         return 0.5 * (J + J.transpose(0, 2, 1)), x
 
 
-# ── A robot of physically consistent bodies, near the file's, as the logs have it
+# ── Robot with physically consistent bodies, near the file's
 
-_NEAR_BEST = 1.01  # times the least residual held out, that a stronger prior may leave
+_NEAR_BEST = 1.01  # ratio to the least held-out residual up to which a stronger prior is preferred
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentRobot:
-    """Consistent robot: physically consistent bodies, friction and motor inertias that are positive.
+    """Consistent robot: physically consistent bodies, positive friction and positive motor inertias.
 
     Attributes
     ----------
     base : BaseParameters
-    fit : PositiveFit, the one chosen
-    curve : tuple of (γ, share), |τ - τ̂| / |τ| of fifths held out for each strength that was tried
-    of_file : float, the same of the file's bodies with friction fitted
-    repaired : tuple of str, links whose inertia in the file had to be thickened first
+    fit : PositiveFit, the selected fit
+    curve : tuple of (γ, share), |τ - τ̂| / |τ| of held-out fifths for each tested strength
+    of_file : float, the same share for the file's bodies with fitted friction
+    repaired : tuple of str, links whose inertia in the file was thickened first
 
     Examples
     --------
@@ -263,11 +263,11 @@ class ConsistentRobot:
 
     @property
     def held_out(self) -> float:
-        """|τ - τ̂| / |τ| of fifths held out, at the strength chosen."""
+        """|τ - τ̂| / |τ| of held-out fifths, at the selected strength."""
         return dict(self.curve)[self.fit.strength]
 
     def value(self, name: str) -> float:
-        """A parameter by its name.
+        """Value of a parameter by its name.
 
         Parameters
         ----------
@@ -280,13 +280,13 @@ class ConsistentRobot:
         Raises
         ------
         ValueError
-            There is none of that name.
+            There is no parameter of that name.
         """
         return float(self.fit.values[self.base.unknown.names.index(name)])
 
     @property
     def inertias(self) -> tuple[SpatialInertia, ...]:
-        """Inertia of each moving body, fixed links fused, in its own frame; zero for a body between two joints of one link."""
+        """Inertia of each moving body, fixed links fused, in its own frame; zero for a body without mass between two joints."""
         unknown = self.base.unknown
         values = np.zeros((len(unknown.model.bodies), len(PARAMETER_NAMES)))
         mine = unknown.of_bodies >= 0
@@ -294,7 +294,7 @@ class ConsistentRobot:
         return tuple(map(SpatialInertia.from_parameters, values))
 
     def of_joints(self, kind: str) -> dict[str, float]:
-        """Numbers of one kind by joint; joints without one are left out.
+        """Values of one kind of parameter by joint; joints without one are left out.
 
         Parameters
         ----------
@@ -312,7 +312,7 @@ class ConsistentRobot:
         }
 
     def outside(self, interval: Array, deviations: Array) -> list[str]:
-        """Sentence on groups that the weight of the prior takes out of their intervals.
+        """Report groups that the weight of the prior moves out of their intervals.
 
         Parameters
         ----------
@@ -338,7 +338,7 @@ class ConsistentRobot:
 
     @property
     def of_several_joints(self) -> dict[str, float]:
-        """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
+        """Friction and motor inertia of motors that turn several joints, by name; robot files cannot store these."""
         unknown = self.base.unknown
         of_joints = [f"{joint}.{kind}" for joint in unknown.model.velocity_names for kind in DRIVE]
         pairs = zip(unknown.names, unknown.kinds, self.fit.values.tolist(), strict=True)
@@ -346,7 +346,7 @@ class ConsistentRobot:
 
     @property
     def robot(self) -> Robot:
-        """The robot with these bodies, and with friction and motor inertias at its joints."""
+        """Robot with these bodies, and with friction and motor inertias at its joints."""
         model = self.base.unknown.model
         bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, self.inertias, strict=True))
         viscous, coulomb, stribeck, inertia = map(self.of_joints, ("viscous", "coulomb", "stribeck", "motor_inertia"))
@@ -368,9 +368,9 @@ def consistent_robot(
     weak: Prior,
     strength: float | None = None,
 ) -> ConsistentRobot:
-    """The robot of physically consistent bodies with the largest weight of the prior that predicts as well as any.
+    """Consistent robot with the largest weight of the prior whose predictions are as good as the best.
 
-    ``folds`` are N, c and |τ|² of fifths of the rows; ``strength`` None: chosen on them.
+    ``folds`` are N, c and |τ|² of fifths of the rows; if ``strength`` is None, it is chosen on them.
     """
     prior = PositivePrior.from_values(base, values, sizes)
     parts = [fold for fold in folds if fold[2] > 0]
@@ -394,7 +394,7 @@ def consistent_robot(
 
 
 def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
-    """The file's bodies with the drives that fit best."""
+    """Groups of the file's bodies with fitted drives."""
     x = base.project(base.unknown.file_values)
     drives = base.drives
     if drives.size:
@@ -404,19 +404,19 @@ def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Ar
     return x
 
 
-# ── What four models of a robot leave of its torques: its file, the file with friction, the groups, the consistent robot
+# ── Residuals of four models: the file, the file with friction, the groups, the consistent robot
 
 
 @dataclass(frozen=True, eq=False)
 class ModelResiduals:
-    """Shares |τ - τ̂| / |τ| by joint, of weighted rows in fifths that each model was fitted without; the file's needs no fit.
+    """Shares |τ - τ̂| / |τ| by joint of weighted, held-out rows in five folds; the file alone needs no fit.
 
     Attributes
     ----------
     file : (nv,) array, the file's bodies alone
-    with_friction : (nv,) array, the file's bodies with the friction and the motor inertias that fit best
+    with_friction : (nv,) array, the file's bodies with fitted friction and motor inertias
     identified : (nv,) array, the groups
-    consistent : (nv,) array, physically consistent bodies, at the weight of the prior that was chosen
+    consistent : (nv,) array, physically consistent bodies, at the selected weight of the prior
     """
 
     file: Array

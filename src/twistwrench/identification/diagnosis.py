@@ -1,18 +1,20 @@
-"""Search for the causes of what a fit leaves: one column or one refit for each cause, judged by rows held out.
+"""Search for the causes of a fit's residual: one column or one refit per cause, evaluated on held-out rows.
 
-With s_j² the mean square of the residual of joint j in 5-fold cross-validation over time, a cause makes
+With s_j² the mean square of the residual of joint j in 5-fold cross-validation over time, a cause gains
 
     S = Σ_j log(s_j² without it / s_j² with it),
 
-the criterion that settings are chosen by, in which each joint counts alike. Its significance is that of the mean of the
-differences of log-likelihood d_b over blocks b of time (Vuong, "Likelihood ratio tests for model selection and non-nested
-hypotheses", Econometrica 57, 1989), against Student's t at 0.01 divided by the number of causes that are tried (Bonferroni).
-A column e is fitted beside the groups; a cause that is not linear is found by Gauss and Newton's steps with its column
+the criterion by which settings are chosen too. Each joint has equal weight. Its significance is that of the mean of the
+differences of log-likelihood d_b over blocks b of time (Vuong, "Likelihood ratio tests for model selection and
+non-nested
+hypotheses", Econometrica 57, 1989), by Student's t at 0.01 divided by the number of tested causes (Bonferroni).
+A column e is fitted together with the groups; a nonlinear cause is found by Gauss-Newton steps with its column
 
     e = d(τ̂ of the corrected log)/dβ.
 
-Its interval is β ± t √(Σ_b u_b²) / Σ e⊥' Λ e⊥,  u_b = Σ_{t in b} e⊥' Λ r, with e⊥ the column less its projection on W and r
-held out (Liang and Zeger, Biometrika 73, 1986). Values of several causes are estimated together at the end.
+Its interval is β ± t √(Σ_b u_b²) / Σ e⊥' Λ e⊥,  u_b = Σ_{t in b} e⊥' Λ r, with e⊥ the column less its projection on W,
+and r the held-out residual (Liang and Zeger, Biometrika 73, 1986). Values of several causes are estimated together at
+the end.
 """
 
 from __future__ import annotations
@@ -38,25 +40,25 @@ from .hyperparameters import SPEEDS
 
 _ROUNDS = 3
 _DISCRETE = 0.03, 0.06
-"""Residuals of all joints and of any one, as shares of their torques, from which discrete causes are tried."""
+"""Residuals of all joints and of a single joint, as shares of their torques, from which discrete causes are tested."""
 _SUSPECTS = 8
-"""Joints with the largest residuals, of which discrete causes are tried."""
+"""Number of joints, those with the largest residuals, for which discrete causes are tested."""
 _STEPS, _WORTH = 5, 0.005
 _REFINED, _STARTED = 5, 3
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
-"""Preference among causes that explain as much: the first."""
+"""Order of preference among causes with equal evidence."""
 _POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
 _STATES = 200
 _PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
-"""Times the usual residual, most of the rows, and least share of squares that one force explains, of a push."""
+"""Criteria of a push: minimum ratio to the usual residual, maximum share of rows, squares explained by one force."""
 _SWAYS = 0.5
-"""Share of the squares of all joints that a base that sways explains at least: it moves all of them."""
+"""Minimum share of the squared residuals of all joints that a swaying base explains."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundCause:
-    """Cause of a residual, with the evidence of rows held out.
+    """Cause of a residual, with the evidence from held-out rows.
 
     Attributes
     ----------
@@ -64,8 +66,9 @@ class FoundCause:
     joints : tuple of int
     S, t : float, statistic and its significance
     before, fit : CauseFit, without the cause and with it
-    correct : callable, takes the cause off states
-    value, deviation : array, of β, which ``correct`` has as its default; None for a cause without a value
+    correct : callable, removes the cause from states
+    value, deviation : array, β, the default of ``correct``, and its standard deviation; None for a cause without a
+    value
     """
 
     kind: str
@@ -86,21 +89,21 @@ class FoundCause:
     """Step of β in finite differences."""
     cost: float = 0.0
     span: tuple[float, float] | None = None
-    """Times [s] between which it acts."""
+    """Begin and end [s] of the cause."""
     log: int = 0
-    """Number of the log that these are times of, from 1; 0 if they belong to one log only."""
+    """Number of the log to which these times belong, from 1; 0 if there is only one log."""
     size: float | None = None
-    """Acceleration of a base that sways [m/s²]."""
+    """Acceleration amplitude of a swaying base [m/s²]."""
 
     @property
     def most(self) -> tuple[int, float]:
-        """Joint whose residual it takes most of, and that share of its squares."""
+        """Joint whose residual is reduced most, and the explained share of its squares."""
         share = np.where(self.fit.live, 1.0 - self.fit.squares / self.before.squares, 0.0)
         return int(share.argmax()), float(share.max())
 
     @property
     def in_units(self) -> tuple[float | None, tuple[float, float] | None]:
-        """Value and 95 % interval in the unit of the table: degrees, ms, Hz, per cent; factors for gains."""
+        """Value and 95 % interval in the unit of the table: degrees, ms, Hz or per cent; factors for gains."""
         if self.value is None or self.deviation is None:
             return self.number, None
         t = float(student_quantile(max(1.0, len(self.fit.blocks) - 1.0), 0.95))
@@ -108,22 +111,22 @@ class FoundCause:
 
 
 def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
-    """The best of some causes, at the value that explains the rows held out best, however little that is."""
+    """Best of several causes, at the value that minimises the held-out residual, without a test of significance."""
     s, found = fit.states, list[FoundCause]()
     for cause in tried:
         if not cause.step:
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             continue
-        # A step from far away promises more than it keeps.
+        # The linear prediction of a long step is too optimistic.
         begins = sorted(screened(fit, [cause]), key=lambda one: -one.S)[:_STARTED]
         found += [_refined(fit, cause, one.beta) for one in begins]
     return max(found, key=lambda one: one.S)
 
 
 def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
-    """Causes of what a fit leaves, in the order in which they are found, and the fit before laws of joints were put in.
+    """Causes of a fit's residual in the order in which they are found, and the fit before laws of joints are added.
 
-    Each cause is put in before the next is sought.
+    Each cause is added to the fit before the search for the next.
     """
     found, fit = list[FoundCause](), start
     if not start.enough:
@@ -146,9 +149,9 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
 
 
 def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
-    """Values of several causes, estimated at once: each was estimated before the later ones were known.
+    """Estimate the values of several causes together: each was estimated before the later ones were found.
 
-    A cause that was found again, for its rest, is one with the first.
+    A cause that was found twice is merged into one.
     """
     first: dict[tuple[str, tuple[int, ...]], int] = {}
     begin: dict[int, Array] = {}
@@ -179,7 +182,7 @@ def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
 
 
 def _with_another_zero(first: FoundCause) -> list[FoundCause]:
-    """A zero, with that of another joint if the two explain more: zeros that nearly cancel hide each other."""
+    """Zero error, or two zero errors if these explain more: zero errors that nearly cancel hide each other."""
     fit, own = first.fit, first.joints
     zeros = [one for one in causes.continuous_causes(fit.states, wide=False) if one.kind == "zero"]
     columns = {one.joints: cause_columns(fit, fit.states, one, np.zeros(1)) for one in zeros}
@@ -208,7 +211,7 @@ def _with_another_zero(first: FoundCause) -> list[FoundCause]:
 
 
 def law_changes(fit: CauseFit) -> Array:
-    """(k, p) by how much unknown parameters change with the law that explains most, and with the strongest of each joint."""
+    """(k, p) changes of the unknown parameters by the law that explains most, and by the strongest law of each joint."""
     base, told = fit.states.base, sorted((one for one in fit.joint_causes if one.S > 0), key=lambda one: -one.S)
     strongest = {one.cause.joints: one for one in reversed(told) if len(one.cause.joints) == 1} | {
         one.cause.joints: one for one in told[:1]
@@ -220,14 +223,14 @@ def law_changes(fit: CauseFit) -> Array:
 
 
 def _at_best_speed(fit: CauseFit) -> CauseFit:
-    """The fit at the speed of friction, alike in all joints, that explains most, if that is better by more than chance."""
+    """Fit with the best common friction speed, if it is significantly better."""
     others = [fit.refit(fit.states.changed(friction_speed=np.full(len(fit.live), speed))) for speed in SPEEDS]
     best = max(others, key=fit.gained)
     return best if fit.gained(best) > _WORTH else fit
 
 
 def _first(fit: CauseFit, tried: Sequence[FoundCause], count: int) -> FoundCause | None:
-    """The cause with the largest S, if it is significant, with those that explain as much."""
+    """Significant cause with the largest S, or a preferred cause with equal evidence; None if none is significant."""
     told = [one for one in tried if one.S >= LEAST_S and one.t >= one.fit.sure(count) and _possible(one)]
     if not told:
         return None
@@ -239,23 +242,23 @@ def _first(fit: CauseFit, tried: Sequence[FoundCause], count: int) -> FoundCause
 
 
 def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
-    """The cause with the speed of friction that fits best beside it: without it another one may have."""
+    """Cause with the friction speed that fits best together with it."""
     refit = _at_best_speed(found.fit)
     return replace(found, fit=refit, S=fit.gained(refit), t=refit.t_value(fit))
 
 
 def _possible(found: FoundCause) -> bool:
-    """True unless the value has a sign that nothing has: links do not run ahead of their motors."""
+    """False if the value has an impossible sign: links do not run ahead of their motors."""
     return found.kind not in _POSITIVE or found.value is None or bool(found.value[0] > 0)
 
 
 def _push(fit: CauseFit) -> FoundCause | None:
-    """Rows of 0.3 s at least whose residuals are five times those of the others, as a force on the tip makes them."""
+    """Push: at least 0.3 s of rows with five times the usual residual, explained by a force on the tip."""
     s, rest, robot = fit.states, fit, fit.states.base.unknown.robot
     if robot.model.tip is None:
         return None
     left, runs, sigma = fit.left, list[tuple[int, int]](), np.ones(len(fit.live))
-    for _ in range(2):  # at first the push is in the fit as well
+    for _ in range(2):  # the first fit still contains the push
         sigma = MAD * np.median(np.abs(left), axis=0) + np.sqrt(fit.floor)
         size = np.sqrt(((left / sigma)[:, fit.live] ** 2).mean(axis=1))
         runs = causes.runs(s.time[s.rows], s.piece[s.rows], size > _PUSHED * np.median(size))
@@ -280,9 +283,9 @@ def _push(fit: CauseFit) -> FoundCause | None:
 
 
 def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
-    """Acceleration of the base along two horizontal axes at one frequency, that at which most of it is.
+    """Acceleration of the base along two horizontal axes, at its dominant frequency.
 
-    Row by row the residual is W(e_x) x a_x + W(e_y) x a_y; columns of its cosine and sine are fitted together.
+    The residual of each row is W(e_x) x a_x + W(e_y) x a_y; cosine and sine columns are fitted together.
     """
     s = fit.states
     if not s.gravity.any() or len(s.pieces) != 1:
@@ -310,7 +313,7 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
 
 
 def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
-    """Stages 2 and 3: refits of discrete causes where much is left, and of the continuous ones whose column gains most."""
+    """Stages 2 and 3: refits of discrete causes if the residual is large, and of continuous causes with the best columns."""
     s, found, count = fit.states, list[FoundCause](), 0
     total = float(np.sqrt((fit.left**2).sum() / max(float((fit.tau**2).sum()), 1e-300)))
     much = total > _DISCRETE[0] or float(fit.shares.max()) > _DISCRETE[1]
@@ -325,14 +328,14 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
 
 
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
-    """Stage 4: laws of the joints, by their columns, and their elasticity."""
+    """Stage 4: laws of the joints and their elasticity, screened by their columns."""
     elastic = _refined_causes(fit, fit.joint_causes)
     swaying, more = _sway(fit)
     return _refined_laws(fit, fit.joint_causes) + elastic + swaying, len(fit.joint_causes) + more
 
 
 def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
-    """Laws whose columns gain most, by refits; the second one has columns by the torques that the first one fits."""
+    """Refine the laws whose columns gain most; a second refit uses columns from the first fitted torques."""
     found, s, r = list[FoundCause](), fit.states, fit.states.base.count
     laws = [(one, one.cause) for one in sorted(tried, key=lambda one: -one.S) if isinstance(one.cause, Law)]
     for one, law in laws[:_REFINED]:
@@ -350,7 +353,7 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCa
 
 
 def _refined_causes(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
-    """Causes with a value whose columns gain most, refined by Gauss and Newton's steps."""
+    """Refine the causes with a value whose columns gain most, by Gauss-Newton steps."""
     found = dict[tuple[str, tuple[int, ...]], FoundCause]()
     for one in sorted(tried, key=lambda one: -one.S):
         if one.S < 0.5 * LEAST_S or len(found) == _REFINED:
@@ -362,7 +365,7 @@ def _refined_causes(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[Found
 
 
 def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
-    """The cause at the value that explains the rows held out best, from a value near it."""
+    """Cause at the value that minimises the held-out residual, refined from a nearby value."""
     s = fit.states
     best = fit.refit(cause.correct(s, beta))
     S = fit.gained(best)
@@ -388,7 +391,7 @@ def _judged(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
 
 
 def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
-    """Largest share of a joint's torque (rms) in another motion that predictions change by with the cause.
+    """Largest change of predicted torques by the cause in another motion, as a share of a joint's torque (rms).
 
     The motion is 200 states within 1.5 times the range of the log's positions, as fast as the log.
     """
@@ -397,7 +400,7 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     q = middle + half * rng.uniform(-1.0, 1.0, (_STATES, len(half)))
     dq, ddq = (rng.normal(size=q.shape) * np.sqrt((x**2).mean(axis=0)) for x in (s.dq, s.ddq))
     none = np.zeros(_STATES)
-    first = none + s.time[0]  # before whatever begins later
+    first = none + s.time[0]  # before changes that begin within the log
     other = s.changed(
         pieces=(), rows=np.arange(_STATES), time=first, piece=none, rate=none, q=q, dq=dq, ddq=ddq, tau=0.0 * q, lag=0.0
     )
@@ -414,13 +417,13 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
 # ── Sentences
 
 _REFUSES, _UNSURE = 0.05, 0.01
-"""Changes of predicted torques by a cause, as shares of a joint's torque, from which it is LOOK AGAIN, or UNSURE."""
+"""Changes of predicted torques, as shares of a joint's torque, from which a cause makes the verdict LOOK AGAIN or UNSURE."""
 _LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
-"""Delay [s] from which it is reported; difference [s], and as a share, below which two delays are one."""
+"""Minimum reported delay [s]; absolute [s] and relative difference below which two delays are equal."""
 
 
 def cause_doubts(names: Sequence[str], causes: Iterable[FoundCause], taken_off: float) -> list[Doubt]:
-    """Doubts about what the residual is explained by, in the order in which causes were found."""
+    """Doubts about the causes of the residual, in the order in which the causes were found."""
     return [
         doubt_of_cause(names, cause, taken_off)
         for cause in causes
@@ -429,7 +432,7 @@ def cause_doubts(names: Sequence[str], causes: Iterable[FoundCause], taken_off: 
 
 
 def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | None = None) -> Doubt:
-    """Doubt of a cause; ``names`` are those of the joints, ``taken_off`` is the delay [s] that a fit has taken off."""
+    """Doubt for a cause; ``names`` are the joints' names, ``taken_off`` is the delay [s] that a fit has removed."""
     joints = [names[k] for k in cause.joints]
     said = "all joints" if len(joints) == len(names) > 1 else listed(joints)
     worst, share = cause.most

@@ -1,4 +1,4 @@
-"""Exciting motions: at rest at both ends, and how sure the numbers will be that :func:`identify` finds in their logs."""
+"""Exciting motions, at rest at both ends, and the accuracy that :func:`identify` is expected to reach with their logs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from .trajectory_search import (
     typical_sizes,
 )
 
-_JUDGED = 2001  # instants at which a motion is judged, at least
+_JUDGED = 2001  # minimum number of instants of the final check
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,10 +48,10 @@ class ExcitingMotion:
     Attributes
     ----------
     robot : Robot
-    series : WindowedFourierSeries, the functions of time
+    series : WindowedFourierSeries, basis functions of time
     coefficients : (nv, 1 + 2 N) array, of the series [rad, m]
-    constraints : TrajectoryConstraints that was kept to, a share of the robot's limits among it
-    information : MotionInformation, by which it was chosen
+    constraints : TrajectoryConstraints, kept by the motion, including the used share of the robot's limits
+    information : MotionInformation, objective of the search
     step : float, between samples of :attr:`motion` [s]
     """
 
@@ -70,23 +70,23 @@ class ExcitingMotion:
 
     @property
     def bounds(self) -> Limits:
-        """Limits that were kept, a share of the robot's."""
+        """Limits of the motion, after the share was applied to the robot's."""
         return self.constraints.bounds
 
     @property
     def duration(self) -> float:
-        """From the beginning to the end [s]."""
+        """Duration of the motion [s]."""
         return self.series.duration
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q, dq and ddq (..., nv) at t (...) [s]; before and after, it rests where it begins and ends."""
+        """q, dq and ddq (..., nv) at t (...) [s]; the robot rests before the beginning and after the end."""
         times = np.asarray(arguments.finite(t, "t"), float)
         q, dq, ddq = self.series.basis(times.ravel()) @ self.coefficients.T
         return q.reshape(*times.shape, -1), dq.reshape(*times.shape, -1), ddq.reshape(*times.shape, -1)
 
     @cached_property
     def motion(self) -> Motion:
-        """Samples of it: what ``torques``, ``view`` and ``simulate`` take."""
+        """Samples of the motion for ``torques``, ``view`` and ``simulate``."""
         count = max(6, round(self.duration / self.step))
         t = np.linspace(0.0, self.duration, count + 1)
         return Motion(t, *self(t), robot=self.robot, in_seconds=True)
@@ -97,17 +97,17 @@ class ExcitingMotion:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The base parameters in words."""
+        """Names of the base parameters."""
         return self.information.base.names
 
     @cached_property
     def predicted_deviations(self) -> Array:
-        """(r,) deviations of the base parameters to expect at the given torque noise, with 25 rows a second."""
+        """(r,) expected standard deviations of the base parameters at the given torque noise, with 25 rows per second."""
         return self.information.deviations(self._rows)
 
     @cached_property
     def shares_of_prior(self) -> Array:
-        """(r,) predicted deviations as shares of the prior's, the largest plausible sizes of the base parameters."""
+        """(r,) predicted deviations divided by those of the prior, the largest plausible sizes of the base parameters."""
         return self.predicted_deviations / self.information.prior
 
     @property
@@ -136,7 +136,7 @@ class ExcitingMotion:
 
     @cached_property
     def clearances(self) -> dict[str, float]:
-        """Least distances [m] of the capsules from the ``floor`` and from each other, ``itself``, of what was looked at."""
+        """Least distances [m] of the capsules from the ``floor`` and from each other (``itself``), if they were checked."""
         instants, capsules = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1), self.constraints.capsules
         found, _ = capsules.evaluate(self(np.linspace(0.0, self.duration, instants))[0])
         parts = dict(zip(("itself", "floor"), np.split(found, [len(capsules.pairs)], axis=1), strict=True))
@@ -144,14 +144,14 @@ class ExcitingMotion:
 
     @property
     def unwatched(self) -> tuple[str, ...]:
-        """Clearances that were not checked, in sentences."""
+        """Sentences on clearances that were not checked."""
         capsules = self.constraints.capsules
         looked_at = capsules.itself or self.constraints.clear is not None
         return capsules.unwatched if looked_at else ("distances of links from each other", *capsules.unwatched)
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OK only where clearances were looked at, by the file's own shapes; else UNSURE."""
+        """OK only if clearances were checked with the shapes of the robot file; otherwise UNSURE."""
         capsules, unsure = self.constraints.capsules.capsules, list[str]()
         if capsules.assumed and (self.clearances or self.unwatched):
             count, most = len(capsules.assumed), number(1000.0 * capsules.thickness)
@@ -175,7 +175,7 @@ class ExcitingMotion:
         Raises
         ------
         ValueRangeError
-            Nothing can be written.
+            The file cannot be written.
 
         Examples
         --------
@@ -188,9 +188,9 @@ class ExcitingMotion:
         return self.motion.to_csv(path, degrees=degrees)
 
 
-# ── Exciting trajectories: the motion from whose log :func:`identify` can tell base parameters best, within all limits
+# ── Exciting trajectories: motions that determine the base parameters best within all limits
 
-_NOISE = 0.01  # noise of a joint's torque as a share of its limit, if none is given
+_NOISE = 0.01  # default noise of a joint's torque, as a share of its limit
 _MOST_HARMONICS = 50
 
 
@@ -224,25 +224,25 @@ def exciting_trajectory(
         As for :func:`identify`: without actuators, every joint of one degree of freedom.
     duration : float, T, the period of the first harmonic [s]
     harmonics : int, N
-    share : float, up to 1, of the limits of positions (about their middle), velocities and torques that is used
+    share : float, up to 1, used share of the limits of positions (about their middle), velocities and torques
     velocity : (nv,) array_like or float, optional, limits in place of the robot's [rad/s, m/s]
-    acceleration : (nv,) array_like or float, optional, limits, used wholly [rad/s², m/s²]
+    acceleration : (nv,) array_like or float, optional, limits, fully used [rad/s², m/s²]
     effort : (nv,) array_like or float, optional, limits in place of the robot's [N m, sliding joints: N]
-    floor : float, optional, height in the base frame that no link that rises and falls goes below [m]
-    clear_of_itself : bool, whether links that no joint connects are kept apart
+    floor : float, optional, minimum height of the moving links in the base frame [m]
+    clear_of_itself : bool, keep links that are not connected by a joint apart
     clear : callable, optional
         Given configurations (n, nq), returns distances (n, ...) [m], below 0 in contact.
-    motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
+    motor_inertia : bool, include a motor inertia for each joint
     friction : sequence of str, of ``viscous``, ``coulomb``, ``offset``, that will be identified
-    friction_speed : float, speed at which Coulomb friction turns [rad/s, m/s]
+    friction_speed : float, Coulomb smoothing speed [rad/s, m/s]
     noise : (nv,) array_like or float, optional
-        Deviation of the torques [N m, sliding joints: N]; None: a hundredth of each limit, 1 where there is none.
+        Standard deviation of the torques [N m, sliding joints: N]; None: 1 % of each limit, 1 without a limit.
     criterion : "log_det" or "deviations"
-        Objective: log det of the information less r / 2 times the log of the worst of r predicted deviations over the prior's,
-        to be large; or the median of the predicted deviations, to be small.
-    seed : int, of the random motions that the search begins with
-    restarts : int, number of searches; the best goes on to the end
-    step : float, between samples of the motion [s]
+        Objective. "log_det" maximises log det of the information, minus r / 2 times the log of the largest of the r
+        ratios of predicted deviation to prior deviation. "deviations" minimises the median of the predicted deviations.
+    seed : int, seed of the random initial motions
+    restarts : int, number of searches; only the best is refined
+    step : float, step between samples of the motion [s]
 
     Raises
     ------
@@ -251,12 +251,12 @@ def exciting_trajectory(
 
     Notes
     -----
-    Limits are kept at 320 instants per period of the highest harmonic, and at least every 10 ms, the file's friction counted.
-    Links are capsules around the shapes of the robot's file, those for contact where there are any, which stay 20 mm away
-    from each other and from the floor. Links without shapes have assumed capsules, between the origins of neighbouring joints
-    and around centres of mass, of a quarter of the longest distance between joints, at most 0.08 m;
-    :attr:`ExcitingMotion.verdict` is UNSURE then, and where :attr:`ExcitingMotion.unwatched` lists that something is not
-    looked at.
+    Limits are checked at 320 instants per period of the highest harmonic, and at least every 10 ms, with the file's
+    friction. Links are capsules around the collision shapes of the robot file, or around the visual shapes if there are
+    none. The capsules keep a distance of 20 mm from each other and from the floor. Links without shapes get assumed
+    capsules between the origins of neighbouring joints and around centres of mass. Their radius is a quarter of the
+    longest distance between joints, at most 0.08 m. :attr:`ExcitingMotion.verdict` is then UNSURE, and also if
+    :attr:`ExcitingMotion.unwatched` lists clearances that were not checked.
 
     Examples
     --------
@@ -320,7 +320,7 @@ def _bounds(
     acceleration: ArrayLike | None,
     effort: ArrayLike | None,
 ) -> Limits:
-    """Limits to keep; each joint has at least one that bounds its range."""
+    """Limits of the search; each joint must have at least one limit that bounds its range."""
     if not arguments.positive(share, "share") <= 1.0:
         raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")
     bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)

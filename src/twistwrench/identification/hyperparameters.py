@@ -1,4 +1,4 @@
-"""Hyperparameters of a fit: essential groups, cut-off, clock offset and speeds of friction, chosen on training rows alone."""
+"""Hyperparameters of a fit: essential groups, cut-off, clock offset and friction speeds, chosen on training rows only."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .rows import MOST_ROWS, FilteredRows, JudgedStates, SteadySamples, cutoffs,
 
 @dataclass(frozen=True)
 class AssumedCause:
-    """A cause that a fit was made with, and what it came out as.
+    """Cause that a fit assumes, with its estimated value.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class AssumedCause:
     value : float or None, in ``unit``; None for a cause without a value
     interval : (float, float) or None, 95 % interval of the value
     unit : str
-    gravity : tuple of float or None, in the base's frame [m/s²], where the cause turns it
+    gravity : tuple of float or None, in the base frame [m/s²], if the cause changes its direction
     """
 
     kind: str
@@ -58,9 +58,9 @@ class FitSettings:
     Attributes
     ----------
     cutoff : float [Hz]
-    friction_speed : (nv,) array, v_0 [rad/s or m/s]
-    shift : float, by how much torques are later in the log than the positions they belong to [s]
-    assumed : tuple of AssumedCause, taken off the log before
+    friction_speed : (nv,) array, Coulomb smoothing speed v_0 [rad/s or m/s]
+    shift : float, delay of the log's torques relative to its positions [s]
+    assumed : tuple of AssumedCause, removed from the log before the fit
     """
 
     cutoff: float
@@ -79,7 +79,7 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Settings fixed by the user; None: chosen."""
+    """Settings fixed by the user; None: chosen automatically."""
 
     cutoff: float | None = None
     friction_speed: float | None = None
@@ -87,28 +87,28 @@ class FitOptions:
 
 
 class Trial:
-    """Rows of equations under some settings, at most so many."""
+    """Rows of equations at given settings, with a maximum number of rows."""
 
     def __init__(self, source: SettingRows, settings: FitSettings, most: float | None = None) -> None:
         self.settings, self._source, self.felt = settings, source, source.base.felt
         self.rows = source.rows(settings.cutoff, source.most if most is None else most)
         self.tau = self.rows.torques(settings.shift)
-        """(m, nv)."""
+        """(m, nv) torques."""
 
     @cached_property
     def fold(self) -> Array:
-        """(m,) the fifth of the time of each row."""
+        """(m,) index of the fifth of the time of each row."""
         return self._source.folds(self.rows.log, self.rows.time)
 
     @cached_property
     def places(self) -> list[slice]:
-        """Rows of each fifth, which follow each other."""
+        """Rows of each fifth, as consecutive slices."""
         edges = np.searchsorted(self.fold, np.arange(FOLDS + 1)).tolist()
         return [slice(a, b) for a, b in pairwise(edges)]
 
     @cached_property
     def W(self) -> Array:
-        """(m, nv, r)."""
+        """(m, nv, r) columns of the groups."""
         rows, settings = self.rows, self.settings
         if np.array_equal(settings.friction_speed, self._source.usual_speed):
             return rows.W
@@ -118,7 +118,7 @@ class Trial:
         return W
 
     def changes(self, x: Array) -> Array:
-        """(m, nv, k) what the predicted torques change by with each chosen setting: the clock's offset, speeds of friction."""
+        """(m, nv, k) derivatives of the predicted torques by each chosen setting: clock offset and friction speeds."""
         found, settings, asked = [], self.settings, self._source.asked
         if asked.shift is None:
             step = 0.1 / settings.cutoff
@@ -136,27 +136,27 @@ class Trial:
         return np.stack(found, axis=-1) if found else np.zeros((*self.tau.shape, 0))
 
 
-# ── Essential parameters: the fewest groups that predict rows held out as well as all of them
+# ── Essential parameters: the fewest groups that predict held-out rows as well as all groups
 
-# Backward elimination: of the groups that are left, the one goes whose absence raises the squared residuals least,
+# Backward elimination removes, at each step, the group whose absence raises the squared residuals least,
 #
 #     x_i² / (A⁻¹)_ii,     x ← x - A⁻¹ e_i x_i / (A⁻¹)_ii,     A⁻¹ ← A⁻¹ - A⁻¹ e_i e_i' A⁻¹ / (A⁻¹)_ii
 #
-# and the order of all is judged by fifths of the time, each predicted from the others.
+# and the resulting order is evaluated by 5-fold cross-validation over time.
 #
 # Source: Pham and Gautier, "Essential parameters of robots", IEEE CDC 1991.
 
-_NEAR_BEST = 1.01  # times the least residual held out, that fewer groups may leave
+_NEAR_BEST = 1.01  # ratio to the least held-out residual that fewer groups may reach
 
 
 @dataclass(frozen=True, eq=False)
 class EssentialGroups:
-    """Essential groups of parameters, besides those that are known; the others are taken for zero.
+    """Essential groups of parameters, in addition to the known ones; the other groups are set to zero.
 
     Attributes
     ----------
     names : tuple of str
-    places : (k,) array, their numbers among all groups
+    places : (k,) array, indices among all groups
     values : (k,) array, fitted anew without the others
     held_out : float, |τ - τ̂| / |τ| of fifths held out, in units of the residuals of each joint
     curve : tuple of (count, share), the same for each count of groups
@@ -198,7 +198,7 @@ def _solved(information: Information, which: Array, size: Array) -> Array:
 
 
 def _order(total: Information, size: Array, held: Array) -> Array:
-    """The groups in the order in which they go, those that are known left out."""
+    """Order in which the groups are removed, without known groups."""
     N, c, _ = total
     left = np.flatnonzero(~held)
     S = size[left]
@@ -214,35 +214,35 @@ def _order(total: Information, size: Array, held: Array) -> Array:
     return np.array(order, int)
 
 
-# ── Search for cut-off, clock offset and speeds of friction
+# ── Search for cut-off, clock offset and friction speeds
 
-# Blocks of time are left out in turn and predicted from the others. A setting is the better the smaller Σ_j log |τ_j -
-# τ̂_j|², the
-# likelihood of normal residuals whose size differs from joint to joint, so that no joint counts more for its larger torques.
-# Cut-offs are compared by torques below the highest of them: against torques of its own, the lowest would always win.
+# Each block of time is predicted from the others. The score of a setting is Σ_j log |τ_j - τ̂_j|², to be minimised: the
+# likelihood of normal residuals with a different size for each joint, which gives all joints equal weight. All cut-offs
+# are scored against the same torques, below the highest cut-off; otherwise the lowest cut-off would always win.
 
 SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
-"""Speeds that friction turns at [rad/s, m/s] that are tried."""
+"""Candidate Coulomb smoothing speeds [rad/s, m/s]."""
 _USUAL_SPEED = 0.05
 _LATER = (1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300)
 _SHIFTS = tuple(1e-3 * s for s in (*(-s for s in reversed(_LATER)), 0, *_LATER))
-_ROWS = 10.0  # equations for each group that a cut-off has to leave
+_ROWS = 10.0  # minimum number of equations per group at a cut-off
 _BYTES = 96 * 2**20
-"""Memory for rows at several cut-offs, and for normal equations of the fifths at several settings; beyond, those used longest
-ago are made again."""
+"""Cache size for rows at several cut-offs, and for normal equations at several settings; the least recently used are
+evicted."""
 _MOST_CHOICE = 3000
-"""Most rows that settings are chosen on."""
+"""Maximum number of rows for the choice of settings."""
 _EXACT = 5e-5
-"""Accuracy of a clock's offset [s]."""
+"""Accuracy of a clock offset [s]."""
 _WORTH = 2e-3
-"""Decrease of log |residual|² for each joint from which another cut-off, offset or speed is preferred to the first one."""
+"""Decrease of log |residual|² per joint from which another cut-off, offset or speed is preferred to the first one."""
 _CHANCE = 6.0
-"""Decrease of log |residual|² of all joints, times the independent rows, that an offset or a speed brings by chance once in 70
-times: half a log-likelihood ratio that is distributed as χ² of one degree of freedom (Wilks 1938)."""
+"""Decrease of log |residual|² of all joints, times the number of independent rows, that an offset or a speed exceeds by
+chance once in 70 times. Half of it is a log-likelihood ratio; twice that ratio is χ² distributed with 1 DOF (Wilks
+1938)."""
 
 
 class SettingRows:
-    """The rows of logs at each cut-off that is tried; ``dead`` (nv,) bool are joints without a torque."""
+    """Rows of logs at each candidate cut-off; ``dead`` (nv,) bool is True for joints without a torque."""
 
     def __init__(
         self,
@@ -257,14 +257,14 @@ class SettingRows:
         self.tried = (asked.cutoff,) if asked.cutoff is not None else cutoffs(samples, _ROWS * base.count / nv)
         self.usual_speed = np.full(nv, _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed)
         self.coulomb = base.unknown.coulomb_columns(base.kept)
-        """Columns of dry friction, and the joints (nv,) bool that each is in."""
+        """Columns of dry friction, with (nv,) bool, True for the joints that each column affects."""
         cached = lru_cache(2 + int(_BYTES / (8 * nv * base.count * _MOST_CHOICE)))
         self.rows, self._judged = cached(self._rows), cached(self._states)
         self._trials = lru_cache(2)(self._trial)
         self._parts = lru_cache(2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS)))(self._undelayed)
 
     def _rows(self, cutoff: float, most: float) -> FilteredRows:
-        """Rows at a cut-off, with the usual speed of friction."""
+        """Rows at a cut-off, with the usual friction speed."""
         rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, most)
         rows.W[:, self.dead], rows.dead = 0.0, self.dead
         return rows
@@ -277,12 +277,12 @@ class SettingRows:
         return Trial(self, FitSettings(cutoff, np.array(speeds), 0.0), min(self.most, _MOST_CHOICE))
 
     def _undelayed(self, cutoff: float, speeds: tuple[float, ...]) -> list[NormalEquations]:
-        """Normal equations of each fifth, without an offset of the clock."""
+        """Normal equations of each fifth, without a clock offset."""
         trial = self._trials(cutoff, speeds)
         return [NormalEquations.from_rows(trial.W, trial.tau, trial.felt, rows=place) for place in trial.places]
 
     def _equations(self, settings: FitSettings) -> list[NormalEquations]:
-        """Normal equations of each fifth; an offset of the clock changes the torques alone."""
+        """Normal equations of each fifth; a clock offset changes only the torques."""
         key = settings.cutoff, tuple(settings.friction_speed.tolist())
         parts = self._parts(*key)
         if not settings.shift:
@@ -294,7 +294,7 @@ class SettingRows:
         return [replace(one, c=k, y=(x**2).sum(axis=0)) for one, k, x in zip(parts, c, tau, strict=True)]
 
     def folds(self, log: Array, time: Array) -> Array:
-        """(m,) the fifth that each row belongs to, 0 to 4, of the time of all logs together."""
+        """(m,) index 0 to 4 of the fifth of each row, in the time of all logs together."""
         begins = np.concatenate([[0.0], np.cumsum([s.seconds for s in self.samples])])
         starts = np.array([s.start for s in self.samples])
         at = begins[log] + (time - starts[log])
@@ -308,7 +308,7 @@ class SettingRows:
         return tuple(np.maximum(x, 1e-2 * u) for x, u in zip(found, usual, strict=True))
 
     def choose(self, prior: Prior, blocks: Iterable[int]) -> FitSettings:
-        """The settings that predict each of some fifths best from the others of them."""
+        """Choose the settings that minimise the cross-validation residual over the given fifths."""
         blocks = tuple(blocks)
         settings = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
         for _ in range(2):
@@ -320,7 +320,7 @@ class SettingRows:
         return settings
 
     def _tuned(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
-        """Offset of the clock and speeds of friction, one after another, at one cut-off."""
+        """Optimise clock offset and friction speeds one after another, at one cut-off."""
         if self.asked.shift is None:
             settings = self._best_shift(settings, prior, blocks)
         if self.asked.friction_speed is None and self.coulomb:
@@ -347,14 +347,14 @@ class SettingRows:
         return self._better(settings, replace(settings, shift=best), prior, blocks)
 
     def _better(self, first: FitSettings, other: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
-        """The other settings if they gain enough: more for a short log, where chance gains as much."""
+        """Return the other settings if their gain is significant; short logs need a larger gain."""
         independent = 2.0 * first.cutoff * sum(s.seconds for s in self.samples)
         worth = max(_WORTH * len(self.dead), _CHANCE / independent)
         gain = self._score(first, prior, blocks) - self._score(other, prior, blocks)
         return other if gain > worth else first
 
     def _fits(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> list[tuple[NormalEquations, Array]]:
-        """The normal equations of each fifth, and the groups by the others of ``blocks``."""
+        """Normal equations of each fifth, and the groups fitted to the others of ``blocks``."""
         every = self._equations(settings)
         parts = [every[b] for b in blocks]
         total = reduce(operator.add, parts)
@@ -365,12 +365,12 @@ class SettingRows:
         return found
 
     def _score(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> float:
-        """The sum of log |residual|² over the joints, of fifths predicted from the others."""
+        """Sum of log |residual|² over the joints, of fifths predicted from the others."""
         left = sum((part.squares(x) for part, x in self._fits(settings, prior, blocks)), np.zeros(len(self.dead)))
         return float(np.log(np.maximum(left, 1e-300)).sum())
 
     def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
-        """By predictions of torques below the highest cut-off; the lowest that is nearly as good as any."""
+        """Lowest cut-off whose predictions of torques, below the highest cut-off, are nearly as good as the best."""
         torques = [torques_below(s, max(self.tried)) for s in self.samples]
         tried = [replace(settings, cutoff=cutoff) for cutoff in self.tried]
         scores = np.array([self._judged_score(prior, blocks, each, torques) for each in tried])
@@ -379,7 +379,7 @@ class SettingRows:
     def _judged_score(
         self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
     ) -> float:
-        """The sum of log |residual|² over the joints, of torques that are given with their times for each log."""
+        """Sum of log |residual|² over the joints, for torques given with their times for each log."""
         judged = self._judged(settings.cutoff)
         tau = np.concatenate(
             [

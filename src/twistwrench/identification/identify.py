@@ -1,4 +1,4 @@
-"""Identification of a robot from logs: rows, settings, fit, how sure it is, what it predicts, and what speaks against it."""
+"""Identification of a robot from logs: rows, settings, fit, covariance, held-out residuals, doubts and verdict."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from .result import IdentifiedRobot
 from .rows import MOST_ROWS, PAUSE, ROW_RATE, SteadySamples
 
 MOST_SAMPLES = 90_000
-"""Samples of all logs, beyond which their rows are accumulated by chunk."""
+"""Maximum number of samples of all logs; beyond, rows are accumulated by chunk."""
 METHODS = ("irls", "wls", "ols")
-_WRONG = 0.01  # share of the rows that may leave their path alone, to be left out
-_CLOSED = 0.06, 6.0  # s, and usual steps, of a pause whose stamps were closed up
-_DEAD = 0.8  # share of the rows, in which a torque that is measured is one number at most
+_WRONG = 0.01  # maximum share of single-row glitches that are removed from a log
+_CLOSED = 0.06, 6.0  # pause with closed-up time stamps: minimum [s], and minimum in usual steps
+_DEAD = 0.8  # share of rows with one constant torque, from which a measured torque is dead
 
 
 def identify(
@@ -66,29 +66,31 @@ def identify(
     Parameters
     ----------
     robot : Robot
-        As its file has it, without actuators; groups that the logs do not tell keep its values.
+        Robot without actuators. Groups that the logs do not determine keep the values of its file.
     logs : Motion or sequence of Motion
-        With torques, on a fixed base.
+        Logs with torques, on a fixed base.
     test : Motion or sequence of Motion, optional
-        Logs that are only predicted. Without any, fifths of the others in time are predicted from the rest, settings chosen
-        on the rest as well.
-    motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
-    friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (what friction at rest is more), ``offset``
-    cutoff : float, optional [Hz]; None: chosen
-    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
-    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+        Test logs that are not used for the fit. Without test logs, each fifth of the time is predicted from the other
+        four,
+        with settings chosen on these four.
+    motor_inertia : bool, identify a motor inertia for each joint
+    friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (excess of static friction), ``offset``
+    cutoff : float, optional, cut-off of the low-pass [Hz]; None: chosen
+    friction_speed : float, optional, Coulomb smoothing speed [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, delay of torques relative to positions [s]; None: chosen
     method : "irls", "wls" or "ols", weights of the rows
-    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
-    known : mapping, optional, values that are held, by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
+    motor_side : MotorSide, optional; motors that turn with several joints have their own friction and inertia
+    known : mapping, optional, known values by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
     payload_only : str, optional
-        A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
-    stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
-    assume : str or sequence of str, causes that are taken off the logs, with values that are unknowns of the fit
+        Frame of a payload. Only the body fixed to it and offsets of the torques are identified; all other parameters,
+        including friction, keep the robot's values.
+    stribeck_speed : float, Stribeck speed for ``stribeck`` in ``friction`` [rad/s or m/s]
+    assume : str or sequence of str, causes to remove from the logs, with values estimated in the fit
         ``gain:JOINT``, ``position-scale:JOINT``, ``zero:JOINT``, ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``;
         ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``,
         ``both-signs``, ``degrees`` and ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and
         ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``; ``time-scale``. The logs are then kept in memory.
-    progress : callable, optional, called with the share that is done
+    progress : callable, optional, called with the completed share
 
     Returns
     -------
@@ -99,11 +101,11 @@ def identify(
     ShapeError
         A log has no torques.
     TrajectoryError
-        A log is too short, or of another robot.
+        A log is too short, or belongs to another robot.
 
     Notes
     -----
-    Equations and sources: the modules of this package, and the page on identification.
+    Equations and sources: see the modules of this package, and the documentation page on identification.
 
     Examples
     --------
@@ -158,9 +160,9 @@ def identified(
     most_rows: float = MOST_ROWS,
     wanted: Sequence[WantedCause] = (),
 ) -> tuple[IdentifiedRobot, Array, float]:
-    """The identification of checked logs, joints without a torque (nv,), and the autocorrelation length of the residuals.
+    """Identify from checked logs, joints without a torque (nv,), and the autocorrelation length of the residuals.
 
-    Settings are chosen anew for each fifth held out where ``anew``.
+    If ``anew``, settings are chosen again for each held-out fifth.
     """
     samples, dead, asked = *_rows_of(trained, asked), _without_delay(asked, wanted)
 
@@ -199,8 +201,8 @@ def identified(
 
     among = _five_fold(source, prior, method, settings_without)
     held_out = _predicted(source, tested, settings, x, assumed) if tested else among
-    begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may be another cause
-    causes, of_noise = list[Doubt](), covariance.matrix  # doubts are judged by noise and states alone
+    begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may have another cause
+    causes, of_noise = list[Doubt](), covariance.matrix  # doubts are judged by the covariance of noise and states alone
     if not payload_only:
         told, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
         told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
@@ -233,15 +235,15 @@ def identified(
 
 
 _HIGHEST, _FEWEST_ROWS = 5.0, 2.0
-"""Cut-off [Hz] of the search for causes without a choice of settings, and equations of a joint at least for each group."""
+"""Maximum cut-off [Hz] of the search for causes without a choice of settings; minimum equations of a joint per group."""
 _USUAL_SPEED = 0.03
-"""Speed of friction that it begins with [rad/s, m/s]."""
+"""Initial Coulomb smoothing speed of that search [rad/s, m/s]."""
 
 
 def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doubt, ...]:
-    """Find the causes of what the equations of a robot leave of the measured torques of logs, whatever its parameters.
+    """Find causes of the part of measured torques that the robot's equations cannot explain with any parameters.
 
-    The search is that of :func:`identify`, at one cut-off and without a choice of settings.
+    The search equals that of :func:`identify`, at one cut-off and without a choice of settings.
 
     Parameters
     ----------
@@ -251,8 +253,8 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
     Returns
     -------
     doubts : tuple of Doubt
-        Empty if there is nothing to name, if the logs are too short, or for robots that cannot be identified: on a floating
-        base, with joints of several degrees of freedom, or with actuators.
+        Empty if no cause is found or the logs are too short. Also empty for robots that cannot be identified: on a
+        floating base, with joints of several degrees of freedom, or with actuators.
 
     Examples
     --------
@@ -282,9 +284,9 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
 
 
 def _rows_of(trained: Sequence[Motion], asked: FitOptions) -> tuple[list[SteadySamples], Array]:
-    """Samples of the logs, and the joints (nv,) without a torque."""
+    """Samples of the logs, and (nv,) bool, True for joints without a torque."""
     samples = _samples(trained, "logs")
-    if asked.cutoff is not None:  # pieces too short for it
+    if asked.cutoff is not None:  # checks for pieces that are too short for the cut-off
         samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
     dead = _dead(trained)
     if dead.all():
@@ -295,7 +297,7 @@ def _rows_of(trained: Sequence[Motion], asked: FitOptions) -> tuple[list[SteadyS
 
 
 def _without_delay(asked: FitOptions, wanted: Sequence[WantedCause]) -> FitOptions:
-    """Options of a fit that ``late`` is assumed in: the delay is then one of the causes. Raises ValueRangeError."""
+    """Options of a fit that assumes ``late``: the delay is then one of the causes. Raises ValueRangeError."""
     if not any(one.kind == "late" for one in wanted):
         return asked
     if asked.shift is not None:
@@ -315,7 +317,7 @@ def fit_options(cutoff: float | None, friction_speed: float | None, shift: float
 
 
 def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
-    """The logs, if they are motions of the robot with torques; raises ShapeError and TrajectoryError."""
+    """Return the logs if they are motions of the robot with torques; raises ShapeError and TrajectoryError."""
     motions = (given,) if isinstance(given, Motion) else tuple(given)
     for k, motion in enumerate(motions):
         if not isinstance(motion, Motion):
@@ -345,7 +347,7 @@ def _samples(motions: Sequence[Motion], what: str) -> list[SteadySamples]:
 
 
 def _believed(motion: Motion) -> Motion:
-    """Motion without rows that repeat others or have a wrong number, stamp or spike; pauses that were closed up are back."""
+    """Remove repeated rows and rows with a wrong number, time stamp or spike; reinsert pauses that were closed up."""
     c = motion.coordinates
     at = c.position_of[c.position_of >= 0]
     glitches = SingleRowGlitches(len(at), c.angular[at])
@@ -373,13 +375,13 @@ def _believed(motion: Motion) -> Motion:
 def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, and on their gaps."""
     said = [doubt.sentence for motion in motions for doubt in motion.doubts if doubt.kind == LEFT_OUT]
-    whole = [motion for motion in motions if all(doubt.kind != "pause" for doubt in motion.doubts)]  # not parted here
+    whole = [motion for motion in motions if all(doubt.kind != "pause" for doubt in motion.doubts)]  # not split yet
     lengths = [float(np.diff(motion.time)[k]) for motion in whole for k in pauses(motion.time, PAUSE).tolist()]
     return (*said, *gap_notes(np.array(lengths)))
 
 
 def _dead(motions: Sequence[Motion]) -> Array:
-    """(nv,) bool: the torque of the joint is one number in nearly all rows, as of a channel that is not connected."""
+    """(nv,) bool, True if the torque is constant in nearly all rows, as for a disconnected channel."""
     tau = np.concatenate([np.asarray(m.tau) for m in motions])
     moved = np.any([np.any(np.diff(m.q, axis=0) != 0, axis=0) for m in motions], axis=0)
     share = (tau == np.median(tau, axis=0)).mean(axis=0)
@@ -389,7 +391,7 @@ def _dead(motions: Sequence[Motion]) -> Array:
 def _five_fold(
     source: SettingRows, prior: Prior, method: Method, settings_without: Callable[[int], FitSettings]
 ) -> HeldOut:
-    """Each fifth of the time predicted from the others; one that has no rows, or all, is left out."""
+    """Predict each fifth of the time from the others; fifths with no rows or with all rows are left out."""
     found = list[HeldOut]()
     for block in range(FOLDS):
         trial = Trial(source, settings_without(block))
@@ -407,7 +409,7 @@ def _five_fold(
 def _predicted(
     source: SettingRows, tested: Sequence[Motion], settings: FitSettings, x: Array, assumed: AssumedCauses | None
 ) -> HeldOut:
-    """Logs of their own, with the settings of the training logs, and the causes that these assume."""
+    """Predict separate test logs with the settings of the training logs and the assumed causes."""
     samples = _samples(tested, "test")
     samples = samples if assumed is None else assumed.of_other_logs(samples)
     options = FitOptions(settings.cutoff, source.asked.friction_speed, settings.shift)

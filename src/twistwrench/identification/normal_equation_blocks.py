@@ -1,9 +1,10 @@
-"""Information of logs as sums of products of regressor rows, which add up, in a small file in place of the logs.
+"""Normal equations of logs in blocks: sums of products of regressor rows, which can be added and saved in a small file.
 
-With A_j = (W_j, τ_j) and weights w, a block has Σ A_j' A_j and Σ A_j' w A_j, the lower triangles in a row of numbers, a cell of
-state has the second, and all rows together have R_j with R_j' R_j = Σ A_j' w A_j by orthogonal transformations (TSQR: Demmel,
+With A_j = (W_j, τ_j) and weights w, a block holds the lower triangles of Σ A_j' A_j and Σ A_j' w A_j, packed in a row.
+A cell of state holds the second sum. All rows together have R_j with R_j' R_j = Σ A_j' w A_j by orthogonal
+transformations (TSQR: Demmel,
 Grigori, Hoemmen and Langou, "Communication-optimal parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34,
-2012), which lose no digits.
+2012), which do not square the condition number.
 """
 
 from __future__ import annotations
@@ -39,16 +40,16 @@ from .payload import MotorSide
 from .result import IdentifiedRobot
 
 MOST_BLOCKS = 60
-"""Most blocks of time; beyond, the two neighbours with fewest rows are merged."""
+"""Maximum number of blocks of time; beyond, the two neighbours with the fewest rows are merged."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointBlocks:
-    """Sums over some rows."""
+    """Sums over a set of rows."""
 
-    sums: Array  # (b, 2, f), of each block the plain and the weighted sums, packed as :class:`NormalEquations` does
-    counts: Array  # (b, 3) rows; weights, and rows of whole weight, of all live joints
-    cells: Array  # (c, f) of each cell of state the weighted sums
+    sums: Array  # plain and weighted sums of each block, packed like :class:`NormalEquations`
+    counts: Array  # (b, 3) number of rows; sum of weights, and rows of full weight, of all live joints
+    cells: Array  # weighted sums of each cell of state
     factors: tuple[Array, ...]  # R_j (r_j + 1, r_j + 1)
 
     @classmethod
@@ -60,7 +61,7 @@ class JointBlocks:
         return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), np.zeros((frame.cells.count, size)), factors)
 
     def added(self, frame: RowFrame, entries: Sequence[Array], block: Array, cell: Array) -> JointBlocks:
-        """With the rows of one portion, each in its ``block`` and its ``cell`` (n,); sums and counts are changed in place."""
+        """Add the rows of one batch, each in its ``block`` and its ``cell`` (n,); sums and counts are changed in place."""
         factors, begin = [], 0
         for j, A in enumerate(entries):
             weights = _weights(frame, j, A)
@@ -84,7 +85,7 @@ class JointBlocks:
         return JointBlocks(self.sums, self.counts, self.cells, tuple(factors))
 
     def __add__(self, other: JointBlocks) -> JointBlocks:
-        """Blocks one after another, at most :data:`MOST_BLOCKS` of them."""
+        """Concatenate blocks, and merge them to at most :data:`MOST_BLOCKS`."""
         sums, counts = np.concatenate([self.sums, other.sums]), np.concatenate([self.counts, other.counts])
         some = counts[:, 0] > 0
         sums, counts = sums[some], counts[some]
@@ -97,13 +98,13 @@ class JointBlocks:
         return JointBlocks(sums, counts, self.cells + other.cells, tuple(_factor(a, b) for a, b in pairs))
 
     def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
-        """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
+        """Normal equations of several blocks together, plain (0) or weighted (1)."""
         rows = float(self.counts[blocks, 0].sum())
         return NormalEquations.unpacked(self.sums[blocks, which].sum(axis=0), frame.active, rows)
 
 
 def _weights(frame: RowFrame, j: int, A: Array) -> Array:
-    """Huber's, by the residuals of the groups that an excerpt gave."""
+    """Huber's weights, from the residuals of the groups of an excerpt."""
     if not frame.robust or frame.dead[j]:
         return np.ones(len(A))
     groups = frame.columns.groups[j]
@@ -111,7 +112,7 @@ def _weights(frame: RowFrame, j: int, A: Array) -> Array:
 
 
 def _factor(above: Array, below: Array) -> Array:
-    """R of both one above the other."""
+    """Triangular factor R of both matrices stacked."""
     return np.asarray(np.linalg.qr(np.concatenate([above, below]), mode="r"))
 
 
@@ -120,25 +121,25 @@ def _factor(above: Array, below: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NormalEquationBlocks:
-    """Normal equations of logs: sums over all their rows, which add up, are saved, and go on next week.
+    """Normal equations of logs: sums over all rows, which can be added, saved and continued later.
 
     Attributes
     ----------
-    robot : Robot, as its file has it
-    frame : RowFrame, groups and settings that all rows were made with
+    robot : Robot, with the values of its file
+    frame : RowFrame, groups and settings of all rows
     moments : JointBlocks
-    weak : Prior, that groups without information keep to
-    sizes : (p,) array, that each unknown parameter could have at most
-    changes : (k, r) array, of the groups, with laws that explain some of what an excerpt leaves
+    weak : Prior, weak prior of groups without information
+    sizes : (p,) array, largest plausible sizes of the unknown parameters
+    changes : (k, r) array, changes of the groups by laws that explain part of an excerpt's residual
     method : str, ``irls``, ``wls`` or ``ols``
-    seconds : float, of logs [s]
-    samples : int, of logs
-    autocorrelation_length : float, rows over which residuals are autocorrelated
-    logs : tuple of str, their names
-    doubts : tuple of Doubt, of the excerpts that settings were chosen on
-    shown : HeldOutRows, optional, rows of an excerpt, measured and predicted, for pictures
+    seconds : float, duration of the logs [s]
+    samples : int, number of samples of the logs
+    autocorrelation_length : float, autocorrelation length of the residuals in rows
+    logs : tuple of str, names of the logs
+    doubts : tuple of Doubt, from the excerpts on which settings were chosen
+    shown : HeldOutRows, optional, measured and predicted rows of an excerpt, for plots
     payload_frame : str or None, frame of the payload that alone is identified
-    notes : tuple of str, a sentence for each kind of rows left out and for the gaps of each log
+    notes : tuple of str, a sentence for each kind of omitted rows and for the gaps of each log
 
     Examples
     --------
@@ -178,7 +179,7 @@ class NormalEquationBlocks:
         )
 
     def __add__(self, other: NormalEquationBlocks) -> NormalEquationBlocks:
-        """Sum of both; raises ValueRangeError if they were made with other groups or settings."""
+        """Sum of both; raises ValueRangeError if their groups or settings differ."""
         if not isinstance(other, NormalEquationBlocks):
             return NotImplemented
         mine, their = self.frame, other.frame
@@ -213,11 +214,11 @@ class NormalEquationBlocks:
         return block_solution(self)[0][: self.frame.base.count]
 
     def identified(self, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
-        """Robot identified from all rows together.
+        """Identify the robot from all rows together.
 
         Parameters
         ----------
-        test : NormalEquationBlocks, optional, of logs that are only predicted, gathered like this one
+        test : NormalEquationBlocks, optional, of test logs, accumulated with the same settings
 
         Returns
         -------
@@ -226,12 +227,12 @@ class NormalEquationBlocks:
         Raises
         ------
         TrajectoryError
-            The logs are too short to hold a part of them out.
+            The logs are too short for cross-validation.
         """
         base, (x, sigma) = self.frame.base, block_solution(self)
         among = held_out = _five_fold(self)
         if test is not None:
-            _ = self + test  # raises where they are not alike
+            _ = self + test  # raises if they differ
             held_out = block_residuals(test, x)
         if self.shown is not None:
             held_out = replace(held_out, rows=(self.shown,))
@@ -256,7 +257,7 @@ class NormalEquationBlocks:
         )
 
     def check(self) -> float:
-        """The largest difference of a group by orthogonal factors (TSQR), in units of its standard deviation.
+        """Largest deviation of a group from the solution by orthogonal factors (TSQR), in standard deviations.
 
         Returns
         -------
@@ -268,7 +269,7 @@ class NormalEquationBlocks:
         return float((off / np.maximum(deviations, 1e-300)).max(initial=0.0))
 
     def save(self, path: str | Path) -> Path:
-        """Save as a small file, whole or not at all.
+        """Save atomically as a small file.
 
         Returns
         -------
@@ -289,7 +290,7 @@ class NormalEquationBlocks:
 
         Parameters
         ----------
-        robot : Robot, the same
+        robot : Robot, same robot as in the file
 
         Returns
         -------
@@ -298,7 +299,7 @@ class NormalEquationBlocks:
         Raises
         ------
         NotFoundError, ShapeError
-            There is no such file, or it is none that can be read.
+            The file does not exist, or cannot be read.
         """
         path = as_path(path)
         if not path.is_file():
@@ -315,21 +316,21 @@ class NormalEquationBlocks:
         return _from_file(path, robot, said, arrays)
 
 
-# ── The fit of all rows: groups, covariance, cross-validation over fifths of the time
+# ── Fit of all rows: groups, covariance, cross-validation over fifths of the time
 
-_SPEED_SIZE = 3.0  # largest error of a friction speed, in units of its step
+_SPEED_SIZE = 3.0  # largest correction of a friction speed, in units of its step
 _OFF = 0.5  # share of a step within which corrections of the settings are linear
 
 
 def _prior(i: NormalEquationBlocks) -> Prior:
-    """Weak, of the groups and of what the settings were off."""
+    """Weak prior of the groups and of the corrections of the settings."""
     shift = [0.1 / i.frame.settings.cutoff] if i.frame.free_shift else []
     size = np.array([*shift, *(_SPEED_SIZE for _ in i.frame.speeds)])
     return Prior(np.concatenate([i.weak.mean, np.zeros(len(size))]), np.concatenate([i.weak.size, size]))
 
 
 def block_solution(i: NormalEquationBlocks, blocks: slice | Array = slice(None)) -> tuple[Array, Array]:
-    """Least squares of some blocks of time: unknowns, those of the settings last, and sizes of residuals (nv,)."""
+    """Least-squares solution of some blocks of time: groups, then corrections of settings; sizes of residuals (nv,)."""
     found, prior = i.moments.equations(i.frame, 1, blocks), _prior(i)
     if i.method == "wls":
         return found.solve(prior)
@@ -342,13 +343,13 @@ def block_solution(i: NormalEquationBlocks, blocks: slice | Array = slice(None))
 def block_residuals(
     i: NormalEquationBlocks, x: Array, blocks: slice | Array = slice(None), kind: str = "test"
 ) -> HeldOut:
-    """Residuals of some blocks of time at given unknowns."""
+    """Residuals of some blocks of time for given unknowns."""
     plain = i.moments.equations(i.frame, 0, blocks)
     return HeldOut(kind, plain.squares(x), plain.y, i.frame.base.unknown.model.velocity_names)
 
 
 def _folds(i: NormalEquationBlocks) -> list[Array]:
-    """Blocks of each fifth of the rows."""
+    """Indices of the blocks in each fifth of the rows."""
     rows = i.moments.counts[:, 0]
     middle = (np.cumsum(rows) - 0.5 * rows) / max(rows.sum(), 1.0)
     label = np.minimum((FOLDS * middle).astype(int), FOLDS - 1)
@@ -356,7 +357,7 @@ def _folds(i: NormalEquationBlocks) -> list[Array]:
 
 
 def _five_fold(i: NormalEquationBlocks) -> HeldOut:
-    """Each fifth of the rows predicted from the others."""
+    """Predict each fifth of the rows from the others."""
     folds = _folds(i)
     if len(folds) < 2:
         raise TrajectoryError("the logs are too short to hold a part of them out. Give more seconds.")
@@ -366,7 +367,7 @@ def _five_fold(i: NormalEquationBlocks) -> HeldOut:
 
 
 def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupCovariance:
-    """By the sandwiches over the blocks and over cells of state, as :func:`group_covariance` has them of rows."""
+    """Sandwich covariance over blocks and over cells of state, like :func:`group_covariance` for rows."""
     r, prior, counts = i.frame.base.count, _prior(i), i.moments.counts
     total, _ = i.moments.equations(i.frame, 1, slice(None)).whitened(sigma)
     scaled = total * prior.size[:, None] * prior.size
@@ -394,7 +395,7 @@ def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupC
 
 
 def _corrected_settings(frame: RowFrame, x: Array) -> FitSettings:
-    """Settings of the excerpt with the corrections of all rows."""
+    """Settings of the excerpt with the corrections fitted to all rows."""
     speed, shift = frame.settings.friction_speed.copy(), frame.settings.shift
     if frame.free_shift:
         shift -= float(x[frame.base.count])
@@ -404,7 +405,7 @@ def _corrected_settings(frame: RowFrame, x: Array) -> FitSettings:
 
 
 def _of_groups(one: NormalEquations, r: int, x: Array, sigma: Array) -> NormalEquations:
-    """Normal equations of the groups, whitened, with corrections of settings taken off the torques."""
+    """Whitened normal equations of the groups, with the corrections of settings subtracted from the torques."""
     off = x[r:]
     N, c, y = one.N / sigma[:, None, None] ** 2, one.c / sigma[:, None] ** 2, one.y / sigma**2
     rest = y - 2.0 * c[:, r:] @ off + np.einsum("jkl,k,l->j", N[:, r:, r:], off, off)
@@ -412,7 +413,7 @@ def _of_groups(one: NormalEquations, r: int, x: Array, sigma: Array) -> NormalEq
 
 
 def _by_factors(i: NormalEquationBlocks, sigma: Array) -> Array:
-    """The unknowns by the triangular factors in place of the normal equations: digits that these lose, it keeps."""
+    """Solve for the unknowns by triangular factors instead of normal equations, to avoid their loss of digits."""
     prior = _prior(i)
     rows, right = [np.diag(1.0 / prior.size)], [prior.mean / prior.size]
     for active, R, size in zip(i.frame.active, i.moments.factors, sigma, strict=True):
@@ -425,7 +426,7 @@ def _by_factors(i: NormalEquationBlocks, sigma: Array) -> Array:
 
 
 def _doubts(i: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: Array) -> tuple[Doubt, ...]:
-    """Doubts of the excerpts and of all rows."""
+    """Doubts from the excerpts and from all rows."""
     kinds = {d.kind for d in i.doubts}
     found = [*i.doubts, *(doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds)]
     if far := _settings_off(i.frame, x):
@@ -440,7 +441,7 @@ def _doubts(i: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: Array) ->
 
 
 def _settings_off(frame: RowFrame, x: Array) -> str:
-    """Settings that are off by more than the linear correction is valid for."""
+    """Sentence on settings whose correction exceeds the valid range of the linearisation."""
     if frame.free_shift and abs(x[frame.base.count]) > _OFF * 0.1 / frame.settings.cutoff:
         return "offset of the clock"
     names, steps = frame.base.unknown.model.velocity_names, np.abs(x[frame.first_speed :])
@@ -448,7 +449,7 @@ def _settings_off(frame: RowFrame, x: Array) -> str:
     return f"friction speed of {', '.join(owners)}" if owners else ""
 
 
-# ── Their file: arrays and their description in an archive of NumPy
+# ── File format: arrays and their description in an archive of NumPy
 
 _MARK = "twistwrench information 2"
 _SHOWN = ("time", "log", "measured", "predicted")
@@ -503,7 +504,7 @@ def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
 
 
 def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str, Array]) -> NormalEquationBlocks:
-    """Raises ValueRangeError where the robot has other groups than the file."""
+    """Blocks from the content of a file; raises ValueRangeError if the robot has other groups than the file."""
     side = None
     if "ratios" in arrays and not robot.model.couplings:
         side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"], tuple(said.get("motors", ())))

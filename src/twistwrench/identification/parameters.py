@@ -1,15 +1,17 @@
-"""Parameters of a robot: ten of each moving body, motor inertia, friction and offset of each joint, and their base groups.
+"""Parameters of a robot: ten of each moving body, motor inertia, friction and offset of each joint, and base parameters.
 
-Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbach, 1986) and v_0 the speed of friction:
+Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbach, 1986) and v_0 the Coulomb smoothing
+speed:
 
     τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + (fc_j + fs_j exp(-(dq_j / v_s)²)) tanh(dq_j / v_0j) + off_j
 
-with fs what static friction is above Coulomb's, and v_s Stribeck's speed, if requested (Armstrong-Hélouvry, Dupont
+with fs the static friction in excess of Coulomb friction, and v_s the Stribeck speed, if requested (Armstrong-Hélouvry,
+Dupont
 and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
 Automatica 30(7), 1994).
 
-A motor k that turns with several joints, at the rate s_k · dq of the joint it drives, adds s_k (Ia_k s_k·ddq + fv_k s_k·dq +
-fc_k tanh(s_k·dq / v_0)) to all of them.
+A motor k that turns with several joints has the rate s_k · dq; s_k is 1 for its own joint. It adds s_k (Ia_k s_k·ddq +
+fv_k s_k·dq + fc_k tanh(s_k·dq / v_0)) to the torques of these joints.
 """
 
 from __future__ import annotations
@@ -38,11 +40,11 @@ if TYPE_CHECKING:
     from .payload import MotorSide
 
 DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
-"""Parameters of a joint besides those of its bodies, in the order of the columns."""
+"""Parameters of a drive, in the order of the columns."""
 FRICTION = ("viscous", "coulomb", "offset")
-"""Laws that are identified by default."""
+"""Default friction parameters."""
 STRIBECK_SPEED = 0.1
-"""rad/s or m/s, unless another is given."""
+"""Default Stribeck speed [rad/s or m/s]."""
 _DRY = ("coulomb", "stribeck")
 PARAMETER_UNITS = {
     "m": ("kg",),
@@ -52,7 +54,7 @@ PARAMETER_UNITS = {
     "viscous": ("N m s/rad", "N s/m"),
     **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
 }
-"""SI units of each kind of parameter: that of turning joints first."""
+"""SI units of each kind of parameter: revolute joints first, then prismatic joints."""
 
 
 def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
@@ -63,30 +65,30 @@ def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
 
 
 _BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
-"""The order in which the ten of a body are kept or grouped: moments first, as papers on base parameters list them."""
+"""Order of the ten parameters of a body in the choice of base parameters: moments first, as in papers on base parameters."""
 _SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class UnknownParameters:
-    """Unknown parameters of a robot, and the columns of its torques that belong to them.
+    """Unknown parameters of a robot, and their columns in the torques.
 
     Parameters
     ----------
     robot : Robot
-        Every joint has one degree of freedom. Its own friction and armature count as unknown.
+        Every joint must have one degree of freedom. The robot's friction and armature are treated as unknown.
     motor_inertia : bool, a motor inertia for each joint, seen at the joint
     friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
     motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
-    known : mapping, values of parameters that are held, by their names
+    known : mapping, values of known parameters by name
     stribeck_speed : float, v_s of all joints [rad/s or m/s]
 
     Raises
     ------
     ModelError
-        A joint has several degrees of freedom, or the robot has rotors already.
+        A joint has several degrees of freedom, or the robot already has rotors.
     UnknownNameError
-        ``friction`` or ``known`` name something else.
+        ``friction`` or ``known`` contains another name.
     ValueRangeError
         A known value is not a number, or nothing remains unknown.
 
@@ -154,18 +156,18 @@ class UnknownParameters:
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
-        """Bodies that are links; a body between two joints of one link has no mass and is left out."""
+        """Bodies that are links; a massless body between two joints of one link is left out."""
         return tuple(i for i, body in enumerate(self.model.bodies) if body.link in self.model.link_inertias)
 
     @cached_property
     def coupled(self) -> Array:
-        """(k, nv) what each motor that turns with several joints turns at, per rate of each of them; 1 for its own."""
+        """(k, nv) rate of each motor that turns with several joints, per rate of each joint; 1 for its own."""
         nv = self.model.nv
         return np.zeros((0, nv)) if self.motor_side is None else self.motor_side.coupled_rates
 
     @cached_property
     def _entries(self) -> tuple[tuple[str, str, int], ...]:
-        """Name, kind and place (column of the regressor, joint, or coupled motor) of each."""
+        """Name, kind and index (column of the regressor, joint or coupled motor) of each parameter."""
         model, found = self.model, list[tuple[str, str, int]]()
         drive = (["motor_inertia"] if self.motor_inertia else []) + [f for f in DRIVE[1:] if f in self.friction]
         for i, body in enumerate(model.bodies):
@@ -182,7 +184,7 @@ class UnknownParameters:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """A name for each, such as ``link_2.Ixx`` and ``joint_2.coulomb``, from the base outward."""
+        """Names of the parameters, such as ``link_2.Ixx`` and ``joint_2.coulomb``, from the base outward."""
         return tuple(name for name, _, _ in self._entries)
 
     @cached_property
@@ -192,12 +194,12 @@ class UnknownParameters:
 
     @cached_property
     def of_bodies(self) -> Array:
-        """(p,) the column of the regressor that each has; -1 where it is a drive's."""
+        """(p,) column of the regressor of each parameter; -1 for parameters of drives."""
         return np.array([place if kind in PARAMETER_NAMES else -1 for _, kind, place in self._entries])
 
     @cached_property
     def file_values(self) -> Array:
-        """(p,) values of the robot's file, 0 for drives; and known values."""
+        """(p,) values of the robot file, 0 for drives; known values replace them."""
         own = self.robot.parameters
         found = np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
         found[self.held] = [self.known[name] for name in np.array(self.names)[self.held]]
@@ -205,12 +207,12 @@ class UnknownParameters:
 
     @cached_property
     def held(self) -> Array:
-        """(p,) bool, those whose values are known."""
+        """(p,) bool, True for parameters with known values."""
         return np.isin(self.names, list(self.known))
 
     @cached_property
     def lengths(self) -> tuple[float, float]:
-        """Mass [kg] and length [m] that are typical of the whole robot: what weak priors and scales are made from."""
+        """Typical mass [kg] and length [m] of the whole robot, for weak priors and scales."""
         model = self.model
         reach = np.zeros(len(model.bodies))
         for i, body in enumerate(model.bodies):
@@ -222,11 +224,11 @@ class UnknownParameters:
         return max(mass, _SMALLEST_MASS) if mass > 0 else 1.0, length
 
     def scales(self, torque: Array, speed: Array, acceleration: Array) -> Array:
-        """Scales: the size that each could have at most, by the robot's mass and reach and by the torques measured.
+        """Largest plausible size of each parameter, from the robot's mass and reach and the measured torques.
 
         Parameters
         ----------
-        torque, speed, acceleration : (nv,) array, typical of the log, above 0
+        torque, speed, acceleration : (nv,) array, typical values of the log, above 0
 
         Returns
         -------
@@ -261,7 +263,7 @@ class UnknownParameters:
         friction_speed: Array,
         gravity: Array | None = None,
     ) -> Array:
-        """Columns of the torques that belong to some of the parameters, under ``gravity`` in place of the robot's.
+        """Columns of some of the parameters in the torques, under ``gravity`` instead of the robot's.
 
         Returns
         -------
@@ -281,15 +283,15 @@ class UnknownParameters:
 
     @cached_property
     def regressor(self) -> Any:
-        """Kernel of the regressor Y (nv, 10 nbodies) of the bodies by q, dq, ddq and the vector of gravity."""
+        """Kernel of the regressor Y (nv, 10 nbodies) of the bodies, as a function of q, dq, ddq and gravity."""
         return self.robot.kernel("regressor", gravity="input")
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
-        """Columns of dry friction, Coulomb's and Stribeck's, among some of the parameters.
+        """Columns of dry friction (Coulomb and Stribeck) among some of the parameters.
 
         Returns
         -------
-        found : list of (column, joints), with the joints (nv,) bool that the column is in
+        found : list of (column, joints), with (nv,) bool, True for joints at which the column is not zero
         """
         found = []
         for c, k in enumerate(which):
@@ -302,7 +304,7 @@ class UnknownParameters:
 
     @cached_property
     def shares(self) -> Array:
-        """(p, nv) the column of a drive's parameter at each joint, in units of its factor; 0 for parameters of bodies."""
+        """(p, nv) column of a drive's parameter at each joint, per unit of its factor; 0 for parameters of bodies."""
         found = np.zeros((len(self._entries), self.model.nv))
         for row, (_, kind, place) in zip(found, self._entries, strict=True):
             if kind.removeprefix("coupled ") in DRIVE:
@@ -310,11 +312,11 @@ class UnknownParameters:
         return found
 
     def drives(self, which: Sequence[int] | Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
-        """Factors of the columns of some parameters of drives; the columns are factors times :attr:`shares`.
+        """Factors of the columns of some drive parameters; the columns are factors times :attr:`shares`.
 
         Parameters
         ----------
-        which : (k,) sequence of int, numbers of the parameters
+        which : (k,) sequence of int, indices of the parameters
 
         Returns
         -------
@@ -334,12 +336,12 @@ class UnknownParameters:
 
 
 def speed_owner(joints: Array) -> int:
-    """The joint whose speed dry friction turns at, of those (nv,) that its column is in: the last."""
+    """Joint whose friction speed applies to a column of dry friction: the last of its joints (nv,)."""
     return int(np.flatnonzero(joints)[-1])
 
 
 def check_speed(value: float) -> float:
-    """A friction speed or cut-off that is a number above 0. Raises ValueRangeError."""
+    """Return a friction speed or cut-off if it is a number above 0; otherwise raise ValueRangeError."""
     if not (np.isfinite(value) and value > 0):
         raise ValueRangeError(
             f"{value!r} is not a valid speed or frequency. Give a number above 0, or leave it to the program."
@@ -347,30 +349,31 @@ def check_speed(value: float) -> float:
     return float(value)
 
 
-# ── Base parameters: the identifiable groups, whatever the motion
+# ── Base parameters: the identifiable groups, for any motion
 
-# W on random states has columns that are sums of others. First come, first kept from the base outward; with W_b those kept and
-# W_d = W_b B the others, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
+# Columns of W on random states are linearly dependent. Columns are kept in order from the base outward; with the kept
+# columns W_b and the others W_d = W_b B, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
 #
-# Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991. The rank is
-# decided on random states with an absolute scale: of a log, columns that are nothing but rounding would look like any other.
+# Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991. The
+# rank is determined on random states with an absolute scale, because in a log, columns of rounding errors look like any
+# other.
 
-_NOTHING = 1e-9  # share of a column's own length, or of the longest's, below which what others leave of it is rounding
+_NOTHING = 1e-9  # unspanned share of a column's length, or of the longest's, below which it is rounding error
 _ROWS_PER_COLUMN = 3
-_HELD = 1e-7  # share of its size by which a known value may be missed
-_EXACT = 1e-7  # coefficients below that are rounding, in units of the columns' own lengths
+_HELD = 1e-7  # allowed error of a known value, as a share of its size
+_EXACT = 1e-7  # coefficients below this are rounding errors, in units of the columns' lengths
 
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """Base parameters of a robot: which parameters are kept, and what each kept one stands for.
+    """Base parameters of a robot: the kept parameters and their groups.
 
     Attributes
     ----------
     unknown : UnknownParameters
-    kept : (r,) array, numbers of the parameters kept
+    kept : (r,) array, indices of the kept parameters
     grouping : (r, p) array; the groups are ``grouping @ x``
-    felt : (nv, r) bool array, the kept columns that are not zero in the torque of each joint
+    felt : (nv, r) bool array, True if a kept column is not zero in the torque of a joint
 
     Examples
     --------
@@ -396,8 +399,8 @@ class BaseParameters:
         Parameters
         ----------
         unknown : UnknownParameters
-        seed : int, of the states
-        gravity : (3,) array, optional, in place of the robot's
+        seed : int, seed of the random states
+        gravity : (3,) array, optional, replaces the robot's
 
         Returns
         -------
@@ -417,23 +420,23 @@ class BaseParameters:
         free = np.flatnonzero(~unknown.held)
         kept, found = _independent_columns((W * scale)[..., free].reshape(states * nv, len(free)))
         # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
-        grouping = np.eye(p)  # what is known is a group of its own
+        grouping = np.eye(p)  # a known parameter is a group by itself
         grouping[np.ix_(free[kept], free)] = _rounded(found) * scale[free[kept]][:, None] / scale[None, free]
         kept = np.sort(np.concatenate([free[kept], np.flatnonzero(unknown.held)]))
         return cls(unknown, kept, grouping[kept], (W[..., kept] != 0).any(axis=0))
 
     @property
     def held(self) -> Array:
-        """(r,) bool, groups that are a parameter whose value is known."""
+        """(r,) bool, True for groups that consist of one parameter with a known value."""
         return np.asarray(self.unknown.held[self.kept])
 
     @property
     def drives(self) -> Array:
-        """(k,) groups whose kept parameter is a drive's: friction, motor inertia or offset."""
+        """(k,) groups whose kept parameter belongs to a drive: friction, motor inertia or offset."""
         return np.flatnonzero(self.unknown.of_bodies[self.kept] < 0)
 
     def weak_sizes(self, sizes: Array) -> Array:
-        """Sizes that groups could have at most, where parameters could have sizes (p,); next to none for what is known.
+        """Largest plausible sizes of the groups, for sizes (p,) of the parameters; almost zero for known groups.
 
         Returns
         -------
@@ -448,11 +451,11 @@ class BaseParameters:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The groups in words: ``link_2.mcx + 0.225 link_3.m``, the parameter kept first."""
+        """Names of the groups, such as ``link_2.mcx + 0.225 link_3.m``, with the kept parameter first."""
         return tuple(self._name(k) for k in range(self.count))
 
     def project(self, values: Array) -> Array:
-        """Groups of given parameters.
+        """Values of the groups for given parameters.
 
         Returns
         -------
@@ -473,9 +476,9 @@ class BaseParameters:
 
 
 def _independent_columns(W: Array) -> tuple[Array, Array]:
-    """Columns that are not sums of those before them (r,), and all columns in terms of these (r, p).
+    """Indices of columns (r,) that are independent of those before them, and coefficients of all columns in them (r, p).
 
-    Gram and Schmidt's way, twice for each column, so that rounding stays where it is.
+    Uses the Gram-Schmidt process, twice for each column to limit rounding errors.
     """
     rows, p = W.shape
     lengths = np.linalg.norm(W, axis=0)
@@ -504,15 +507,15 @@ def _rounded(grouping: Array) -> Array:
     return np.where(np.abs(grouping) < 1e-12, 0.0, grouping)
 
 
-# ── What no log tells
+# ── Quantities that no log determines
 
 _FED_FORWARD, _SPANNED = 1e-3, 1e-6
-"""Share of the torques below which no sensor's noise is, and share of torques that other columns do not span."""
+"""Residual, as a share of the torques, below that of any sensor; share of torques not spanned by other columns."""
 _TURN, _GAIN = 0.3, 1.2
 
 
 def undetermined(base: BaseParameters, left: float) -> dict[str, str]:
-    """Sentences on what no log of the robot determines, by name; ``left`` is the residual as a share of the torques."""
+    """Sentences by name on quantities that no log determines; ``left`` is the residual as a share of the torques."""
     unknown, names = base.unknown, base.unknown.model.velocity_names
     kinds, held = np.array(unknown.kinds), unknown.held
     gain, zeros, signs = _spanned(base)
@@ -534,9 +537,10 @@ def undetermined(base: BaseParameters, left: float) -> dict[str, str]:
 
 
 def _spanned(base: BaseParameters) -> tuple[bool, list[int], list[int]]:
-    """Errors of logs that other parameters of the robot explain wholly: a common gain, zeros, signs of position and torque.
+    """Errors of logs that other parameters of the robot can fully explain: a common gain, zeros, signs of position and torque.
 
-    Torques of random states with the error are in the span of the columns without it; for signs, with a half turn of a joint.
+    Torques of random states with such an error lie in the span of the columns without it; for signs, after a half turn
+    of a joint.
     """
     unknown, model, free = base.unknown, base.unknown.model, ~base.held
     turning = [k for k in range(model.nv) if model.leaders[k].joint.turning[0]]

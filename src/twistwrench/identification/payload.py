@@ -1,7 +1,7 @@
-"""Logs of the motors' side, and a payload identified alone with all other numbers held fixed.
+"""Logs of the motors' side, and identification of a payload with all other parameters fixed.
 
-With R the ratios, R_kk of motor k's own joint and R_kj of others it turns with, o the positions of the joints where the log
-says 0, and g the torque per unit of its columns:
+With R the ratios (R_kk of motor k's own joint, R_kj of other joints that it turns with), o the positions of the joints
+at the log's zero, and g the torque per unit of the torque columns:
 
     q_motor = R (q - o),    dq_motor = R dq,    τ = R' g τ_motor
 """
@@ -39,14 +39,15 @@ class MotorSide:
     Parameters
     ----------
     ratios : (nv, nv) array, R; the unit matrix for a log of the joints' side
-    zero : (nv,) array, positions of the joints where the log has 0 [rad or m]
+    zero : (nv,) array, positions of the joints at the log's zero [rad or m]
     gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
-    names : tuple of str, optional, columns of the log, those of coupled motors in the places of their joints; empty: joints
+    names : tuple of str, optional, columns of the log, with coupled motors at the indices of their joints; empty:
+    joints' names
 
     Raises
     ------
     ValueRangeError
-        The motors' ratios cannot be solved for the joints.
+        The matrix of ratios is singular.
 
     Examples
     --------
@@ -66,7 +67,7 @@ class MotorSide:
 
     @classmethod
     def of_couplings(cls, model: Model) -> MotorSide:
-        """Relation of a robot's motors, behind their gears, to its joints: the matrix of its couplings.
+        """Relation of a robot's motors to its joints through gears, given by the matrix of its couplings.
 
         Returns
         -------
@@ -87,18 +88,18 @@ class MotorSide:
 
     @property
     def coupled_rates(self) -> Array:
-        """(k, nv) of the motors that turn with several joints: their rates per rate of each joint, 1 for their own."""
+        """(k, nv) rates of the motors that turn with several joints, per rate of each joint; 1 for their own."""
         rows = [self.ratios[j] / (self.ratios[j, j] or np.abs(self.ratios[j]).max()) for j in self._together]
         return np.array(rows).reshape(-1, len(self.ratios))
 
     @property
     def coupled_motors(self) -> list[str]:
-        """Names of these motors; empty where only the joints have names."""
+        """Names of the motors that turn with several joints; empty if only joints have names."""
         return [self.names[j] if self.names else "" for j in self._together]
 
     @property
     def _together(self) -> list[int]:
-        """Rows of the motors that turn with several joints."""
+        """Indices of the motors that turn with several joints."""
         return [j for j, row in enumerate(self.ratios) if np.count_nonzero(row) > 1]
 
     def joint_positions(self, q: Array) -> Array:
@@ -128,7 +129,7 @@ class MotorSide:
         return np.asarray((tau * self.gain) @ self.ratios)
 
     def of_joints(self, rows: LogRows) -> LogRows:
-        """Rows of a log with the joints' own positions and torques.
+        """Convert rows of a log to positions and torques of the joints.
 
         Parameters
         ----------
@@ -156,7 +157,7 @@ def motor_side(model: Model, source: Source) -> MotorSide:
     Raises
     ------
     NotFoundError, ModelError
-        Naming the file and the entry.
+        The file or an entry is invalid; the message names both.
 
     Examples
     --------
@@ -184,7 +185,7 @@ def motor_side(model: Model, source: Source) -> MotorSide:
 
 
 def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: Any) -> MotionLog:
-    """Open a log whose columns go by the joints or, of the side of coupled motors, by the motors.
+    """Open a log whose columns are named after the joints or, for coupled motors, after the motors.
 
     Parameters
     ----------
@@ -224,14 +225,14 @@ def read_motion(
     topic: str | None = None,
     episode: int | None = None,
 ) -> Motion:
-    """Read a log of the joints', or of the motors' side, as a motion of the robot.
+    """Read a log of the joints' or the motors' side as a motion of the robot.
 
     Parameters
     ----------
     columns : {joint: column}, optional, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     rate : float, optional [Hz]
     degrees : bool
-    side : MotorSide, optional; None: the columns are those of the joints
+    side : MotorSide, optional; None: columns are on the joints' side
     gain : {joint: float}, optional, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     topic : str, optional, topic of a ROS recording
     episode : int, optional, episode of a LeRobot dataset
@@ -262,20 +263,20 @@ def read_motion(
     return Motion(rows.time, rows.q, **given, robot=robot, notes=log.notes, read=tuple(tally.doubts(robot.limits)))
 
 
-# ── A payload alone
+# ── Payload alone
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedPayload:
-    """Payload that was identified.
+    """Identified payload.
 
     Attributes
     ----------
-    frame : str, that it is fixed to
+    frame : str, frame to which the payload is fixed
     inertia : SpatialInertia, in that frame
     mass_deviation : float [kg]
     com_deviations : (3,) array, along the frame's axes [m]
-    unidentifiable : tuple of str, parameters of the body that carries it, that do not change any torque of this robot
+    unidentifiable : tuple of str, parameters of the carrying body that do not affect any torque of this robot
     """
 
     frame: str
@@ -286,15 +287,15 @@ class IdentifiedPayload:
 
     @property
     def mass(self) -> float:
-        """In kg."""
+        """Mass [kg]."""
         return float(self.inertia.mass)
 
     def to_dict(self) -> dict[str, object]:
-        """As plain data, in SI units.
+        """Dictionary of plain data, in SI units.
 
         Returns
         -------
-        findings : dict, which ``json.dumps`` takes
+        findings : dict, compatible with ``json.dumps``
 
         Examples
         --------
@@ -319,7 +320,7 @@ class IdentifiedPayload:
 
 
 def payload_body(robot: Robot, frame: str) -> str:
-    """The link of the moving body that a frame is fixed to."""
+    """Name of the moving link to which a frame is fixed."""
     carrier = robot.model.frame(frame).body
     if carrier == BASE:
         raise ValueRangeError(f"frame {frame!r} does not move, so no torque depends on what is fixed to it.")
@@ -327,7 +328,7 @@ def payload_body(robot: Robot, frame: str) -> str:
 
 
 def known_but_for(robot: Robot, link: str) -> dict[str, float]:
-    """The file's values of all parameters but the ten of a moving body and the offsets of the joints."""
+    """Values of the file for all parameters except the ten of one moving body and the offsets of the joints."""
     model, own = robot.model, robot.parameters
     known = {
         f"{body.link}.{name}": float(own[10 * i + k])
@@ -346,11 +347,11 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
 
 
 def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> IdentifiedPayload:
-    """The payload: what the groups have beyond the file, of the ten parameters of the body that carries it."""
+    """Payload: difference between the groups and the file in the ten parameters of the carrying body."""
     place, names = robot.model.frames[frame], list(base.unknown.names)
     ten = [f"{payload_body(robot, frame)}.{name}" for name in PARAMETER_NAMES]
     beyond = values - base.project(base.unknown.file_values)
-    S = np.zeros((10, base.count))  # what the torques cannot tell stays as the file has it
+    S = np.zeros((10, base.count))  # undetermined parameters keep the values of the file
     for k, name in enumerate(ten):
         S[k, base.kept == names.index(name)] = 1.0
     T = np.linalg.inv(place.pose)
@@ -374,7 +375,7 @@ def unknown_of(
     payload_only: str | None,
     stribeck_speed: float,
 ) -> UnknownParameters:
-    """Unknown parameters; for a payload alone all but its own numbers and the torques' offsets are known."""
+    """Unknown parameters; for a payload alone, all parameters except the payload and the torque offsets are known."""
     held = dict(known or {})
     if payload_only is not None:
         refuse_couplings(robot.model, "identification of a payload alone")

@@ -1,4 +1,4 @@
-"""Result of an identification: groups with intervals, settings, residuals of rows held out, doubts and the verdict."""
+"""Result of an identification: groups with intervals, settings, held-out residuals, doubts and verdict."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .hyperparameters import EssentialGroups, FitSettings, essential_groups
 from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
 
-_POOR = 0.3  # share of its value, from which a group's deviation makes it poorly determined
+_POOR = 0.3  # relative deviation from which a group is poorly determined
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,22 +40,22 @@ class IdentifiedRobot:
 
     Attributes
     ----------
-    original : Robot, as its file has it
+    original : Robot, with the values of its file
     base : BaseParameters
-    values : (r,) array, of the groups
+    values : (r,) array, values of the groups
     covariance : GroupCovariance
     sigma : (nv,) array, sizes of the residuals of the training rows [N m or N]
     settings : FitSettings, chosen on the training rows
     held_out : HeldOut
-    trained : HeldOut, fifths of the training rows predicted from the others
+    trained : HeldOut, cross-validation over fifths of the training rows
     doubts : tuple of Doubt
-    prior : Prior, weak, that directions without information keep to
+    prior : Prior, weak prior of directions without information
     method : str
-    sizes : (p,) array, that each unknown parameter could have at most
+    sizes : (p,) array, largest plausible sizes of the unknown parameters
     information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
     folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
-    payload_frame : str or None, what carries the payload that alone was sought
-    notes : tuple of str, on rows and pauses that were left out of the logs
+    payload_frame : str or None, frame of the payload if only a payload was identified
+    notes : tuple of str, on omitted rows and pauses of the logs
 
     Examples
     --------
@@ -109,7 +109,7 @@ class IdentifiedRobot:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups in words."""
+        """Names of the groups."""
         return self.base.names
 
     @property
@@ -119,20 +119,20 @@ class IdentifiedRobot:
 
     @property
     def standard_deviations(self) -> Array:
-        """(r,) standard deviations of the groups, for residuals autocorrelated in time."""
+        """(r,) standard deviations of the groups, for autocorrelated residuals."""
         return self.covariance.deviations
 
     @cached_property
     def consistent(self) -> ConsistentRobot:
-        """The robot of physically consistent bodies, as near to the file's as predicts rows held out as well as any."""
+        """Robot with physically consistent bodies, as near to the file's as held-out predictions allow."""
         return self.consistent_at(None)
 
     def consistent_at(self, strength: float | None) -> ConsistentRobot:
-        """Consistent robot at a strength of the weight of the prior's bodies.
+        """Consistent robot for a given weight of the prior.
 
         Parameters
         ----------
-        strength : float or None, γ; None: chosen by rows held out
+        strength : float or None, weight γ of the prior; None: chosen by cross-validation
 
         Returns
         -------
@@ -141,7 +141,7 @@ class IdentifiedRobot:
         Raises
         ------
         ValueRangeError
-            The strength is none that is offered.
+            The strength is not one of the available weights.
         """
         from .consistent import STRENGTHS
 
@@ -154,9 +154,9 @@ class IdentifiedRobot:
 
     @property
     def robot(self) -> Robot:
-        """The identified robot: physically consistent bodies, friction, motor inertias; or the original with the payload found.
+        """Identified robot: consistent bodies, friction, motor inertias; or the original with the identified payload.
 
-        Gravity is that of the logs, also where a cause that was assumed turns it.
+        Gravity is the gravity of the logs, including an assumed cause that changes it.
         """
         if self.payload is not None:
             return self.original.with_payload(self.payload.inertia, self.payload.frame)
@@ -169,7 +169,7 @@ class IdentifiedRobot:
 
     @property
     def load_friction(self) -> Mapping[str, float]:
-        """Load friction by joint, as a share of the torque that is carried, where it was assumed and came out above zero."""
+        """Load friction by joint, as a share of the carried torque, if it was assumed and its estimate is positive."""
         names = self.original.model.velocity_names
         assumed = [one for one in self.settings.assumed if one.kind == "load-friction" and (one.value or 0.0) > 0.0]
         return {joint: 0.01 * (one.value or 0.0) for one in assumed for joint in one.joints or names}
@@ -183,17 +183,17 @@ class IdentifiedRobot:
 
     @cached_property
     def essential(self) -> EssentialGroups:
-        """The fewest groups that predict rows held out as well as all of them."""
+        """Smallest set of groups that predicts held-out rows as well as all groups."""
         folds = [fold.together() for fold in self.folds]
         return essential_groups(self.groups, folds, self.prior.size, self.base.held, self.values)
 
     @cached_property
     def residuals(self) -> ModelResiduals:
-        """Held-out residuals of the file's bodies, of these with friction, of the groups and of the consistent robot."""
+        """Held-out residuals of the file's bodies, the file's bodies with friction, the groups and the consistent robot."""
         return model_residuals(self.base, self.folds, self.prior, self.values, self.sizes, self.consistent.fit.strength)
 
     def interval(self, level: float = 0.95) -> Array:
-        """Intervals of the groups.
+        """Confidence intervals of the groups.
 
         Returns
         -------
@@ -204,24 +204,24 @@ class IdentifiedRobot:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OK, UNSURE, or LOOK AGAIN where no number can be trusted."""
+        """OK, UNSURE, or LOOK AGAIN if the results are not trustworthy."""
         return verdict_from_doubts(self.doubts)
 
     @cached_property
     def undetermined(self) -> dict[str, str]:
-        """Sentences on what no such log determines, by name; none for a payload alone."""
+        """Sentences on quantities that such logs cannot determine, by name; empty if only a payload is identified."""
         return {} if self.payload_frame is not None else undetermined(self.base, self.held_out.all)
 
     @property
     def poorly_determined(self) -> tuple[str, ...]:
-        """Names of the groups whose deviation exceeds 30 % of their value, the largest share first."""
+        """Names of the groups whose standard deviation exceeds 30 % of their value, largest share first."""
         share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
         order = np.argsort(-share)
         return tuple(self.groups[k] for k in order if share[k] > _POOR and not self.base.held[k])
 
     @property
     def parameters(self) -> Mapping[str, tuple[float, float]]:
-        """Value and standard deviation of each group, by its name."""
+        """Value and standard deviation of each group, by name."""
         pairs = zip(self.values.tolist(), self.standard_deviations.tolist(), strict=True)
         return dict(zip(self.groups, pairs, strict=True))
 
@@ -234,15 +234,15 @@ class IdentifiedRobot:
         logs: Sequence[str] = (),
         force: bool = False,
     ) -> tuple[str, ...]:
-        """Write the consistent robot into the text of the robot's file, and drives into an actuator file.
+        """Write the consistent robot into the robot's file, and friction and motor inertias into an actuator file.
 
         Parameters
         ----------
-        path : str or Path, optional, of the robot file
-        actuators : str or Path, optional, of the actuator file
-        given : mapping, optional, an actuator file's content that is kept besides
+        path : str or Path, optional, path of the robot file
+        actuators : str or Path, optional, path of the actuator file
+        given : mapping, optional, content of an actuator file to keep
         logs : sequence of str, names for a comment on the origin of the file
-        force : bool, write in spite of the verdict LOOK AGAIN
+        force : bool, write even if the verdict is LOOK AGAIN
 
         Returns
         -------
@@ -251,16 +251,16 @@ class IdentifiedRobot:
         Raises
         ------
         ValueRangeError
-            The verdict is LOOK AGAIN, or the robot would be no better than the file. Nothing is written then.
+            The verdict is LOOK AGAIN, or the robot predicts no better than the file. Nothing is written then.
         ModelError
-            The robot has no file, or its format has no place for a number.
+            The robot has no file, or its format cannot store a value.
         """
         from .write import write_identified
 
         return write_identified(self, path, actuators, given, logs, force=force)
 
     def plot(self, path: str | Path) -> Path:
-        """Plot of the torques of rows held out, measured and predicted, of the groups with their intervals, and of γ.
+        """Plot measured and predicted torques of held-out rows, groups with intervals, and residuals by γ.
 
         Parameters
         ----------
@@ -282,7 +282,7 @@ class IdentifiedRobot:
         return plot_identification(self, path)
 
     def report(self, path: str | Path) -> Path:
-        """Report as one page of HTML: the verdict first, then doubts, residuals, pictures and all groups.
+        """Write a report as one HTML page: verdict, doubts, residuals, plots and all groups.
 
         Returns
         -------
@@ -354,7 +354,7 @@ class IdentifiedRobot:
         }
 
     def to_json(self, *, essential: bool = False) -> str:
-        """:meth:`to_dict` as text.
+        """Return :meth:`to_dict` as JSON text.
 
         Parameters
         ----------
@@ -368,19 +368,19 @@ class IdentifiedRobot:
 
 
 def _known(values: Mapping[str, float]) -> dict[str, float | None]:
-    """None in place of what JSON has no number for."""
+    """Replace numbers that JSON cannot represent by None."""
     return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
-# ── A robot without some of its links
+# ── Robot without some of its links
 
 
 def without_links(robot: Robot, links: Iterable[str]) -> Robot:
-    """Robot whose log was made without some of the links of its file, such as a hand; their frames stay.
+    """Remove links, such as a hand that was absent in the log; their frames stay.
 
     Parameters
     ----------
-    links : iterable of str, links that a joint carries
+    links : iterable of str, links that are carried by a joint
 
     Examples
     --------

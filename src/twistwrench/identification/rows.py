@@ -1,6 +1,6 @@
-"""Rows of equations τ = W x from logs: states and torques without delay, regressor columns filtered alike, then decimated.
+"""Rows of equations τ = W x from logs: zero-phase filtered states and torques, filtered regressor columns, decimation.
 
-The filter is Butterworth's, forward and backward, so that phases cancel; derivatives are central differences.
+The low-pass is a Butterworth filter, applied forward and backward (zero phase); derivatives are central differences.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from ..typing import Array
 from .parameters import BaseParameters, speed_owner
 
 STATE_RATE, ROW_RATE = 20.0, 2.5
-"""Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
+"""Samples per period of the cut-off, of computed states and of rows of equations."""
 STEADY = 1e-3
-"""Share of the step that stamps may be off without being moved to a steady clock."""
+"""Largest deviation of time stamps from a steady clock, as a share of the step, without resampling."""
 PAUSE = 0.05
-"""s beyond which a step of more than five usual ones is a pause that a log is split at: what is between is never filled."""
-_CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters that begin there are not settled
-_SHORT = 0.1  # share of the longest piece that others last at least
+"""Minimum pause [s]: a log is split at steps that exceed it and five usual steps; gaps are never filled."""
+_CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters have not settled
+_SHORT = 0.1  # minimum length of a piece, as a share of the longest piece
 FEWEST = 60
-"""Samples that anything can be identified from."""
+"""Minimum number of samples for an identification."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +40,16 @@ class SteadySamples:
     """One log on a steady clock."""
 
     start: float  # time of the first sample [s]
-    rate: float  # samples a second [Hz]
+    rate: float  # samples per second [Hz]
     q: Array  # (n, nv), positions of the joints
     tau: Array  # (n, nv), torques of the joints
-    moved: float = 0.0  # share of the stamps that were off the steady clock by a tenth of a step
-    cut: bool = False  # true if it is one of several pieces of a log with pauses
-    log: int = 0  # number of its log, from 1; 0 if its times belong to one log only
+    moved: float = 0.0  # share of time stamps that deviate from the steady clock by over a tenth of a step
+    cut: bool = False  # True for one of several pieces of a log with pauses
+    log: int = 0  # number of its log, from 1; 0 if there is only one log
 
     @classmethod
     def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
-        """Split a log at its pauses, each piece on a steady clock of its own; pieces that are too short are left out."""
+        """Split a log at its pauses and resample each piece on its own steady clock; pieces that are too short are left out."""
         edges = [0, *(pauses(time, PAUSE) + 1).tolist(), len(time)]
         rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
         if len(rows) < 2:
@@ -61,14 +61,14 @@ class SteadySamples:
 
     @classmethod
     def from_arrays(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
-        """Samples at times that need not be steady: positions by a cubic spline, torques linearly between their stamps."""
+        """Resample at a steady rate: positions by a cubic spline, torques linearly between their time stamps."""
         if len(time) < FEWEST:
             raise TrajectoryError(
                 f"{where}: {len(time)} rows are too few to identify a robot from. Give {FEWEST} at least."
             )
         steps = np.diff(time)
         mean = float((time[-1] - time[0]) / (len(time) - 1))
-        step = float(steps[steps <= GAP * mean].mean())  # of a log with gaps the clock's own
+        step = float(steps[steps <= GAP * mean].mean())  # step of the clock itself, without gaps
         count = round((time[-1] - time[0]) / step) + 1
         steady = time[0] + step * np.arange(count)
         if len(time) == count and np.abs(time - steady).max() <= STEADY * step:
@@ -86,7 +86,7 @@ class SteadySamples:
 
 
 def resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
-    """Positions by a cubic spline and torques linearly between their stamps, at times that are kept within those."""
+    """Interpolate positions by a cubic spline and torques linearly, at times clamped to the range of the log."""
     from scipy.interpolate import CubicSpline
 
     local = time - time[0]
@@ -96,18 +96,18 @@ def resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Arra
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """States of one log below a cut-off, and the torques there."""
+    """States of one log below a cut-off, with the torques."""
 
     time: Array  # (m,) [s]
     rate: float  # [Hz]
     q: Array  # (m, nv)
     dq: Array  # (m, nv)
     ddq: Array  # (m, nv)
-    tau: Array  # (m, nv), low-passed as q is
+    tau: Array  # low-passed like q
 
 
 def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
-    """States below a cut-off [Hz], at twenty samples a period of it, or at about ``rate`` samples a second."""
+    """States below a cut-off [Hz], at 20 samples per period of the cut-off, or at about ``rate`` samples per second."""
     every = max(1, math.floor(samples.rate / (rate or STATE_RATE * cutoff)))
     step = 1.0 / samples.rate
     time = samples.start + step * np.arange(len(samples))
@@ -122,10 +122,10 @@ def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
 
 
 def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: float, rows: slice) -> Filtered:
-    """States below a cut-off [Hz] at some of the samples, which are a ``step`` apart [s]."""
+    """States below a cut-off [Hz] at the samples ``rows``; the samples are ``step`` seconds apart."""
     rate = 1.0 / step
     states = np.empty((4, len(time[rows]), q.shape[1]))
-    for j in range(q.shape[1]):  # one joint after another: what is in between stays small
+    for j in range(q.shape[1]):  # one joint at a time, to limit memory
         x = low_pass(q[:, j], cutoff, rate)
         dx = np.gradient(x, step)
         states[:, :, j] = x[rows], dx[rows], np.gradient(dx, step)[rows], low_pass(tau[:, j], cutoff, rate)[rows]
@@ -133,7 +133,7 @@ def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: floa
 
 
 def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
-    """States that become rows: two and a half a period of the cut-off, at most ``most``, without those where filters begin."""
+    """States that become rows: 2.5 per period of the cut-off, at most ``most``, without the settling time of the filters."""
     every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
     border = border_of(states.rate, cutoff, len(states.time), cut=cut)
     return slice(border, max(border, len(states.time) - border), every)
@@ -142,7 +142,7 @@ def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False
 def states_with_rows(
     samples: Sequence[SteadySamples], cutoff: float, most: float, *, whole: bool = False
 ) -> Iterator[tuple[SteadySamples, Filtered, slice]]:
-    """Each log with its states below a cut-off, all samples if ``whole``, and those that become rows, ``most`` of all logs."""
+    """States of each log below a cut-off (all samples if ``whole``), and its rows, at most ``most`` of all logs."""
     total = sum(log.seconds for log in samples)
     for log in samples:
         s = states_below(log, cutoff, log.rate if whole else None)
@@ -150,16 +150,16 @@ def states_with_rows(
 
 
 def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
-    """States at either end of so many that are left out: more of a piece that is ``cut`` from a log with pauses."""
+    """Number of states at either end to leave out, of ``count``; more if the piece is ``cut`` from a log with pauses."""
     border = math.ceil(rate / cutoff)
     return _CUT_BORDER * border if cut else min(border, count // 10)
 
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
-    """Cut-offs [Hz] with ``rows`` rows at least: steps of a third of a decade or less, up to a tenth of the slowest rate."""
+    """Candidate cut-offs [Hz] with at least ``rows`` rows, at most 1/3 decade apart, up to a tenth of the rate."""
     most = 0.1 * min(s.rate for s in samples)
     whole = min((s.seconds for s in samples if not s.cut), default=np.inf)
-    pieces = 0.5 * max((s.seconds for s in samples if s.cut), default=np.inf)  # the shorter ones have no rows then
+    pieces = 0.5 * max((s.seconds for s in samples if s.cut), default=np.inf)  # shorter pieces then have no rows
     least = max(4.0 / min(whole, pieces), rows / (ROW_RATE * sum(s.seconds for s in samples)))
     steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
     found = tuple(f for f in steps if least <= f <= most)
@@ -171,14 +171,14 @@ def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class BaseColumns:
-    """Nonzero entries of rows of equations, and their places: of seven joints with 69 groups each 214 of 483.
+    """Nonzero entries of rows of equations, with their positions: 214 of 483 for seven joints with 69 groups.
 
-    One kernel gives those of the bodies, traced with all else folded away; drives' columns are put beside them.
+    One kernel returns the entries of the bodies, with constants folded; columns of drives are appended.
     """
 
     base: BaseParameters
-    groups: tuple[Array, ...]  # the groups that each joint feels
-    slices: tuple[slice, ...]  # where the entries of each joint are in a row
+    groups: tuple[Array, ...]  # groups with nonzero columns at each joint
+    slices: tuple[slice, ...]  # position of each joint's entries in a row
 
     @classmethod
     def from_parameters(cls, base: BaseParameters) -> BaseColumns:
@@ -193,7 +193,7 @@ class BaseColumns:
         return self.slices[-1].stop if self.slices else 0
 
     def rows(self, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
-        """Entries of the columns in states."""
+        """Entries of the columns at given states."""
         unknown, kept = self.base.unknown, self.base.kept
         found = np.empty((len(q), self.count))
         bodies = np.concatenate(
@@ -213,7 +213,7 @@ class BaseColumns:
 
     @property
     def _kernel(self) -> Any:
-        """Entries of the bodies, by states."""
+        """Kernel of the entries of the bodies, as a function of the states."""
         unknown, kept = self.base.unknown, self.base.kept
         pairs = [
             (j, int(unknown.of_bodies[kept[k]]))
@@ -239,19 +239,19 @@ class BaseColumns:
 
 # ── Filtered rows of logs
 
-# Filtering both sides of an equation alike leaves it true, whatever the columns are (Gautier's parallel decimation, "Dynamic
+# An equation stays valid if both sides are filtered alike, for any columns (Gautier's parallel decimation, "Dynamic
 # identification of robots with power model", ICRA 1997).
 
-_PORTION = 8192  # states that columns are made for at a time, so that they stay in the processor's cache
-_PERIODS = 12  # periods of the cut-off that portions reach to either side: beyond, a filter's response is below 1e-12
+_PORTION = 8192  # states per batch, so that columns fit in the processor's cache
+_PERIODS = 12  # margin of batches in periods of the cut-off; the filter response beyond is below 1e-12
 MOST_ROWS = 10_000
-"""Most rows of all logs together: 46 MB for seven joints."""
-_JUDGED_ROWS = 2500  # states of all logs that predictions of different cut-offs are compared in
+"""Maximum number of rows of all logs together: 46 MB for seven joints."""
+_JUDGED_ROWS = 2500  # number of states of all logs on which predictions of different cut-offs are compared
 
 
 @dataclass(eq=False)
 class _LogRows:
-    """States of one log: more than rows if friction of another speed, or of another time, is needed."""
+    """States of one log, including states between rows, which other friction speeds or clock offsets need."""
 
     time: Array
     rate: float
@@ -262,7 +262,7 @@ class _LogRows:
     acceleration: Array
     """Accelerations of the rows."""
     _tau: Array
-    """Low-passed twice; none once they are in the spline."""
+    """Torques, low-passed twice; empty once the spline exists."""
 
     @cached_property
     def spline(self) -> UniformSpline:
@@ -271,7 +271,7 @@ class _LogRows:
         return found
 
     def torques(self, shift: float) -> Array:
-        """(m, nv) at the rows, from ``shift`` seconds later."""
+        """(m, nv) torques at the rows, from ``shift`` seconds later."""
         return np.asarray(self.spline(np.clip(self.time[self.rows] + shift, self.time[0], self.time[-1])))
 
 
@@ -282,8 +282,8 @@ class FilteredRows:
     base: BaseParameters
     cutoff: float  # [Hz]
     W: Array  # (m, nv, r)
-    time: Array  # (m,) [s], of its own log
-    log: Array  # (m,), which log each row is of
+    time: Array  # time of each row in its own log [s]
+    log: Array  # index of the log of each row
     known: Array
     logs: list[_LogRows]
     dead: Array | None = None
@@ -320,7 +320,7 @@ class FilteredRows:
         )
 
     def torques(self, shift: float) -> Array:
-        """(m, nv) torques that are ``shift`` seconds later in the log than the positions of the rows, springs taken off."""
+        """(m, nv) torques, ``shift`` seconds later in the log than the rows' positions, without the torques of springs."""
         found = [log.torques(shift) for log in self.logs]
         tau = np.asarray(np.concatenate(found) - self.known)
         if self.dead is not None:
@@ -328,7 +328,7 @@ class FilteredRows:
         return tau
 
     def coulomb(self, column: int, joints: Array, friction_speed: Array) -> Array:
-        """(m, nv) the column of Coulomb friction for other speeds of friction."""
+        """(m, nv) column of Coulomb friction for other friction speeds."""
         key = (column, float(friction_speed[speed_owner(joints)]))
         if key not in self._coulomb:
             self._coulomb[key] = self._coulomb_column(column, joints, friction_speed)
@@ -337,7 +337,7 @@ class FilteredRows:
     def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
         k, unknown, found = int(self.base.kept[column]), self.base.unknown, list[Array]()
         for log in self.logs:
-            factor = unknown.drives([k], log.dq, log.dq, friction_speed)  # which no acceleration changes
+            factor = unknown.drives([k], log.dq, log.dq, friction_speed)  # independent of the acceleration
             w = np.zeros((len(log.acceleration), len(joints)))
             w[:, joints] = low_pass(factor, self.cutoff, log.rate)[log.rows] * unknown.shares[k, joints]
             found.append(w)
@@ -363,7 +363,7 @@ class FilteredRows:
 
 
 def _joined(parts: list[Array]) -> Array:
-    """One array of parts, which are let go one after another: never twice in memory. The list is empty then."""
+    """Concatenate arrays and empty the list, releasing each part at once to limit memory."""
     if len(parts) == 1:
         return parts.pop()
     whole, at = np.empty((sum(map(len, parts)), *parts[0].shape[1:])), 0
@@ -382,10 +382,10 @@ def filtered_portions(
     friction_speed: Array,
     periods: int = _PERIODS,
 ) -> Iterator[tuple[Array, slice, Array, Array | float]]:
-    """Entries (k, f), and what springs do (k, nv), low-passed at the ``wanted`` states (m,), in portions of them.
+    """Low-passed entries (k, f) and torques of springs (k, nv) at the ``wanted`` states (m,), in batches.
 
-    Each with its places (k,) among those wanted, and the span of the states that it was made from: with all that filters
-    reach on either side.
+    Yields each batch with its indices (k,) among the wanted states, and the span of states that it depends on,
+    including the margins of the filters.
     """
     margin, base = int(periods * s.rate / cutoff) + 1, columns.base
     for begin in range(0, len(s.time), _PORTION):
@@ -402,7 +402,7 @@ def filtered_portions(
 def _columns(
     base: BaseParameters, s: Filtered, rows: slice, cutoff: float, friction_speed: Array
 ) -> tuple[Array, Array]:
-    """The kept columns (m, nv, r) and what springs do (m, nv), low-passed, at the rows."""
+    """Low-passed kept columns (m, nv, r) and torques of springs (m, nv) at the rows."""
     wanted, columns = np.arange(len(s.time))[rows], BaseColumns.from_parameters(base)
     W = np.zeros((len(wanted), s.dq.shape[1], base.count))
     known = np.zeros(W.shape[:2])
@@ -414,7 +414,7 @@ def _columns(
 
 
 def of_springs(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
-    """(n, nv) what springs do in states."""
+    """(n, nv) torques of springs at given states."""
     robot = base.unknown.robot
     if not base.unknown.model.springs:
         return np.zeros(dq.shape)
@@ -423,10 +423,10 @@ def of_springs(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
 
 @dataclass(eq=False)
 class JudgedStates:
-    """States in which predictions of different cut-offs are compared: with torques that hardly any filter has touched."""
+    """States on which predictions of different cut-offs are compared, with almost unfiltered torques."""
 
     W: Array
-    """(m, nv, r) from positions below the cut-off that is judged."""
+    """(m, nv, r) columns from positions below the tested cut-off."""
     known: Array
     log: Array
     time: Array
@@ -436,7 +436,7 @@ class JudgedStates:
     def from_samples(
         cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array
     ) -> JudgedStates:
-        """At the same times for every cut-off."""
+        """States at the same times for every cut-off."""
         total = sum(s.seconds for s in samples)
         parts = [states_below(s, cutoff, _JUDGED_ROWS / total) for s in samples]
         columns = [base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed) for s in parts]

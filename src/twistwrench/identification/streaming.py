@@ -1,4 +1,4 @@
-"""Identification of logs of any length: information gathered chunk by chunk in one pass, and the robot fitted to it."""
+"""Identification from logs of any length: one pass accumulates normal equations by chunk, and the robot is fitted to them."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from .rows import STATE_RATE
 # ── Chunks of a log as units of work
 
 CORE, LEAST_CORE = 8192, 1 << 15
-"""States, and rows, that a chunk has besides its margins."""
-_MOST_CORE = 1 << 18  # most rows of a window, unless margins need more
+"""Minimum size of a chunk without its margins, in states and in rows."""
+_MOST_CORE = 1 << 18  # maximum number of rows of a window, unless margins need more
 
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Unit of work: some rows of a log, in so many blocks of time."""
+    """Unit of work: a range of rows of a log, with its number of blocks of time."""
 
     frame: RowFrame
     source: LogSource
@@ -48,7 +48,7 @@ class Chunk:
     blocks: int
 
     def moments(self) -> tuple[JointBlocks, tuple[Doubt, ...]]:
-        """Sums over its rows, and the doubts about the log, with the chunk that ends it."""
+        """Accumulate sums over the rows of the chunk; the last chunk of a log also returns the doubts about the log."""
         frame, clock = self.frame, self.clock
         margin = frame.margin(clock.rate)
         every = max(1, int(clock.rate / (STATE_RATE * frame.settings.cutoff)))
@@ -62,11 +62,11 @@ class Chunk:
         return found, self.source.doubts() if self.end == clock.rows else ()
 
 
-# ── The pass over all rows
+# ── Pass over all rows
 
-_WINDOWS, WINDOW = 16, 4096  # runs of rows that settings are chosen on
-_OF_JOINT = 0.35  # share of a joint's torques left from which a log is another's
-_MOST_ROWS = 3000  # most rows of equations of an excerpt
+_WINDOWS, WINDOW = 16, 4096  # number of runs of rows on which settings are chosen, and rows per run
+_OF_JOINT = 0.35  # residual of a joint, as a share of its torques, from which a log counts as another joint's
+_MOST_ROWS = 3000  # maximum number of rows of equations of an excerpt
 
 
 def accumulate(
@@ -98,25 +98,25 @@ def accumulate(
     Parameters
     ----------
     robot : Robot
-        As its file has it, without actuators.
+        Robot without actuators, with the values of its file.
     logs : Motion, path, or sequence of them
         Files are read in portions where their format allows it: CSV, npy, parquet, HDF5.
     like : NormalEquationBlocks, optional
-        Settings are taken from it in place of an excerpt, so that the new information can be added to it.
+        Use its settings instead of those of an excerpt, so that the new information can be added to it.
     motor_inertia : bool
     friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
-    cutoff : float, optional, of the low-pass [Hz]; None: chosen
-    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
-    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+    cutoff : float, optional, cut-off of the low-pass [Hz]; None: chosen
+    friction_speed : float, optional, Coulomb smoothing speed [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, delay of torques relative to positions [s]; None: chosen
     method : "irls", "wls" or "ols", weights of the rows
-    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
-    known : {name: float}, optional, values of parameters that are held, as for :func:`identify`
-    payload_only : str, optional, the frame of a payload that alone is sought, as for :func:`identify`
+    motor_side : MotorSide, optional; motors that turn with several joints have their own friction and inertia
+    known : {name: float}, optional, known values of parameters, as for :func:`identify`
+    payload_only : str, optional, frame of a payload that alone is identified, as for :func:`identify`
     stribeck_speed : float, as for :func:`identify`
-    columns, rate, degrees, gain, topic, episode : how files are read, as for
+    columns, rate, degrees, gain, topic, episode : options for reading files, as for
         :meth:`Motion.from_file <twistwrench.Motion.from_file>`
-    client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
-    progress : callable, optional, called with the share that is done
+    client : dask.distributed.Client, optional, whose workers read the files; results do not depend on it, to the bit
+    progress : callable, optional, called with the completed share
 
     Returns
     -------
@@ -127,12 +127,13 @@ def accumulate(
     ShapeError
         There is no log, or one has no torques.
     TrajectoryError
-        No log can be read. One of several that cannot is left out, and a doubt says so.
+        No log can be read. If one of several logs cannot be read, it is left out with a doubt.
 
     Notes
     -----
-    Settings are chosen on 16 runs of 4096 rows spread over the logs. What they are off is an unknown of the fit of all rows,
-    to first order. Large residuals are weighted by the excerpt's fit, so that one pass is enough.
+    Settings are chosen on 16 runs of 4096 rows spread over the logs. Corrections of the settings are unknowns of the
+    fit of all rows, to first order. Robust weights come from the residuals of the excerpt's fit, so that one pass is
+    enough.
 
     Examples
     --------
@@ -179,11 +180,11 @@ def _sum_of_logs(
     made: Iterable[tuple[JointBlocks, tuple[Doubt, ...]] | Failure],
     failed: dict[str, str],
 ) -> NormalEquationBlocks:
-    """All chunks together, with doubts on logs that are left out, contradict themselves, or are not like the others."""
-    # Logs are compared at the unknowns of the logs before, or of the excerpt.
+    """Sum of all chunks, with doubts about logs that are left out, inconsistent in themselves, or unlike the other logs."""
+    # Logs are compared at the parameters from the previous logs, or from the excerpt.
     frame = start.frame
     x = np.pad(frame.x, (0, frame.width - len(frame.x))) if like is None else block_solution(like)[0]
-    whole: NormalEquationBlocks | None = None  # a sum all along: parts of many logs are large
+    whole: NormalEquationBlocks | None = None  # running sum, because the parts of many logs need much memory
     left, said = dict[str, HeldOut](), list[Doubt]()
     for part, doubts in _parts(start, work, made, failed):
         whole = part if whole is None else whole + part
@@ -204,7 +205,7 @@ def _parts(
     made: Iterable[tuple[JointBlocks, tuple[Doubt, ...]] | Failure],
     failed: dict[str, str],
 ) -> Iterator[tuple[NormalEquationBlocks, list[Doubt]]]:
-    """Normal equations of each log, with the doubts about it; reasons of logs without any go into ``failed``."""
+    """Yield the normal equations of each log with the doubts about it; collect reasons of failed logs in ``failed``."""
     for source, of_log in groupby(zip(work, made, strict=True), lambda pair: pair[0].source):
         chunks, results = zip(*of_log, strict=True)
         if broken := [result.reason for result in results if isinstance(result, Failure)]:
@@ -228,7 +229,7 @@ def _parts(
 
 
 def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[Doubt]:
-    """Logs whose torques the same unknowns explain far worse than those of half of the others."""
+    """Logs whose residual, at the same parameters, is far larger than the median of the other logs."""
     found = []
     half = float(np.quantile([one.all for one in usual], 0.5, method="lower"))
     names = usual[0].names
@@ -256,7 +257,7 @@ Result = TypeVar("Result")
 def _succeeded(
     sources: Sequence[LogSource], results: Iterable[Result | Failure], failed: dict[str, str]
 ) -> list[tuple[LogSource, Result]]:
-    """Sources and their results; reasons of those that failed go into ``failed``."""
+    """Yield sources with their results; collect reasons of failures in ``failed``."""
     pairs = list(zip(sources, results, strict=True))
     failed |= {source.path: result.reason for source, result in pairs if isinstance(result, Failure)}
     found = [(source, result) for source, result in pairs if not isinstance(result, Failure)]
@@ -266,7 +267,7 @@ def _succeeded(
 
 
 def _chunks(frame: RowFrame, clocks: Sequence[tuple[LogSource, LogClock]]) -> list[Chunk]:
-    """Chunks of all logs; they do not depend on the workers."""
+    """Chunks of all logs, independent of the number of workers."""
     cuts = [(*one, k, min(k + CHUNK, one[1].rows)) for one in clocks for k in range(0, one[1].rows, CHUNK)]
     found = []
     for source, clock, begin, end in cuts:
@@ -276,7 +277,7 @@ def _chunks(frame: RowFrame, clocks: Sequence[tuple[LogSource, LogClock]]) -> li
     return found
 
 
-_BLOCK = 2.0  # s that a block of time lasts at least
+_BLOCK = 2.0  # minimum duration of a block of time [s]
 
 
 def _from_excerpt(

@@ -1,6 +1,7 @@
-"""Search for exciting trajectories: windowed Fourier series, their Fisher information, and constraints by multipliers.
+"""Search for exciting trajectories: windowed Fourier series, Fisher information, constraints by an augmented Lagrangian.
 
-With the distance s of every edge and instant, as a share of its size, and s_0 what is aimed at, a search makes small
+With the distance s from each edge at each instant, as a share of the edge's size, and its target s_0, a search
+minimises
 
     cost + Σ (max(0, λ - ρ (s - s_0))² - λ²) / 2 ρ,      λ ← max(0, λ - ρ (s - s_0)) after each search
 
@@ -27,36 +28,36 @@ from .parameters import BaseParameters
 
 # ── Constraints: limits, the floor, and clearances of the capsules around the links
 
-# Each is low ≤ x ≤ high, and each edge has a size that makes the distance from it a share.
+# Each constraint is low ≤ x ≤ high. Each edge has a size, and distances from it are shares of that size.
 
 Clear = Callable[[Array], Array]
-"""Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
-_NEAR = 0.1  # m: the size of a clearance
+"""Distances (n, ...) [m] of configurations (n, nq), below 0 in contact."""
+_NEAR = 0.1  # scale of a clearance [m]
 DENSE = 0.01
-"""s: the longest step at which clearances are looked at in the end."""
-_DISPLACED = 1e-5  # displacement of configurations for slopes of the user's distances
+"""Maximum step at which clearances are finally checked [s]."""
+_DISPLACED = 1e-5  # step of finite differences of the user's distances
 
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryConstraints:
     """Constraints on the motions of one robot."""
 
-    robot: Robot  # whose own friction counts among the torques
-    bounds: Limits  # those to keep
-    friction_speed: Array  # (nv,), speed at which dry friction turns, for what has to be smooth
-    capsules: CapsuleDistances  # of the floor and the robot itself
+    robot: Robot  # its own friction is part of the torques
+    bounds: Limits  # limits of the motion
+    friction_speed: Array  # (nv,), Coulomb smoothing speed for the smooth torques
+    capsules: CapsuleDistances  # distances from the floor and between links
     clear: Clear | None = None
 
     @cached_property
     def _edges(self) -> tuple[int, Array, Array, Array]:
-        """Number of upper edges; of all, upper ones first, the column each limits (e,), the share at 0 (e,) and its slope (e,).
+        """Number of upper edges; column (e,), share at 0 (e,) and slope (e,) of all edges, upper ones first.
 
         Columns are positions, velocities, accelerations, torques and distances.
         """
         b = self.bounds
         half = (b.upper - b.lower) / 2.0
         margins = np.full(self._clearances(self.robot.neutral[None])[0].shape[1], MARGIN)
-        margins[self.capsules.count :] = 0.0  # the user's distances may come to 0
+        margins[self.capsules.count :] = 0.0  # the user's distances may reach 0
         margins[: len(self.capsules.margins)] = self.capsules.margins
         both = np.concatenate([b.velocity, b.acceleration, b.effort])
         high = np.concatenate([b.upper, both, np.full(len(margins), np.inf)])
@@ -68,17 +69,17 @@ class TrajectoryConstraints:
         return len(above), columns, -slopes * np.concatenate([high[above], low[below]]), slopes
 
     def evaluate(self, states: Array, *, smooth: bool = False) -> tuple[Array, Pullback]:
-        """Distances from all edges as shares of their sizes, below 0 beyond them, and their pullback.
+        """Distances from all edges as shares of their sizes, negative if violated, and their pullback.
 
         Parameters
         ----------
         states : (3, n, nv) array, positions, velocities and accelerations
-        smooth : bool, dry friction that turns smoothly and is at its largest, in place of the file's; always the pullback's
+        smooth : bool, use smooth dry friction at its largest value instead of the file's; the pullback always does
 
         Returns
         -------
         shares : (n, e) array
-        pullback : function of weights (n, e) that returns the derivative (3, n, nv) of the weighted sum by the states
+        pullback : function that maps weights (n, e) to the derivative (3, n, nv) of the weighted sum by the states
         """
         (q, dq, ddq), f, nv = states, self.robot.model.friction, states.shape[2]
         rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=not smooth))
@@ -102,7 +103,7 @@ class TrajectoryConstraints:
         return at_0 + slopes * x[:, columns], pullback
 
     def least(self, states: Array) -> float:
-        """The least distance from any edge, as a share of its size; below 0 beyond one. Friction as the robot's file has it."""
+        """Least distance from any edge, as a share of its size, negative if violated; uses the friction of the robot's file."""
         return float(self.evaluate(states)[0].min(initial=np.inf))
 
     def _clearances(self, q: Array) -> tuple[Array, Pullback]:
@@ -134,15 +135,15 @@ class TrajectoryConstraints:
 
 
 def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
-    """Half the way between the limits of positions, inf where one is missing, and the middle, meant where both are there."""
+    """Half the range of positions, inf if a limit is missing, and its middle, for joints with both limits."""
     with np.errstate(invalid="ignore"):
         return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
 
 
 def shared_bounds(bounds: Limits, share: float) -> Limits:
-    """A share of the limits of positions, about their middle, of velocities and of torques.
+    """Apply a share to the limits of positions, about their middle, of velocities and of torques.
 
-    The limit of accelerations is the lower one of acceleration and deceleration.
+    The limit of accelerations is the smaller of the limits of acceleration and deceleration.
     """
     half, middle = half_and_middle(bounds)
     both = np.isfinite(half)
@@ -161,20 +162,20 @@ def shared_bounds(bounds: Limits, share: float) -> Limits:
 
 @dataclass(frozen=True, eq=False)
 class LimitBarrier:
-    """Limit barrier and multipliers at the instants of a search."""
+    """Penalty and multipliers of the augmented Lagrangian at the instants of a search."""
 
-    multipliers: Array  # (n, e), λ of each edge; or (1, 1) where they are all the same
+    multipliers: Array  # (n, e), λ of each edge; or (1, 1) if all are equal
     rho: float = 1.0  # ρ
     aim: float = 2e-3  # s_0
-    finer: int = 1  # how many times as many instants there are
+    finer: int = 1  # factor of the number of instants
 
     def cost_and_forces(self, shares: Array) -> tuple[float, Array]:
-        """Cost, and forces (n, e): the negative derivative by the shares (n, e)."""
+        """Cost, and forces (n, e): its negative derivative by the shares (n, e)."""
         forces = np.maximum(0.0, self.multipliers - self.rho * (shares - self.aim))
         return float((forces**2 - self.multipliers**2).sum()) / (2.0 * self.rho), forces
 
     def refined(self, finer: int) -> LimitBarrier:
-        """The same at instants as many times finer: between two of them in proportion, with the same sum."""
+        """Interpolate the multipliers to ``finer`` times as many instants, with the same sum."""
         if finer == self.finer:
             return self
         times, count = finer // self.finer, len(self.multipliers)
@@ -183,14 +184,14 @@ class LimitBarrier:
         return replace(self, multipliers=np.stack(spread, axis=1), finer=finer)
 
 
-# ── Windowed Fourier series, which begin and end at rest
+# ── Windowed Fourier series with rest at both ends
 
 # With ω = 2π / T and k = 1 … N, each joint moves as
 #
 #     q(t) = q_0 + Σ_k a_k (sin kωt - p_k(t)) + b_k (cos kωt - r_k(t))
 #
-# where p_k and r_k are the polynomials of fifth order that have value, rate and acceleration of their sine or cosine at 0 and
-# at T. So q = q_0 and dq = ddq = 0 at both ends.
+# where p_k and r_k are fifth-order polynomials with the value, rate and acceleration of the sine or cosine at 0 and T.
+# So q = q_0 and dq = ddq = 0 at both ends.
 #
 # Source: Swevers et al., "Optimal robot excitation and identification", IEEE T-RA 13(5), 1997, for the series; Park,
 # "Fourier-based optimal excitation trajectories for the dynamic identification of robots", Robotica 24(5), 2006, for the ends.
@@ -200,19 +201,19 @@ _ORDER = 5  # order of the polynomials: six conditions, three at each end
 
 @dataclass(frozen=True)
 class WindowedFourierSeries:
-    """Functions of time that every joint's motion is a sum of: 1, then N sines and N cosines without their ends."""
+    """Basis functions of the motion of every joint: 1, then N sines and N cosines without their ends."""
 
     duration: float  # T [s]
     harmonics: int  # N
 
     @property
     def count(self) -> int:
-        """1 + 2 N."""
+        """Number of functions, 1 + 2 N."""
         return 1 + 2 * self.harmonics
 
     @cached_property
     def _rates(self) -> Array:
-        """(N,) k ω T, of x = t / T."""
+        """(N,) angular frequencies k ω T with respect to x = t / T."""
         return 2.0 * np.pi * np.arange(1, self.harmonics + 1)
 
     @cached_property
@@ -229,7 +230,7 @@ class WindowedFourierSeries:
         return np.linalg.solve(conditions, wanted)
 
     def basis(self, t: Array) -> Array:
-        """Functions and their first and second rates at times."""
+        """Functions and their first and second derivatives at given times."""
         t = np.asarray(t, float)
         x, w = np.clip(t / self.duration, 0.0, 1.0), self._rates
         sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
@@ -245,7 +246,7 @@ class WindowedFourierSeries:
 
 
 def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -> tuple[Array, Array]:
-    """Typical positions, velocities and accelerations (3, nv), and where joints are in the middle (nv,)."""
+    """Typical positions, velocities and accelerations (3, nv), and middle positions (nv,)."""
     turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
     half, middle = half_and_middle(bounds)
     both = np.isfinite(half)
@@ -258,25 +259,25 @@ def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -
 
 # ── Fisher information of a motion about base parameters
 
-# With rows W_j of joint j (the columns that :func:`identify` fits), σ_j the deviation of its torque, and n rows of m that are
-# independent of each other,
+# With rows W_j of joint j (the columns that :func:`identify` fits), standard deviations σ_j of the torques, and n of m
+# rows that are independent,
 #
 #     A = (n / m) Σ_j W_j' W_j / σ_j² + D⁻²,      deviations = sqrt(diag A⁻¹),      d log det A = Σ_j tr(G_j' dW_j),
 #     G_j = 2 (n / m) W_j A⁻¹ / σ_j²
 #
-# D has the deviations of the weak prior, the largest plausible sizes of the groups: what a motion does not tell counts as known
-# no better than that. With v_i = log((A⁻¹)_ii / D_i²), a search maximises the merit,
+# D has the standard deviations of the weak prior, the largest plausible sizes of the groups; they bound the deviations
+# of undetermined groups. With v_i = log((A⁻¹)_ii / D_i²), a search maximises the merit,
 #
 #     log det A - Λ / 2 κ log Σ_i exp(v_i / κ),        for κ → 0:  log det A - Λ log max_i (deviation_i / D_i),   Λ = r / 2,
 #     or -r m,  Σ_i S((v_i - m) / κ) = r / 2,  S the logistic function,   m the smoothed median of v_i for D_i = 1
 #
 # Both m, of maximum and of median, have dm = Σ_i w_i dv_i with w_i ~ exp(v_i / κ) or w_i ~ S', Σ_i w_i = 1, and
-# dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii. log det A does not depend on units but for a constant, the condition number does.
+# dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii. Units change log det A only by a constant, but they change the condition number.
 #
 # Source: Swevers et al., 1997, for log det A and the condition number; the second term is this library's own.
 
 ROWS_PER_SECOND = 25.0
-"""Independent rows: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
+"""Independent rows per second: 2.5 per period of a cut-off of 10 Hz, as in :func:`identify`."""
 _WORST = 0.25  # Λ / 2 r
 _SMOOTH = 0.7  # κ of the smoothed median: a factor of 2 between variances
 _SMOOTH_WORST = 0.3  # κ of the smoothed maximum
@@ -286,21 +287,21 @@ CRITERIA = get_args(Criterion)
 
 @dataclass(frozen=True, eq=False)
 class MotionInformation:
-    """Information that motions of one robot and one duration have."""
+    """Information of motions of one robot with a fixed duration."""
 
     base: BaseParameters
-    noise: Array  # (nv,), deviation of each torque [N m, sliding joints: N]
+    noise: Array  # (nv,), standard deviation of each torque [N m, sliding joints: N]
     friction_speed: Array  # (nv,) [rad/s, m/s]
     duration: float  # [s]
     prior: Array  # (r,), D: the largest plausible sizes of the groups
-    criterion: Criterion = "log_det"  # what the merit is
+    criterion: Criterion = "log_det"  # objective
 
     def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Columns of the torques that belong to base parameters."""
+        """Columns of the base parameters in the torques."""
         return self.base.unknown.columns(self.base.kept, q, dq, ddq, self.friction_speed)
 
     def _inverse(self, W: Array) -> tuple[float, Array]:
-        """log det A and A⁻¹, by Cholesky's factors in units in which the columns have length 1."""
+        """log det A and A⁻¹, by a Cholesky factorisation with columns scaled to length 1."""
         import scipy.linalg
 
         weighted = (W / self.noise[:, None]).reshape(-1, W.shape[-1])
@@ -312,7 +313,7 @@ class MotionInformation:
         return log_det, inverse / length[:, None] / length
 
     def log_det(self, W: Array) -> float:
-        """log det A of rows (n, nv, r) at times spread evenly over the motion."""
+        """log det A for rows (n, nv, r) at evenly spaced times of the motion."""
         return self._inverse(W)[0]
 
     def merit_and_slope(self, W: Array) -> tuple[float, Array]:
@@ -331,11 +332,11 @@ class MotionInformation:
 
     @cached_property
     def _pullback(self) -> Callable[..., tuple[Array, Array, Array]]:
-        """Derivatives by states of the regressor's entries with weights, by reverse mode."""
+        """Derivatives of the weighted sum of regressor entries by the states, by reverse mode."""
         return self.base.unknown.robot.kernel("regressor", by=("q", "dq", "ddq"), form="weighted")
 
     def slopes(self, states: Array, of_rows: Array) -> Array:
-        """(3, n, nv) derivatives by the states of the sum of rows with weights (n, nv, r), each instant for itself."""
+        """(3, n, nv) derivatives of the sum of rows, with weights (n, nv, r), by the states, separately for each instant."""
         unknown = self.base.unknown
         places = unknown.of_bodies[self.base.kept]
         weights = np.zeros((*of_rows.shape[:2], len(unknown.robot.parameters)))
@@ -353,7 +354,7 @@ class MotionInformation:
         return found
 
     def deviations(self, W: Array) -> Array:
-        """(r,) deviations of the base parameters to expect, from rows (n, nv, r)."""
+        """(r,) expected standard deviations of the base parameters, from rows (n, nv, r)."""
         return np.sqrt(self._inverse(W)[1].diagonal())
 
     def condition(self, W: Array) -> float:
@@ -363,13 +364,13 @@ class MotionInformation:
 
 
 def _smooth_maximum(values: Array) -> tuple[float, Array]:
-    """m, and its derivative by each of the values."""
+    """Smoothed maximum m, and its derivative by each value."""
     powers = np.exp((values - values.max()) / _SMOOTH_WORST)
     return float(values.max() + _SMOOTH_WORST * np.log(powers.sum())), powers / powers.sum()
 
 
 def _smooth_median(values: Array) -> tuple[float, Array]:
-    """m, and its derivative by each of the values."""
+    """Smoothed median m, and its derivative by each value."""
     from scipy.optimize import brentq
     from scipy.special import expit
 
@@ -381,27 +382,27 @@ def _smooth_median(values: Array) -> tuple[float, Array]:
     return m, by_values / by_values.sum()
 
 
-# ── The search
+# ── Search
 
-# The search minimises  -merit  with multipliers of all limits at some hundred instants (:class:`LimitBarrier`) by SciPy's
-# L-BFGS-B; then multipliers follow, and the pull ρ grows. The best of several such searches goes on at more instants.
-# Coefficients z are scaled so that each alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the
-# states are those of torques and regressor by reverse mode, of distances by forces at the nearest points; slopes by z follow,
-# as states are linear in z.
+# The search minimises  -merit  with multipliers of all limits at a few hundred instants (:class:`LimitBarrier`) by
+# SciPy's L-BFGS-B; then the multipliers are updated and the penalty ρ grows. The best of several searches is refined at
+# more instants. Coefficients z are scaled so that each moves a joint by 1, in shares of its limits (root mean square).
+# Derivatives of torques and regressor by the states use reverse mode, those of distances the forces at the nearest
+# points. Derivatives by z follow, because states are linear in z.
 
-_PER_PERIOD = 16  # instants per period of the highest harmonic at which limits are looked at in the search
-_FINER = 20  # times as many, at least, at which a motion is judged in the end
-_MARGIN = 1e-4  # share of each limit that is left: what may happen between those
-_OF_MERIT = 2  # times as many, at which the merit is evaluated
+_PER_PERIOD = 16  # instants per period of the highest harmonic at which the search evaluates limits
+_FINER = 20  # minimum refinement of the instants for the final check
+_MARGIN = 1e-4  # share of each limit kept as a margin for times between instants
+_OF_MERIT = 2  # refinement of the instants at which the merit is evaluated
 _ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 2), (320.0, 50, 2))
-"""Rounds of each search, in which multipliers stay: their pull ρ, the most steps, and how many times as many instants."""
-_BY_LOG_DET = 2  # of them, by log det whatever the criterion
+"""Rounds of each search with fixed multipliers: penalty ρ, maximum number of steps, and refinement of the instants."""
+_BY_LOG_DET = 2  # number of rounds that use log det, for any criterion
 _LAST = (1000.0, 40, 8)
-"""Last round, of the best search only."""
-_REPAIRS = 7  # times that it is repeated at most
-_STARTS = 20  # random motions of which a search begins at the best
+"""Last round, for the best search only."""
+_REPAIRS = 7  # maximum number of repetitions of the last round
+_STARTS = 20  # number of random motions, the best of which starts a search
 _TRIES = 400
-_NARROW = 0.02  # share of a motion's width, below which it is none
+_NARROW = 0.02  # share of a motion's initial width below which it counts as infeasible
 _HALVINGS = 12
 
 Progress = Callable[[float], None]
@@ -409,13 +410,13 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, eq=False)
 class MotionSearch:
-    """Search among motions of one robot."""
+    """Search for the best motion of one robot."""
 
     series: WindowedFourierSeries
     information: MotionInformation
     constraints: TrajectoryConstraints
-    typical: Array  # (3, nv), sizes of positions, velocities and accelerations
-    middle: Array  # (nv,), where joints are in the middle of their limits
+    typical: Array  # (3, nv), typical positions, velocities and accelerations
+    middle: Array  # (nv,), middle positions of the joints
 
     @cached_property
     def _bases(self) -> dict[int, Array]:
@@ -426,7 +427,7 @@ class MotionSearch:
         return max(_FINER, math.ceil(self.series.duration / (DENSE * _PER_PERIOD * self.series.harmonics)))
 
     def _basis(self, finer: int) -> Array:
-        """(3, n, K) at the instants of the search, or as many times finer ones."""
+        """(3, n, K) basis at the instants of the search, or at ``finer`` times as many."""
         if finer not in self._bases:
             count = finer * _PER_PERIOD * self.series.harmonics + 1
             self._bases[finer] = self.series.basis(np.linspace(0.0, self.series.duration, count))
@@ -434,7 +435,7 @@ class MotionSearch:
 
     @cached_property
     def _units(self) -> Array:
-        """(nv, K, K) coefficients of unit z: [Φ / q, Φ' / dq, Φ'' / ddq] / sqrt(n) = U S V', units V / S; q_0 apart."""
+        """(nv, K, K) coefficients per unit of z: V / S of [Φ / q, Φ' / dq, Φ'' / ddq] / sqrt(n) = U S V'; q_0 apart."""
         found = np.zeros((self.typical.shape[1], self.series.count, self.series.count))
         basis = self._basis(1)
         for j, sizes in enumerate(self.typical.T):
@@ -445,7 +446,7 @@ class MotionSearch:
         return found
 
     def coefficients(self, z: Array) -> Array:
-        """(nv, K) of the series, from (nv, K) scaled ones."""
+        """(nv, K) coefficients of the series, from scaled ones (nv, K)."""
         found = np.einsum("jkl,jl->jk", self._units, z)
         found[:, 0] += self.middle
         return np.asarray(found)
@@ -461,9 +462,9 @@ class MotionSearch:
     # ── motions that fit ──
 
     def random(self, rng: np.random.Generator) -> Array | None:
-        """A random motion (nv, K) as wide as its limits let it be, at the instants of the search; None after many tries.
+        """Random motion (nv, K) as wide as the limits allow at the instants of the search; None after many failures.
 
-        Each joint is as wide as its own limits let it be; then all are narrowed together.
+        Each joint is scaled to its own limits; then all are narrowed together.
         """
         b = self.constraints.bounds
         for _ in range(_TRIES):
@@ -479,7 +480,7 @@ class MotionSearch:
         return None
 
     def fitted(self, z: Array, finer: int) -> Array | None:
-        """The motion narrowed about its rest position until all limits hold; None if it cannot rest there."""
+        """Narrow the motion about its rest position until all limits hold; None if the rest position violates limits."""
 
         def narrowed(share: float) -> Array:
             found = z.copy()
@@ -502,9 +503,9 @@ class MotionSearch:
     # ── the search ──
 
     def best(self, times: int, rng: np.random.Generator, progress: Progress) -> Array | None:
-        """The best motion of some searches, each from random ones of its own; None where no motion is possible."""
+        """Best motion of ``times`` searches, each from its own random motions; None if no motion is feasible."""
         found = list[tuple[float, Array, Array, LimitBarrier]]()
-        first = replace(self, information=replace(self.information, criterion="log_det"))  # has fewer local optima
+        first = replace(self, information=replace(self.information, criterion="log_det"))  # fewer local optima
         for k in range(times):
             start = first._start(rng)
             if start is None:
@@ -522,14 +523,14 @@ class MotionSearch:
         return max((z for z in fits if z is not None), key=self.merit, default=None)
 
     def _start(self, rng: np.random.Generator) -> Array | None:
-        """The best of some random motions; None where there is none."""
+        """Best of several random motions; None if none is feasible."""
         best = self.random(rng)
         for _ in range(_STARTS if best is not None else 0):
             best = max((z for z in (best, self.random(rng)) if z is not None), key=self.merit)
         return best
 
     def _finished(self, z: Array, barrier: LimitBarrier) -> Array:
-        """The motion with limits at many instants, searched again with a larger margin while it passes one between these."""
+        """Refine the motion at many instants, with a larger margin as long as it violates a limit between the instants."""
         rho, steps, finer = _LAST
         barrier = replace(barrier, rho=rho).refined(finer)
         for _ in range(_REPAIRS):
@@ -541,7 +542,7 @@ class MotionSearch:
         return z
 
     def _descended(self, z: Array, barrier: LimitBarrier, steps: int) -> tuple[Array, LimitBarrier]:
-        """The motion after some steps, and the barrier with the multipliers that follow."""
+        """Motion after at most ``steps`` steps, and the barrier with updated multipliers."""
         from scipy.optimize import minimize
 
         options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
@@ -551,7 +552,7 @@ class MotionSearch:
         return z, replace(barrier, multipliers=barrier.cost_and_forces(shares)[1])
 
     def cost_and_slope(self, z: Array, barrier: LimitBarrier) -> tuple[float, Array]:
-        """-merit with the edges' part, and its derivative by z (nv K,)."""
+        """-merit plus the cost of the edges, and its derivative by z (nv K,)."""
         z = z.reshape(len(self.middle), -1)
         states = self._states(z, _OF_MERIT)
         merit, G = self.information.merit_and_slope(self.information.rows(*states))

@@ -1,4 +1,4 @@
-"""Writing identified numbers: actuator files of the drives, and the robot's own file with only the numbers changed."""
+"""Writing of identified parameters to actuator files and to the robot file, in which only the numbers change."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 OF_COUPLED_MOTORS = (
     "coupled motors have friction beside that of their joints here, which actuator files do not represent"
 )
-"""Reason why no actuator file is written of coupled motors."""
+"""Reason why coupled motors get no actuator file."""
 SIGNATURE = "twistwrench identify"
 """Beginning of comments in written files."""
 
@@ -42,10 +42,10 @@ def actuator_text(
     given: Mapping[str, object] | None = None,
     load: Mapping[str, float] | None = None,
 ) -> str:
-    """An actuator file with friction and motor inertias; entries that were ``given`` stay, but for these.
+    """Actuator file with identified friction and motor inertias; other entries of ``given`` are kept.
 
-    ``load`` is the load friction of joints, as a share of the torque that they carry.
-    With a known ratio the motor's inertia is that of an extra rotor, Ia / ratio²; without, the reflected one.
+    ``load`` is the load friction of joints, as a share of the carried torque. If the ratio is known, the motor inertia
+    is written as an additional rotor, Ia / ratio²; otherwise as reflected inertia.
     """
     import yaml
 
@@ -79,7 +79,7 @@ def actuator_text(
 
 
 def same_actuators(text: str, found: ConsistentRobot) -> float:
-    """Largest difference of friction and armature of an actuator file read again, as a share of the largest."""
+    """Largest difference of friction and armature after reading an actuator file back, as a share of the largest value."""
     import yaml
 
     model = found.base.unknown.model
@@ -92,38 +92,36 @@ def same_actuators(text: str, found: ConsistentRobot) -> float:
     return float(np.abs(has - wanted).max() / max(np.abs(wanted).max(), 1e-300))
 
 
-# ── The robot's file: the numbers concerned, everything else unchanged
+# ── The robot's file: only numbers change
 
-# A body of the model is a moving link with the links that are fixed to it; the change goes to the moving link. Where what
-# is left
-# for it is not physically consistent, the fixed links are folded into it. What was written is read again and compared before
-# a file
-# is put in its place.
+# A body of the model is a moving link with the links fixed to it; the change is applied to the moving link. If the
+# remaining inertia of the moving link is not physically consistent, the fixed links are folded into it. The written
+# text is read back and compared before it replaces a file.
 
 _SAME = 1e-12
 _STATES = 200
 _AS_GOOD = 1.05
-"""Times what the file's bodies leave, with friction, of rows held out, up to which a robot is as good as they are."""
-_IMMATERIAL = 0.002  # share of the torques by which what is left may be more, too: both explain the log then
+"""Ratio to the held-out residual of the file's bodies with friction up to which a robot is as good as these."""
+_IMMATERIAL = 0.002  # negligible increase of the residual, as a share of the torques
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenRobot:
-    """A robot file with identified numbers, not yet on disk."""
+    """Robot file with identified parameters, before it is written to disk."""
 
     text: str
-    data: bytes  # as the file it came from is encoded
-    difference: float  # of torques of the file read again, as a share of the largest
-    folded: tuple[str, ...]  # fixed links whose inertia went into the links that carry them
-    missing: Mapping[str, Mapping[str, float]]  # by kind and joint, for which the file has no place
-    folder: Path | None  # from which the file names others, such as meshes; None where it names none
+    data: bytes  # in the encoding of the original file
+    difference: float  # of torques after reading back, as a share of the largest
+    folded: tuple[str, ...]  # fixed links whose inertia was added to the carrying links
+    missing: Mapping[str, Mapping[str, float]]  # values by kind and joint that the file cannot store
+    folder: Path | None  # base folder of relative paths in the file, such as meshes; None without any
 
 
 def written_robot(original: Robot, found: ConsistentRobot, said: str) -> WrittenRobot:
-    """The file of ``original`` with the bodies and the drives of ``found``; ``said`` becomes a comment at its top.
+    """File of ``original`` with the bodies and drives of ``found``; ``said`` becomes a comment at its top.
 
-    Raises ModelError where the robot has no file or its format has no place for a number, and RobotFileError where what was
-    written does not come back.
+    Raises ModelError if the robot has no file or its format cannot store a value, and RobotFileError if reading back
+    the text gives other values.
     """
     subject = read_subject(original, meshes=False)
     if not subject.text:
@@ -139,7 +137,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
 
     beside = off(wanted)
     if any(value > 0 for of_kind in beside.values() for value in of_kind.values()):
-        # What actuators add to a joint is in the file besides: the joint gets the rest.
+        # subtract the part of actuators, which the file stores separately
         wanted = {
             kind: {joint: max(0.0, x - max(0.0, beside.get(kind, {}).get(joint, 0.0))) for joint, x in of_kind.items()}
             for kind, of_kind in drives.items()
@@ -158,7 +156,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
 
 
 def _names_files(text: str) -> bool:
-    """True if the file names others by paths from its own folder: includes, meshes, textures."""
+    """True if the file refers to others by relative paths: includes, meshes, textures."""
     elements = list(parse(text).walk())
     named = [element.attributes.get(key, "") for element in elements for key in ("file", "filename")]
     named += [element.content.strip() for element in elements if element.tag == "uri"]
@@ -172,7 +170,7 @@ def _text(
     inertias: Mapping[str, SpatialInertia],
     drives: Mapping[str, Mapping[str, float]],
 ) -> str:
-    """The file's text with inertias of links and numbers of joints, those of joints that follow others at 0."""
+    """Text of the file with new inertias of links and values of joints; values of mimic joints are 0."""
     root = parse(subject.text)
     changes = TextChanges(SIGNATURE)
     model = found.base.unknown.model
@@ -193,15 +191,15 @@ def _text(
 
 
 def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
-    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now.
+    """Inertia of each moving link in its own frame, and names of fixed links that were folded into others.
 
-    Such a link keeps a ``share`` of the whole body, which is one that can exist as the whole is.
+    A folded link keeps a ``share`` of the whole body's inertia, which is physically consistent like the whole.
     """
     model = found.base.unknown.model
     wanted, folded = dict[str, SpatialInertia](), list[str]()
     for i, (body, whole) in enumerate(zip(model.bodies, found.inertias, strict=True)):
         if body.link not in model.link_inertias:
-            continue  # between two joints of one body
+            continue  # massless body between two joints of one link
         mine = {
             link: frame.pose for link, frame in model.frames.items() if frame.body == i and link in model.link_inertias
         }
@@ -222,7 +220,7 @@ def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, Spat
 
 
 def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
-    """Values of the joints by kind: identified friction, and motor inertias, zero if they were not identified."""
+    """Values of the joints by kind: identified friction and motor inertias; 0 if not identified."""
     model = found.base.unknown.model
     sought = {kind: found.of_joints(kind) for kind in ("viscous", "coulomb", "stribeck")}
     inertias = dict.fromkeys(model.velocity_names, 0.0) | found.of_joints("motor_inertia")
@@ -230,7 +228,7 @@ def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
 
 
 def _again(text: str, subject: Subject, found: ConsistentRobot) -> Model:
-    """The text read as the robot's file was."""
+    """Read the text with the options of the robot's file."""
     folders = [] if subject.path is None else [subject.path.resolve().parent]
     given: dict[str, Any] = {"include_paths": folders, "inertia": "accept", "model": subject.model}
     model = load(text, **given).model
@@ -239,7 +237,7 @@ def _again(text: str, subject: Subject, found: ConsistentRobot) -> Model:
 
 
 def _off(again: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """By how much numbers of joints are not as they are to be, those that are beyond rounding."""
+    """Deviations of joint values from the requested ones, without rounding errors."""
     friction = again.friction
     above = np.asarray(friction.static) - friction.coulomb
     has = {"viscous": friction.viscous, "coulomb": friction.coulomb, "stribeck": above, "motor_inertia": again.armature}
@@ -255,7 +253,7 @@ def _off(again: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, d
 
 
 def _difference(again: Model, found: ConsistentRobot) -> float:
-    """Largest difference of torques of the text read again, as a share of the largest torque, over random states."""
+    """Largest difference of torques after reading the text back, over random states, as a share of the largest torque."""
     model = found.base.unknown.model
     bodies = [np.zeros(10) for _ in model.bodies]
     for link, frame in model.frames.items():
@@ -271,9 +269,10 @@ def _difference(again: Model, found: ConsistentRobot) -> float:
 
 
 def check_written(found: ConsistentRobot) -> list[str]:
-    """Sentences on what the robot became; raises ValueRangeError where it must not be written.
+    """Sentences on changes of the robot; raises ValueRangeError if it must not be written.
 
-    Every body must be one that can exist, M positive, and rows held out no worse than by the file's bodies with friction.
+    Every body must be physically consistent, M positive definite, and held-out predictions no worse than the file's
+    with friction.
     """
     model = found.base.unknown.model
     for body, G in zip(model.bodies, found.inertias, strict=True):
@@ -302,7 +301,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
     return said
 
 
-# ── Robot file and actuator file, both or neither
+# ── Robot file and actuator file, written together or not at all
 
 _KINDS = {
     "viscous": "viscous friction",
@@ -321,7 +320,7 @@ def write_identified(
     *,
     force: bool,
 ) -> tuple[str, ...]:
-    """Write them and return the notes; raises as :meth:`IdentifiedRobot.write` does, nothing written then."""
+    """Write both files and return the notes; raises as :meth:`IdentifiedRobot.write` does, without writing."""
     if found.verdict.word is Word.LOOK_AGAIN and not force:
         raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
     if found.payload_frame is not None:
@@ -361,7 +360,7 @@ def write_identified(
 
 
 def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
-    """The comment at the top of the robot's file."""
+    """Comment at the top of the robot's file."""
     from .. import __version__
 
     said = (
@@ -374,7 +373,7 @@ def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
 
 
 def _notes(made: WrittenRobot, path: Path, *, beside: bool) -> list[str]:
-    """Remarks on the robot's file; ``beside``: an actuator file is written too."""
+    """Remarks on the robot's file; ``beside``: True if an actuator file is written too."""
     notes = [f"{link} is part of the link that carries it now" for link in made.folded]
     if made.folder is not None and path.resolve().parent != made.folder:
         notes.append(

@@ -1,4 +1,4 @@
-"""Doubts about a motion without a model: unit of angles and time, omitted turns, jumps, rates unlike positions, sampling."""
+"""Doubts about a motion without a model: units of angles and time, omitted turns, jumps, inconsistent rates, sampling."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ if TYPE_CHECKING:
 # ── Angles in another unit
 
 _FAR, _MANY_TURNS = 3.0, 4 * math.pi
-"""Times the reach of a joint's limits, or a full turn, and an angle [rad], that no joint with limits turns to."""
+"""Multiple of the reach of a joint's limits (or of a full turn) and angle [rad] that indicate another unit."""
 _WITHIN = 1.1
-"""Times its reach that a joint in the right unit may turn to."""
+"""Multiple of its reach up to which a joint may turn in the right unit."""
 _FULL_TURN, _SURE_MOVE = math.tau, 0.3
-"""Number that no angle in radians of a joint with limits is above, and one that a joint which moves for certain passes."""
+"""Angle in radians that no joint with limits exceeds, and angle that a moving joint certainly exceeds."""
 _FEWEST = 3
-"""Joints that do not all stay within six degrees of zero for the whole of a motion."""
+"""Minimum number of joints that indicates a wrong unit: three joints rarely all stay within six degrees of zero."""
 _DEGREE = math.radians(1.0)
 
 
 def angle_doubts(
     names: Sequence[str], extent: Array, limits: tuple[Array, Array], factor: Array, known: Array
 ) -> list[Doubt]:
-    """Doubts about the unit of angles, notes where it may be meant.
+    """Doubts about the unit of angles, or notes if the unit may be intended.
 
-    Of the turning joints (k,) each: least and most that is read of them [rad], their limits, infinite where there are none,
-    the factor from the file's numbers to radians, and whether the file gives that unit.
+    For the revolute joints (k,): least and largest angles as read [rad], limits (infinite if there are none), the
+    factor from the file's numbers to radians, and True if the file states that unit.
     """
     size, reach = np.abs(extent).max(axis=0), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
     bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
@@ -76,7 +76,7 @@ def angle_doubts(
 def _too_far(
     names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array, **level: Any
 ) -> Doubt:
-    """Doubt about angles that are ``far`` (k,) out."""
+    """Doubt about joints whose angles are ``far`` (k,) too large."""
     k = int(np.flatnonzero(far)[(size / np.where(np.isfinite(reach), reach, 1.0))[far].argmax()])
     lower, upper = (printed(limit[k], 3) for limit in limits)
     degrees, others = bool((size[far] * _DEGREE <= _WITHIN * reach[far]).all()), int(far.sum()) - 1
@@ -93,13 +93,13 @@ def _too_far(
     )
 
 
-# ── Rows with a single wrong number, or a wrong stamp
+# ── Rows with a single wrong number or a wrong time stamp
 
 _LISTED = 3
 
 
 def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: bool = False) -> list[Doubt]:
-    """Doubts about the rows of each joint, and about wrong stamps; notes that they are ``left_out``."""
+    """Doubts about glitches of each joint and wrong time stamps; notes if the rows are ``left_out``."""
     said = []
     for k, found in glitches.result():
         wrong = [g for g in found if not g.late]
@@ -112,7 +112,7 @@ def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: b
 
 
 def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> list[Doubt]:
-    """Doubt about rows with a wrong stamp, by their times with what they are late by [s], if there are any."""
+    """Doubt about wrong time stamps, given as a mapping from time to delay [s]; empty if there are none."""
     if not stamps:
         return []
     late = max(stamps.values(), key=abs)
@@ -126,22 +126,22 @@ def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> li
 
 
 def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, left_out: bool) -> Doubt:
-    """Doubt of that kind, or the note that its rows are left out."""
+    """Doubt of that kind, or a note that its rows are left out."""
     if not left_out:
         return doubt(kind, joints, **words)
     return doubt("rows-left-out", joints, what=doubt_table()[kind].sentence.format(**words).rstrip(":"))
 
 
-# ── Scale of a rate against the slope of its base, in words
+# ── Scale of a rate against the slope of the integrated quantity
 
 _DEGREES, _RPM, _NEAR = math.degrees(1.0), 30 / math.pi, 0.1
-"""Factors between units, and relative tolerance within which a scale is one."""
+"""Factors between units, and relative tolerance of a match."""
 _CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
 _NOTHING = 0.02
 
 
 def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
-    """Description of a rate column by its scale against the slope of ``base``; ``per`` is the unit's end, such as /s."""
+    """Text on a rate column by its scale against the slope of ``base``; ``per`` is the suffix of the unit, such as /s."""
     slope = f"the slope of the {base}"
     name = f"name the unit, as in 'JOINT [deg{per}]'"
     known = [(printed(factor), factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
@@ -170,30 +170,30 @@ def _near(gain: float, factor: float) -> bool:
     return abs(gain / factor - 1.0) < _NEAR
 
 
-# ── Rates against positions, jumps, omitted turns, and steps of time
+# ── Rates against positions, jumps, omitted turns and time steps
 
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
-"""Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
-real logs are 0.94 to 1.02 times the slope), a wrong unit, ratio or clock more."""
+"""Allowed ratios of a measured rate to the slope of the integrated quantity. Filters and delays reduce it little (measured
+velocities of real logs: 0.94 to 1.02); a wrong unit, ratio or clock changes it more."""
 _WRAP = (1.5 * math.pi, 2.5 * math.pi)
-"""A step of an angle between these [rad] is taken for a turn that the log left out, where the log keeps within a turn."""
+"""Step of an angle [rad] that counts as a turn omitted by the log, if the log stays within one turn."""
 _SPILL = 0.01 * math.pi
 _TOO_FAST = 3.0
-"""Times the greatest speed elsewhere, or the velocity limit, from which a step of more than half a turn is a jump."""
+"""Multiple of the largest speed elsewhere, or of the velocity limit, from which a step over half a turn is a jump."""
 _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
-"""A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
-more finely than it is slow."""
+"""Minimum time step [s], and maximum displacement per step [rad, m], of a log in ms: otherwise the sampling would be far too
+fine for so slow a motion."""
 _BEYOND, _NO_ROBOT = 1.5, 30.0
-"""Times its limit, and rad/s or m/s without one, that no joint moves at: times are not in a unit that would make it so fast."""
+"""Multiple of the velocity limit, and speed [rad/s, m/s] without a limit, that excludes a unit of time as too fast."""
 _SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
-"""A step of time [s] so long in a motion that never goes faster than that share of its limits is in ms: robots are built for
-their limits, and loggers for steps of 0.1 ms and more."""
+"""Minimum time step [s], and maximum share of the velocity limits, of a log in ms: robots are built for their limits, and
+loggers for steps of 0.1 ms and more."""
 _SPIKES = 0.01
-"""Share of the rows with spikes that is a doubt."""
+"""Share of rows with spikes from which a doubt is raised."""
 
 
 class Contradictions:
-    """A tally over the rows of a motion, which come in portions; rates and sampling are those of its :attr:`runs`."""
+    """Statistics accumulated over the rows of a motion in portions; rates and sampling are evaluated on its :attr:`runs`."""
 
     def __init__(
         self,
@@ -204,7 +204,7 @@ class Contradictions:
         angle_stated: Array | None = None,
         runs: Sequence[LogRows | Motion] = (),
     ) -> None:
-        """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file gives that unit."""
+        """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file states the unit."""
         count = len(coordinates.names)
         self._factor = np.ones(count) if angle is None else angle
         self._stated = np.zeros(count, bool) if angle_stated is None else angle_stated
@@ -213,7 +213,7 @@ class Contradictions:
         self._single = np.flatnonzero(coordinates.position_of >= 0)
         self._own = [self._names[k] for k in self._single.tolist()]
         self.places = coordinates.position_of[self._single]
-        """(k,) the entries of q that are checked: those of joints with one."""
+        """(k,) indices in q of the checked entries: joints with one coordinate."""
         self._turns = coordinates.angular[self.places]
         self._bounded = self._turns & ~coordinates.endless[self.places]
         self._time_stated = time_stated
@@ -221,10 +221,10 @@ class Contradictions:
         """Runs of rows, the whole motion or excerpts of a long one."""
         count = len(self._single)
         self.glitches = SingleRowGlitches(count, self._turns)
-        """Rows at which a joint leaves its path alone."""
+        """Rows in which a single joint leaves its path."""
         self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
         self._unwrapped = self._range.copy()
-        """Least and largest angles, as they are, and with the turns that were left out."""
+        """Least and largest angles, as logged and with omitted turns added."""
         self._turned, self._wraps = np.zeros(count), np.zeros(count, int)
         self._jumps: dict[int, tuple[float, float, float]] = {}
         """Fastest step beyond half a turn of each joint: speed, time before, size."""
@@ -232,11 +232,11 @@ class Contradictions:
         """First step of each joint that may be an omitted turn: speed, time before, size."""
         self._speed, self._move = np.zeros(count), np.zeros(count)
         self._usual: list[float] = []
-        """Median step of time of each portion [s]."""
+        """Median time step of each portion [s]."""
         self._steps = 0
 
     def add(self, t: Array, q: Array, before: int = 0) -> None:
-        """Take in times (n,) and coordinates (n, nq), the first ``before`` (at most OVERLAP) of which were the last ones."""
+        """Add times (n,) and coordinates (n, nq); the first ``before`` (at most OVERLAP) repeat the end of the last portion."""
         q = q[:, self.places]
         self.glitches.add(t[max(0, before - OVERLAP) :], q[max(0, before - OVERLAP) :])
         t, q = t[max(0, before - 1) :], q[max(0, before - 1) :]
@@ -263,7 +263,7 @@ class Contradictions:
                 self._jumps[k] = found
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> list[Doubt]:
-        """All doubts and notes; velocity limits help to distinguish a jump from a fast motion."""
+        """All doubts and notes; velocity limits distinguish a jump from a fast motion."""
         time, angles = self.of_time(limits), self._of_angles(limits)
         misread = any(found.refuses for found in angles)
         paths = [] if misread else [*self._of_jumps(limits), *self._of_turns(limits)]
@@ -288,7 +288,7 @@ class Contradictions:
         return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], self._stated[places])
 
     def of_time(self, limits: Limits | None) -> list[Doubt]:
-        """Doubt about the unit of time: its steps are too long for how little the joints move in them."""
+        """Doubt about the unit of time, if time steps are too long for the displacements in them."""
         step = float(np.median(self._usual)) if self._usual else 0.0
         moving = self._range[1] - self._range[0] > _SOME_MOVE
         if self._time_stated or self._steps + 1 < _FEWEST_ROWS or not moving.any():
@@ -296,7 +296,7 @@ class Contradictions:
         unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
         if (factor * self._speed > np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).any():
-            return []  # in that unit the motion would be too fast for the robot
+            return []  # in that unit the motion would exceed the robot's limits
         share = float((self._speed / velocity)[moving].max()) if np.isfinite(velocity[moving]).all() else math.inf
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
             why = f"within one no joint moves by more than {printed(self._move.max(), 2)} rad or m"
@@ -323,7 +323,7 @@ class Contradictions:
                 yield doubt("jump", [self._own[k]], joint=self._own[k], **said)
 
     def _of_turns(self, limits: Limits | None) -> Iterator[Doubt]:
-        """Notes on turns that were added, and doubts about joints that are within their limits after no number of them."""
+        """Notes on added turns, and doubts about joints that exceed their limits with any number of turns."""
         for k in np.flatnonzero((self._wraps > 0) & self._within_a_turn()).tolist():
             name, times = self._own[k], f"{self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}"
             yield doubt("turned-on", [name], joint=name, count=times, time=seconds(self._wrapped[k][1], 4))
@@ -341,14 +341,14 @@ class Contradictions:
 
     @cached_property
     def _curves(self) -> list[Array]:
-        """Positions (n, k) of each run, without the turns that were left out."""
+        """Positions (n, k) of each run, with omitted turns added."""
         found = [rows.q[:, self.places] for rows in self.runs]
         for curves in found:
             curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
         return found
 
     def _beside(self, rate: str) -> list[tuple[Array, Array, Array]]:
-        """Time, curves and rates of each run that has them; ``derived``: accelerations beside positions alone."""
+        """Time, curves and rates of each run with these rates; ``derived``: accelerations with positions but no velocities."""
         found = []
         for rows, curves in zip(self.runs, self._curves, strict=True):
             if rate == "velocity" and rows.dq is not None:
@@ -372,7 +372,7 @@ class Contradictions:
 
     @cached_property
     def _scales(self) -> list[tuple[str, str, list[str], Array, Array]]:
-        """Name of each kind of rates, what it is the slope of, joints, whether they turn, and scales."""
+        """Name of each kind of rates, name of the integrated quantity, joints, True for revolute joints, and scales."""
         every, found = np.arange(len(self._names)), []
         for kind, joints, base in (
             ("velocity", self._single, "positions"),
@@ -385,9 +385,9 @@ class Contradictions:
         return found
 
     def of_rates(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
-        """Doubts about rates that are not the slope of what they belong to.
+        """Doubts about rates that differ from the slope of the integrated quantity.
 
-        ``late`` (k,) bool: the velocity is that of another time, so that its size is not compared.
+        ``late`` (k,) bool: True if the velocity is shifted in time, so that its scale is not compared.
         """
         found = []
         for rate, base, names, angular, scales in self._scales:
@@ -406,7 +406,7 @@ class Contradictions:
 
     @cached_property
     def _sampling(self) -> list[Doubt]:
-        """Doubts about repeated rows, or else steps off the paths, and about spikes."""
+        """Doubts about repeated rows, or else deviations from the paths, and about spikes."""
         times = [rows.time for rows in self.runs]
         rows = [new for curves in self._curves if curves.size and (new := new_rows(curves)) is not None]
         if 2 * len(rows) > len(times):
@@ -419,7 +419,7 @@ class Contradictions:
         return [*_of_gaps(found, times), *self._of_torques()]
 
     def _of_torques(self) -> Iterator[Doubt]:
-        """Doubts about torques that are far off in single rows, or one number for a while."""
+        """Doubts about torques with spikes, or with a constant value for a while."""
         off = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
         held = dict[int, tuple[float, float]]()
         for one, curves in zip(self.runs, self._curves, strict=True):
@@ -440,7 +440,7 @@ class Contradictions:
 
 
 def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
-    """Doubts about steps off the paths of all joints: a buffer, or rows that are missing."""
+    """Doubts about simultaneous deviations of all joints from their paths: buffered or missing rows."""
     if not found:
         return
     first = seconds(found[0].time, 4)
@@ -451,7 +451,7 @@ def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
         yield doubt("buffered", found=told, share=percent(share, 2), **said)
         return
     when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
-    back = [1e3 * gap.late for gap in found if gap.late > 0]  # not where rows are missing
+    back = [1e3 * gap.late for gap in found if gap.late > 0]  # excludes missing rows
     why = "rows are missing there, and the stamps were closed up"
     if len(back) == len(found):
         why = f"positions are {number(back[0], 2)} ms late from there on: a clock was shifted"

@@ -1,6 +1,6 @@
-"""The table of doubts about logs: what each one tests, from which value it is raised, how often by mistake, and the remedy.
+"""Table of doubts about logs: test, threshold, rate of false alarms and remedy of each doubt.
 
-The rows are data, in ``doubts.toml``. A statistic that finds a cause makes a :class:`Doubt` of the row with that name.
+The rows are data in ``doubts.toml``. A test that finds a cause creates a :class:`Doubt` from the row of that name.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..core.verdict import Verdict
 from ..errors import UnknownNameError
 
 Level = Literal["refuse", "unsure", "note"]
-"""Effect of a doubt on the first word of a report: LOOK AGAIN, UNSURE, or none."""
+"""Effect of a doubt on the verdict: LOOK AGAIN, UNSURE, or none."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class DoubtKind:
     ----------
     name : str
     stage : int, order of the tests: 1 without a model, 2 discrete, 3 continuous, 4 laws of the joint, 5 what remains
-    reads : tuple of str, those that raise it: ``motion``, ``torques``, ``identify``, ``sensor``
-    tests : str, what is tested
-    threshold : str, from where it is raised
-    false_alarms : float, share of clean logs that it is raised for by mistake, at most
+    reads : tuple of str, commands that raise it: ``motion``, ``torques``, ``identify``, ``sensor``
+    tests : str, tested quantity
+    threshold : str, value from which it is raised
+    false_alarms : float, maximum share of clean logs for which it is raised
     sentence, remedy : str, with {placeholders}
-    level : str, ``refuse``, ``unsure``, ``note``, or ``effect``: by how much predicted torques change
-    unit : str, of the value
+    level : str, ``refuse``, ``unsure``, ``note``, or ``effect`` (determined by the change of predicted torques)
+    unit : str, unit of the value
     """
 
     name: str
@@ -55,7 +55,7 @@ def _rows(file: str) -> dict[str, dict[str, Any]]:
 
 @cache
 def undetermined_table() -> Mapping[str, tuple[str, str]]:
-    """Sentence and remedy of each quantity that no log determines, by name."""
+    """Sentence and remedy for each quantity that no log determines, by name."""
     return {name: (row["sentence"], row.get("remedy", "")) for name, row in _rows("undetermined.toml").items()}
 
 
@@ -72,15 +72,16 @@ class Doubt:
     Attributes
     ----------
     kind : str, name of its row in the table, such as ``gain``
-    sentence : str, the evidence with its numbers, then the remedy
-    joints : tuple of str, those concerned
-    level : str, ``refuse`` (LOOK AGAIN), ``unsure`` (UNSURE) or ``note`` (the first word stays)
-    value : float, optional, what the cause amounts to, in ``unit``
+    sentence : str, evidence with numbers, then the remedy
+    joints : tuple of str, names of the affected joints
+    level : str, ``refuse`` (LOOK AGAIN), ``unsure`` (UNSURE) or ``note`` (verdict unchanged)
+    value : float, optional, estimated value of the cause, in ``unit``
     interval : (float, float), optional, 95 % interval of the value
     unit : str
     statistic : float, optional, S = Σ log(σ² without the cause / σ² with it) over the joints
-    share : float, optional, share of the squared residual that it takes away, of the joint that it takes most from
-    effect : float, optional, largest share of a joint's torque (rms) in another motion by which predictions change
+    share : float, optional, explained share of the squared residual, of the joint with the largest reduction
+    effect : float, optional, largest change of predicted torques in another motion, as a share of a joint's torque
+    (rms)
 
     Examples
     --------
@@ -106,16 +107,16 @@ class Doubt:
 
     @property
     def refuses(self) -> bool:
-        """True if no number can be trusted while the doubt stands."""
+        """True if the results are not trustworthy while the doubt stands."""
         return self.level == "refuse"
 
     @classmethod
     def from_saved(cls, saved: Mapping[str, Any]) -> Doubt:
-        """Doubt from fields that were saved as JSON.
+        """Doubt from fields saved as JSON.
 
         Parameters
         ----------
-        saved : mapping, as ``dataclasses.asdict`` makes it
+        saved : mapping, as returned by ``dataclasses.asdict``
 
         Returns
         -------
@@ -125,11 +126,11 @@ class Doubt:
         return cls(**{**saved, "joints": tuple(saved["joints"]), "interval": interval and tuple(interval)})
 
     def to_dict(self) -> dict[str, Any]:
-        """Dictionary of its fields and those of its row.
+        """Dictionary of the doubt's fields and of the fields of its row.
 
         Returns
         -------
-        fields : dict, which ``json.dumps`` takes
+        fields : dict, compatible with ``json.dumps``
         """
         row = asdict(doubt_table()[self.kind])
         own = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
@@ -148,7 +149,8 @@ def doubt(
 ) -> Doubt:
     """Doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
 
-    ``level`` replaces that of the row, ``named`` the names of the joints in the sentence, ``log`` names the file.
+    ``level`` replaces the level of the row, ``named`` the joints' names in the sentence; ``log`` is the name of the
+    file.
     """
     row = doubt_table().get(kind)
     if row is None:
@@ -168,7 +170,7 @@ def doubt(
 
 
 def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:
-    """First word of a report with these doubts: LOOK AGAIN, UNSURE, or OK where there are only notes."""
+    """Verdict for these doubts: LOOK AGAIN, UNSURE, or OK if there are only notes."""
     by_level: dict[Level, list[str]] = {"refuse": [], "unsure": [], "note": []}
     for each in doubts:
         by_level[each.level].append(each.sentence)

@@ -1,4 +1,4 @@
-"""Doubts about the logs behind a fit: columns, causes of the residual, missing links, excitation, and what is left."""
+"""Doubts about the logs of a fit: columns, causes of the residual, missing links, excitation, and the final residual."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _UNEXPLAINED = 0.35
-"""Share of the torques left in rows held out that refuses the logs."""
+"""Held-out residual, as a share of the torques, from which the logs are rejected."""
 OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
-"""Ratio of the residual of other logs to that of the training logs, and least residual, from which the logs differ."""
+"""Ratio of the residual of other logs to that of the training logs, and minimum residual, from which the logs differ."""
 
 
 LEFT_OUT = "rows-left-out"
-"""Notes on rows that were left out, which stand beside the doubts."""
+"""Kind of the notes on omitted rows, which are listed separately from the doubts."""
 
 
 def of_reading(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
-    """Doubts found without a model; those whose row ``identify`` does not read change nothing here, and are notes."""
+    """Doubts found without a model; if their row does not list ``identify``, they become notes."""
     for one in doubts:
         if one.kind != LEFT_OUT:
             level = one.level if "identify" in doubt_table()[one.kind].reads else "note"
@@ -57,7 +57,7 @@ def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
 
 @dataclass(frozen=True, eq=False)
 class FittedLog:
-    """Rows (m, nv, r), (m, nv) at the chosen settings and the fit to them, from which doubts follow."""
+    """Rows (m, nv, r) and torques (m, nv) at the chosen settings, with the fit to them."""
 
     base: BaseParameters
     motions: Sequence[Motion]
@@ -74,13 +74,13 @@ class FittedLog:
     rate: float
     dead: Array
     causes: Sequence[Doubt] = ()
-    """Doubts of what the residual is explained by."""
+    """Doubts about the causes of the residual."""
     payload_only: bool = False
-    """True if only a payload is identified, which the file lacks, so that its torques are not expected."""
+    """True if only a payload is identified; the file lacks it, so torques may differ from the file's."""
 
     @property
     def deviations(self) -> Array:
-        """(r,) of the groups."""
+        """(r,) standard deviations of the groups."""
         return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     @property
@@ -109,23 +109,23 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
     for k, name in enumerate(seen.names):
         step = quantum([motion.q[:, k] for motion in seen.motions])
         size = float(np.sqrt((seen.acceleration[:, k] ** 2).mean()))
-        # White noise of that size, below the cut-off, differentiated twice: sqrt(∫ (2 π f)^4 df) over 0 to the cut-off.
+        # White noise of that size, low-passed and differentiated twice: sqrt(∫ (2 π f)^4 df) over 0 to the cut-off.
         noise = step / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / seen.rate / 5.0)
         if step > 0 and size > 0 and noise > _COARSE * size:
             share = percent(noise / size, 3)
             yield doubt("quantised", [name], grid=number(step, 3), noise=share, cutoff=printed(cutoff))
 
 
-# ── Gain of all torques
+# ── Common gain of all torques
 
 _OF_FILE = 0.1, 10.0
-"""Times the file's bodies that no log of all torques is below or above."""
+"""Common gain of all torques against the file's bodies, below and above which it is a fault."""
 _TOLD = 0.75
-"""Share of the residual of drives alone, below which the file's bodies must bring it for their gain to be meaningful."""
+"""Ratio to the residual of drives alone, below which the residual with the file's bodies makes their gain meaningful."""
 
 
 def gain_of_all(seen: FittedLog) -> list[Doubt]:
-    """Sign or unit of all torques together, against the file's bodies with drives left free."""
+    """Sign or unit of all torques together, from a fit of the file's bodies with free drives."""
     base = seen.base
     file = seen.W @ base.project(base.unknown.file_values) - seen.W[:, :, base.held] @ seen.x[base.held]
     sigma = np.maximum(np.sqrt((seen.tau**2).mean(axis=0)), 1e-300)
@@ -145,29 +145,29 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
     return [doubt(kind, seen.names, level="refuse", found={"value": gain}, named="all joints", **said)]
 
 
-# ── What remains
+# ── Final residual
 
 _UNDETERMINED = 0.2
 _MOTION, _UNSURE_TORQUE = 200, 0.1
-"""States of another motion, and the share of its torques that deviations of the groups may make."""
+"""Number of states of another motion, and maximum share of its torques that deviations of the groups may change."""
 _WITHOUT = 0.5
 _UNEXPLAINED_JOINT = 0.6
 _NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
-"""Deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts. Without
-noise deviations hold the errors of filters only by chance, and these make such small ones."""
+"""Standard deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts.
+Without noise, standard deviations do not cover filter errors, which cause such small values."""
 _MANY = 0.5
-"""Share of the joints that controllers compensate friction of: of all, as a rule."""
+"""Share of joints with negative friction from which a controller counts as compensating it: usually all joints."""
 _CHANCE, _POSES, _PART = 1e-6, 50, 0.3
-"""Chance that noise makes a kinetic energy negative in some direction of one pose; poses that are tried; share of the largest
+"""Chance that noise makes a kinetic energy negative in some direction of one pose; number of tested poses; share of the largest
 part in a direction from which a joint is named."""
 _NOTABLE = 0.1
-"""Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
+"""Share of the torques not explained by rigid bodies with friction, from which it is reported."""
 _SPOILED = ("buffered", "saturated")
-"""Doubts without a model in whose residuals other causes would be seen by mistake."""
+"""Doubts without a model whose residuals would be mistaken for other causes."""
 
 
 def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
-    """All doubts, those that refuse the log first; insufficient motion only if nothing else is wrong."""
+    """All doubts, those that reject the log first; insufficient motion is reported only without other doubts."""
     read = [*(one for motion in seen.motions for one in of_reading(motion.doubts)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
     causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *seen.causes]
@@ -184,7 +184,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
 
 
 def _without(seen: FittedLog) -> list[Doubt]:
-    """Fixed links that the file has, and the robot of the log does not carry."""
+    """Fixed links of the file that the robot of the log does not carry."""
     base, model = seen.base, seen.base.unknown.model
     Q = np.linalg.qr(seen.W[:, :, base.drives].reshape(seen.tau.size, len(base.drives)))[0]
 
@@ -210,7 +210,7 @@ def _without(seen: FittedLog) -> list[Doubt]:
 
 
 def _less(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
-    """The file's values with an inertia taken from a body."""
+    """Values of the file after an inertia is subtracted from a body."""
     values = base.unknown.file_values.copy()
     places = base.unknown.of_bodies
     mine = places // 10 == body
@@ -233,7 +233,7 @@ def _unexciting(seen: FittedLog) -> list[Doubt]:
 
 
 def _undetermined(seen: FittedLog) -> list[Doubt]:
-    """Joints whose torques the groups do not predict in another motion, as fast as the logs' and as wide as the limits."""
+    """Joints whose torques are poorly predicted in another motion, as fast as the logs and as wide as the limits."""
     base, rng = seen.base, np.random.default_rng(0)
     q = np.concatenate([motion.q for motion in seen.motions])
     wide = rng.uniform(*_reach(base.unknown.robot, q), (_MOTION, q.shape[1]))
@@ -258,7 +258,7 @@ def _undetermined(seen: FittedLog) -> list[Doubt]:
 
 
 def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Least and largest positions (nv,) by the limits, half a turn at most; of joints without limits or motion, the logs'."""
+    """Ranges of positions (nv,): limits, at most half a turn; for joints without limits or motion, the logs' range."""
     low, high = q.min(axis=0), q.max(axis=0)
     turn = np.where([bool(body.joint.turning[0]) for body in robot.model.leaders], np.pi, np.inf)
     lower, upper = np.maximum(robot.limits.lower, -turn), np.minimum(robot.limits.upper, turn)
@@ -267,7 +267,7 @@ def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
 
 
 def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
-    """Friction and motor inertias that come out negative: of two at a joint, the sign of its torque; of one, what caused it."""
+    """Negative friction and motor inertias: two at a joint indicate the sign of its torque, one another cause."""
     kinds = np.array(seen.base.unknown.kinds)[seen.base.kept]
     drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
     parts = np.sqrt((seen.W**2).mean(axis=0)) * np.abs(seen.x)  # (nv, r) of each joint's torque
@@ -301,7 +301,7 @@ def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
 
 
 def _negative_energy(seen: FittedLog) -> list[Doubt]:
-    """Kinetic energy ½ q̇' M(q) q̇ below zero at some pose of the logs, at velocities q̇ as fast as theirs."""
+    """Negative kinetic energy ½ q̇' M(q) q̇ at some pose of the logs, at velocities q̇ like those of the logs."""
     from scipy.special import chdtri
 
     base, speed = seen.base, seen.settings.friction_speed
