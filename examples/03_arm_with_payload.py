@@ -39,13 +39,13 @@ print(
 
 with figure(9.6, 4.2, f"A UR5 that moves {mass:.1f} kg: {names[joint]} is the first joint at its limit") as drawn:
     stage, axes = drawn.subplots(1, 2, width_ratios=[1, 1.2])
-    tw.viz.draw(stage, loaded, q[[0, 80, 120, 160, 240]])
+    tw.viz.draw(stage, loaded, q[[0, 120, 240]], inertia=False)
 
     for k, colour in enumerate((BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)):
         axes.plot(t, 100 * shares[:, k], color=colour, label=names[k])
         axes.plot(t, 100 * np.abs(tau0[:, k]) / limit[k], ":", color=colour, linewidth=1)
-    axes.axhline(100, color=GREY, linestyle="--")
-    axes.set(xlabel="time [s]", ylabel="torque over its limit [%] (dotted: empty hand)")
+    axes.axhline(100, color=GREY, linestyle="--", label="limit")
+    axes.set(xlabel="time [s]", ylabel="|torque|, % of its limit (dotted: empty hand)")
     axes.margins(x=0)
-    drawn.legend(loc="outside lower right", ncols=6, frameon=False, fontsize=8)
+    drawn.legend(loc="outside lower right", ncols=7, frameon=False, fontsize=8)
     save(drawn, asked.picture)

@@ -61,10 +61,12 @@ for name, law in laws.items():
         errors[name, model] = error
         print(f"{name:15}, load {model:7}: hand off by {error.max():5.2f} mm at most, {error[-1]:5.2f} mm in the end")
 
-with figure(9.6, 4.2, "A UR5 along a line with 2 kg: three controllers that know the load, and that do not") as drawn:
+with figure(
+    9.6, 4.2, "A UR5 along a line with 2 kg: three controllers, with and without the load in their model"
+) as drawn:
     stage, axes = drawn.subplots(1, 2, width_ratios=[1, 1.3])
     q = runs["computed torque", "known"].q
-    camera = tw.viz.draw(stage, loaded, q[[0, -1]], azimuth=-0.3)
+    camera = tw.viz.draw(stage, loaded, q[[0, -1]], azimuth=-0.3, inertia=False)
     stage.plot(*camera.project(loaded.forward_kinematics(q)[:, :3, 3])[0].T, color=VERMILION, linewidth=2)
 
     for name, colour in zip(laws, (VERMILION, BLUE, GREEN), strict=True):
@@ -74,7 +76,7 @@ with figure(9.6, 4.2, "A UR5 along a line with 2 kg: three controllers that know
     axes.axvline(move.duration, color=GREY, linewidth=0.8, linestyle="--")
     axes.set(
         xlabel="time [s]; the line ends where the dashes are",
-        ylabel="hand off its line [mm] (dotted: load known)",
+        ylabel="distance from the line [mm] (dotted: load known)",
         ylim=(1e-3, 50),
     )
     axes.yaxis.set_major_formatter("{x:g}")

@@ -70,15 +70,15 @@ with figure(9.6, 4.4, "A quadruped leans over its feet: forces of the floor, and
     stage.autoscale_view()
 
     front, rear = loads[:, :2].sum(axis=1), loads[:, 2:].sum(axis=1)
-    axes.plot(1000 * leans, front, color=BLUE, label="front feet")
-    axes.plot(1000 * leans, rear, color=ORANGE, label="rear feet")
+    axes.plot(1000 * leans, front, color=BLUE, label="two front feet")
+    axes.plot(1000 * leans, rear, color=ORANGE, label="two rear feet")
     axes.axhline(weight, color=GREY, linestyle="--", label="weight")
     for end in (leans.min(), held.min()), (held.max(), leans.max()):
         axes.axvspan(
             *(1000 * np.array(end)), color=VERMILION, alpha=0.12, linewidth=0, label="tips" if end[0] < 0 else None
         )
-    axes.axvline(1000 * lean, color=GREY, linewidth=0.8, linestyle=":")
+    axes.axvline(1000 * lean, color=GREY, linewidth=0.8, linestyle=":", label="pose at the left")
     axes.set(xlabel="trunk ahead of the feet [mm]", ylabel="force of the floor, upward [N]")
     axes.margins(x=0)
-    drawn.legend(loc="outside lower right", ncols=4, frameon=False)
+    drawn.legend(loc="outside lower right", ncols=5, frameon=False)
     save(drawn, asked.picture)

@@ -55,7 +55,7 @@ with figure(9.6, 4.2, f"{samples:,} rollouts of a Panda: where the hand ends, an
     left, right = drawn.subplots(1, 2)
     for axes, shown, title in (
         (left, error, "hand off its goal [mm]"),
-        (right, 100 * share, "largest torque over its limit [%]"),
+        (right, 100 * share, "largest |torque|, % of its limit (not clipped)"),
     ):
         dots = axes.scatter(omega, shown, c=mass, s=3, cmap="viridis", linewidths=0, rasterized=True)
         axes.set(xscale="log", yscale="log", xlabel="frequency of the gains ω [rad/s]", ylabel=title, xlim=(10, 60))
