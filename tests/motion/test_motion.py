@@ -291,7 +291,7 @@ def test_times_in_milliseconds_are_doubted():
         ),
         (lambda _: ur5_motion()[0].at(np.nan), tw.ValueRangeError, "Motion.at"),
         (lambda r: r.rollout([0] * 6, [0] * 6, steps=2).motion("a"), tw.ValueRangeError, "one index"),
-        (lambda r: ur5_motion()[0].with_robot(tw.robots.panda()), tw.ValueRangeError, "coordinates are others"),
+        (lambda r: ur5_motion()[0].with_robot(tw.robots.panda()), tw.ValueRangeError, "coordinates differ"),
     ],
 )
 def test_what_is_no_motion_is_refused(given, error, words):

@@ -1,6 +1,6 @@
-"""A report is blocks: lines of text, tables of quantities, and trees, described once, whatever writes them.
+"""Blocks of a report: lines of text, tables of quantities, and trees, independent of the output format.
 
-The terminal's writer is :mod:`twistwrench.cli.terminal`; other ones need nothing but these classes.
+:mod:`twistwrench.cli.terminal` writes them to the terminal, :mod:`twistwrench.reports.page` to a page.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Piece: TypeAlias = str | tuple[str, str]
 
 
 class Line:
-    """Text in pieces, of which some have a style: ``Line(("OK", "bold green"), ": no limit is passed.")``.
+    """Text in pieces, each with an optional style: ``Line(("OK", "bold green"), ": no limit is passed.")``.
 
-    A cell that shows a number has it as its ``value``, with all digits.
+    ``value`` is the number of a cell with all digits.
     """
 
     def __init__(self, *pieces: Piece, indent: int = 0, value: float | None = None) -> None:
@@ -33,7 +33,7 @@ class Line:
 
 
 def shown(value: Any) -> str | Line:
-    """Words unchanged, integers in full, numbers as a person reads them."""
+    """Text of a cell: words unchanged, integers in full, other numbers rounded."""
     if isinstance(value, str | Line):
         return value
     return str(value) if isinstance(value, int | np.integer) else number(value)
@@ -41,25 +41,25 @@ def shown(value: Any) -> str | Line:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """Quantity of all rows, once: name and unit, values, and the format of one of them."""
+    """Column of a table: name, unit, values, and the format of a value."""
 
     name: str
     values: Sequence[Any]
     show: Callable[[Any], str | Line] = shown
     unit: str = ""
-    """Unit of the values; if it differs by row, all of them. Shares are ratios without a unit."""
+    """Unit of the values; all units if they differ by row. Shares are ratios without a unit."""
     headed: bool = True
-    """False if the unit stands in the title or in another column, and not in the head."""
+    """False if the unit is in the title or in another column instead of the head."""
     limits: Sequence[float] | None = None
-    """Limits that the cells show behind the values."""
+    """Limits shown behind the values."""
     words: bool = False
-    """True for words, which stand at the left; numbers stand at the right."""
+    """True for words, aligned left; numbers are aligned right."""
     whole: bool = True
-    """True if no cell is ever broken into lines."""
+    """True if cells are never broken into lines."""
     min_width: int | None = None
     style: str = ""
     narrow: Column | None = None
-    """The column in its place where there is little room."""
+    """Column used instead in narrow terminals."""
 
     @property
     def head(self) -> str:
@@ -70,7 +70,7 @@ class Column:
 def words(
     name: str, values: Iterable[Any], *, fold: bool = True, style: str = "", narrow: Column | None = None
 ) -> Column:
-    """A column of words, folded where there is little room if ``fold``."""
+    """A column of words, folded in narrow terminals if ``fold``."""
     return Column(name, list(values), words=True, whole=not fold, style=style, narrow=narrow)
 
 
@@ -84,7 +84,7 @@ def numbers(
     limits: Sequence[float] | None = None,
     min_width: int | None = None,
 ) -> Column:
-    """A column of numbers, which are never cut; cells of several, of a least width, may break between them."""
+    """A column of numbers, which are never cut; with ``min_width``, cells of several numbers may break between them."""
     whole = min_width is None
     return Column(name, list(values), show, unit, headed=headed, limits=limits, whole=whole, min_width=min_width)
 
@@ -120,17 +120,17 @@ Block: TypeAlias = str | Line | Table | Branch
 # ── Verdicts, notes, and shares of limits
 
 _NEAR, _BAR = 0.8, 12
-"""Share of a limit from which it is coloured, and characters of a bar."""
+"""Share of a limit above which it is coloured, and width of a bar in characters."""
 
 
 def verdict(word: str, *pieces: Piece) -> Line:
-    """The word of a verdict in its colour, and what follows it."""
+    """The word of a verdict in its colour, and the text after it."""
     colours: dict[str, str] = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}
     return Line((word, colours.get(word, "bold red")), *pieces)
 
 
 def remarks(sentences: Iterable[str]) -> list[Line]:
-    """A line for each sentence; those on how a file was read are the last."""
+    """One line for each sentence; notes on how a file was read come last."""
     ordered = sorted(sentences, key=lambda sentence: isinstance(sentence, ReadingNote))
     return [Line(("! ", "yellow"), sentence) for sentence in ordered]
 
@@ -148,7 +148,7 @@ def share_bar(share: float, text: str = "") -> Line:
 
 
 def share_cell(share: float) -> str | Line:
-    """A share of a limit, in its colour; a dash where there is no limit."""
+    """A share of a limit, in its colour; a dash without a limit."""
     return Line((percent_of_limit(share), limit_style(share)), value=share) if math.isfinite(share) else MISSING
 
 
@@ -170,7 +170,7 @@ def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
 def table_data(table: Table) -> dict[str, Any]:
     """Title, columns with name and unit, and rows; a number is in the unit of its column, and None if it is not finite.
 
-    A limit printed behind a value has a column of its own. Columns of nothing but bars are left out.
+    Limits printed behind values become a separate column. Columns that contain only bars are left out.
     """
     columns: list[dict[str, str]] = []
     cells: list[list[Any]] = []
@@ -206,7 +206,7 @@ def is_reading_note(block: Block) -> bool:
 
 
 def is_bar(text: str) -> bool:
-    """True for the bars of the terminal, whose numbers stand beside them, and for no text."""
+    """True for the terminal's bars, whose numbers are printed beside them, and for empty text."""
     return set(text) <= set("━─█·")
 
 

@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     from ..robot.explanation import Explanation
 
 LOADED = 1e-6
-"""Share of the largest torque from which a joint is loaded; less is rounding."""
+"""Fraction of the largest torque above which a joint counts as loaded; smaller torques are rounding errors."""
 _BUNDLED = Path(__file__).parent.parent / "robots"
 
 
 def limits_remedy(robot: str = "ROBOT") -> str:
-    """Remedy for limits that are missing or no limits, of a robot's file (:attr:`Model.source`).
+    """Remedy for missing or placeholder limits; ``source`` is the robot file (:attr:`Model.source`).
 
     >>> limits_remedy("arm.urdf")
     "write a table with 'twistwrench info arm.urdf --csv limits.csv', fill in its efforts, and add --limits limits.csv"
@@ -59,13 +59,13 @@ def limits_remedy(robot: str = "ROBOT") -> str:
 _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
 _LISTED = 6
 _POSES, _USUAL = 2000, 0.15
-"""Random poses, and the share of effort below which an arm's own weight leaves it in doubt: real arms have 0.25 to 0.83."""
+"""Number of random poses, and gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
 _LARGE, _LIGHT = 1000.0, 50.0
-"""Effort [N m or N] that stands for none, in a robot of less than so many kilograms."""
+"""Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
 _FASTEST = 60.0
-"""Velocity limit [rad/s] from which it stands for none, or is in degrees; joints of quadrupeds reach 52."""
+"""Velocity limit [rad/s] above which it is a placeholder or in degrees; joints of quadrupeds reach 52."""
 _CHAIN, _FINGER = 3, 4
-"""Fewest joints of an arm before it branches, and most joints one behind the other of a finger."""
+"""Minimum number of joints of an arm before it branches, and maximum number of joints in series of a finger."""
 _SETS = {
     "UR10": (330.0, 330.0, 150.0, 54.0, 54.0, 54.0),
     "UR5": (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
@@ -73,11 +73,11 @@ _SETS = {
     "Panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
     "iiwa 14": (320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
 }
-"""Efforts of arms that are often copied into files of others [N m]."""
+"""Efforts [N m] of arms that are often copied into files of other arms."""
 
 
 def driven_entries(model: Model) -> Array:
-    """Entries of τ, (nv,) of bool, driven by an actuator: not those of floating joints; for elastic joints the motor's."""
+    """Entries of τ, (nv,) of bool, driven by an actuator: none of floating joints; for elastic joints the motor's entry."""
     found = np.zeros(model.nv, bool)
     springs = {a.joint for name, a in model.actuators.items() if name != a.joint}
     for body in model.leaders:
@@ -86,7 +86,7 @@ def driven_entries(model: Model) -> Array:
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
-    """Entries of τ, (nv,) bool, that are driven and loaded by ``peaks`` (nv,) [N m or N]; an elastic joint's motor with it."""
+    """Entries of τ, (nv,) of bool, driven and loaded by ``peaks`` (nv,) [N m or N]; with an elastic joint, its motor."""
     size = np.abs(np.asarray(peaks, float))
     entry = {body.joint.name: body.places[1] for body in model.leaders}
     for motor, actuator in model.actuators.items():
@@ -102,16 +102,16 @@ def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
 
 
 def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
-    """Joints with a drive whose velocity limit is unknown: none is given, or beyond that of any joint of a robot."""
+    """Driven joints whose velocity limit is missing or implausibly large."""
     turning = Coordinates.from_model(model).angular_velocity
     unknown = ~(limits.velocity < np.where(turning, _FASTEST, np.inf))
     return [name for name, none in zip(model.velocity_names, driven_entries(model) & unknown, strict=True) if none]
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
-    """A sentence, without a full stop, for each reason why limits of torque cannot be judged.
+    """Reasons why torque limits cannot be judged, sentences without a full stop.
 
-    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits that the user gave are not doubted.
+    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given by the user are not doubted.
     """
     sentences, model = [], robot.model
     if missing := unlimited(model, limits.effort, peaks):
@@ -130,10 +130,10 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
 
 
 def placeholder_limits(robot: Robot) -> str:
-    """Sentence, without a full stop, on efforts of the robot's file that are probably no limits of its motors; empty if none.
+    """Sentence, without a full stop, on efforts of the robot file that are probably not motor limits; empty if none.
 
-    An arm whose own weight, at the worst of many random poses, takes less than 15 % of every effort; or a light robot with
-    1000 N m and more on half of its joints. Joints with actuators are left out: their limits are the user's.
+    Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
+    joints of a light robot have 1000 N m or more. Joints with actuators are left out: their limits come from the user.
     """
     model = robot.model
     driven = driven_entries(model)
@@ -166,14 +166,14 @@ def placeholder_limits(robot: Robot) -> str:
 
 
 def weight_share(robot: Robot, entries: list[int]) -> float:
-    """Largest share of an effort, over some entries of τ, that the robot's own weight takes at the worst of random poses."""
+    """Largest ratio of gravity torque to effort over some entries of τ, at the worst of random poses."""
     q = robot.random_configuration(np.random.default_rng(0), _POSES)
     weight = np.abs(np.asarray(robot.gravity_forces(q)))[:, entries].max(axis=0)
     return float((weight / robot.limits.effort[entries]).max())
 
 
 def arm_entries(model: Model) -> list[int]:
-    """Entries of dq of an arm on a fixed base, from the base to where it branches into fingers; empty for other robots."""
+    """Entries of dq of an arm on a fixed base, from the base to its first branch into fingers; empty for other robots."""
     moving = [k for k, b in enumerate(model.bodies) if b.joint.moves_body]
     below = {k: [i for i in moving if model.bodies[i].parent == k] for k in [BASE, *moving]}
 
@@ -194,11 +194,11 @@ def arm_entries(model: Model) -> list[int]:
 # ── Payload and wrenches, and the split of torques into causes
 
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
-"""The causes of a torque: M ddq, c, g, springs, all of the payload's, wrenches' -J' F_on, joint friction and damping."""
+"""Causes of a torque: M ddq, c, g, springs, all terms of the payload, -J' F_on of wrenches, joint friction and damping."""
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 
 STEADY = ("gravity", "spring", "wrench", "friction")
-"""Terms that depend on positions and velocities alone, and so hardly on noise."""
+"""Terms that depend on positions and velocities only, so that noise hardly affects them."""
 
 
 def cause_label(term: str) -> str:
@@ -211,18 +211,18 @@ def cause_label(term: str) -> str:
 
 
 _NO_LEVER = 1e-6
-"""Share of reach times gravity below which a torque per kilogram is that of a rounded angle."""
+"""Fraction of reach times gravity below which a torque per kilogram is due to a rounded angle."""
 
 
 def least_torque_per_kilogram(model: Model) -> float:
-    """Torque of a kilogram [N m/kg] below which a joint does not carry it: 1e-6 of the robot's reach times gravity."""
+    """Torque per kilogram [N m/kg] below which a joint does not carry the payload: 1e-6 of the robot's reach times gravity."""
     most = reach(model)
     return _NO_LEVER * float(np.linalg.norm(model.gravity)) * (most if 0 < most < np.inf else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """A point mass [kg] at a place (3,) [m] of a frame; the robot's tip if the frame is None."""
+    """A point mass [kg] at a point (3,) [m] of a frame; the robot's tip if the frame is None."""
 
     mass: float
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -245,7 +245,7 @@ class LoadCase:
         robot = self.robot
         for load in self.payloads:
             frame = robot.model.tip if load.frame is None else load.frame
-            robot.model.frame(frame)  # refuses unknown frames, and a missing tip, by name
+            robot.model.frame(frame)  # raises for unknown frames and a missing tip
             robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
         for frame in self.wrenches:
             robot.model.frame(frame)
@@ -253,7 +253,7 @@ class LoadCase:
 
     @property
     def contradictions(self) -> tuple[str, ...]:
-        """A sentence for each payload that is farther from its frame than the robot reaches."""
+        """Sentences on payloads farther from their frame than the robot's reach."""
         model, found = self.robot.model, []
         most = reach(model)
         for p in self.payloads:
@@ -266,7 +266,7 @@ class LoadCase:
         return tuple(found)
 
     def torques(self, s: MotionSamples) -> Array:
-        """Inverse dynamics with everything included; (n,) states → (n, nv)."""
+        """Inverse dynamics with payloads, wrenches and friction; (n,) states → (n, nv)."""
         tau = self.with_load.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
@@ -280,7 +280,7 @@ class LoadCase:
 
     @property
     def carries(self) -> bool:
-        """True with payloads or wrenches."""
+        """True if there are payloads or wrenches."""
         return bool(self.payloads or self.wrenches)
 
     def unloaded_torques(self, s: MotionSamples) -> Array:
@@ -289,7 +289,7 @@ class LoadCase:
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
-        """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
+        """Causes, (n, nv) each, in the order of :data:`TERMS`; their sum is :meth:`torques`."""
         bare, zero = self.robot, np.zeros_like(s.dq)
         gravity = np.asarray(bare.gravity_forces(s.q))
         wrench = zero.copy()
@@ -307,21 +307,21 @@ class LoadCase:
         return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
 
     def at_drives(self, tau: Array) -> Array:
-        """Torques of the drives from those of the joints, (..., nv)."""
+        """Drive torques from joint torques, (..., nv)."""
         return np.asarray(motor_torques(self.with_load.model, tau))
 
     def mass_matrix(self, q: Array) -> Array:
-        """Torques of the drives per acceleration of the joints, (..., nv, nv): M where no joints are coupled."""
+        """Drive torques per joint acceleration, (..., nv, nv); M if no joints are coupled."""
         M = np.asarray(self.with_load.mass_matrix(q))
         return np.swapaxes(self.at_drives(M), -1, -2) if self.with_load.model.couplings else M
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the torques of the drives, (nv,)."""
+        """Units of the drive torques, (nv,)."""
         return units_of("tau", drive_turns(self.with_load.model))
 
     def explain(self, s: MotionSamples) -> Explanation:
-        """The torques of one state at the drives by link and by term, friction as in :meth:`terms`."""
+        """Drive torques of one state by link and by term, with friction as in :meth:`terms`."""
         why = self.with_load.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
         why = why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
         model = self.with_load.model
@@ -333,11 +333,13 @@ class LoadCase:
         """Motor loads of the robot with its payloads, (n, actuators) each."""
         carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction = self._friction(s, carried + rotor) if self.friction else 0.0
-        moving = np.where(s.stationary, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
+        moving = np.where(
+            s.stationary, 0.0, s.dq
+        )  # at rest, noise must not determine the direction of power through a gear
         return motor_loads(self.with_load.model, moving, carried + friction, rotor)
 
     def _friction(self, s: MotionSamples, carried: Array) -> Array:
-        """Friction of joints under these torques; viscous alone if the sign of the velocity is unknown."""
+        """Joint friction at these torques; viscous only if the sign of the velocity is unknown."""
         moving = np.where(s.stationary, 0.0, s.dq)
         tau = np.broadcast_to(self.robot.friction_forces(moving, load=carried), s.dq.shape)
         model = self.robot.model
@@ -356,10 +358,10 @@ class LoadCase:
 
 
 def reach(model: Model) -> float:
-    """Farthest that any frame or link's end can be from the base [m], all stretched; inf with a joint that slides on.
+    """Reach: largest distance of a frame or link end from the base [m], fully stretched; inf with an unlimited sliding joint.
 
-    The last link may have no frame at its end: it ends where a uniform rod of its mass and moments would, which begins
-    at its joint at the earliest. For a floating base the reach is measured from the base.
+    If the last link has no frame at its end, its length is that of a uniform rod with its mass and moments, which does not
+    begin before its joint. For a floating base the reach is measured from the base.
     """
     lengths: list[float] = []
     for body in model.bodies:
@@ -383,7 +385,7 @@ def reach(model: Model) -> float:
 
 
 def parse_payload(text: str, tip: str | None = None) -> Payload:
-    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if it names no frame; raises ValueRangeError, which shows the form."""
+    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if no frame is given; raises ValueRangeError with the expected form."""
     form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
     numbers, at, frame = text.partition("@")
     first, *others = numbers.split(",")
@@ -398,7 +400,7 @@ def parse_payload(text: str, tip: str | None = None) -> Payload:
 
 
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
-    """Read ``FRAME:m,m,m,f,f,f`` each, adding up those on one frame; raises ValueRangeError, which shows the form."""
+    """Read texts ``FRAME:m,m,m,f,f,f``, summing those on one frame; raises ValueRangeError with the expected form."""
     form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
     found: dict[str, Array] = {}
     for text in texts:
@@ -414,27 +416,27 @@ def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class PayloadMargin:
-    """The largest mass of the one payload with which every torque of a motion is within its limit."""
+    """Largest mass of the single payload for which all torques of a motion are within their limits."""
 
     mass: float
-    """kg."""
+    """Largest mass [kg]."""
     joint: str
-    """The joint that is then at its limit."""
+    """Joint that reaches its limit with this mass."""
     time: float
-    """When [s]."""
+    """Time at which it does [s]."""
     frame: str = ""
     """Frame of the payload."""
 
     @property
     def words(self) -> str:
-        """A sentence; the mass is rounded down."""
+        """Sentence with the mass rounded down."""
         return sentence(
             "margin", mass=rounded_down(self.mass), frame=self.frame, joint=self.joint, time=seconds(self.time)
         )
 
 
 class PayloadMarginTally:
-    """Running margin of the payload over torques that come in any portions.
+    """Payload margin, accumulated over chunks of torques.
 
     Undetermined for several payloads, and if friction depends on load, since torques are then nonlinear in the mass.
     """
@@ -467,7 +469,7 @@ class PayloadMarginTally:
             self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
 
     def result(self) -> PayloadMargin | None:
-        """Margin found; None if a loaded joint has no limit, or if the robot alone exceeds one."""
+        """Margin; None if a loaded joint has no limit or the robot alone exceeds a limit."""
         if not self.determined or not self._alone or not math.isfinite(self._share):
             return None
         nv = self._load.robot.nv
@@ -484,8 +486,8 @@ class PayloadMarginTally:
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
     """Positions [rad, m] of the joints in ``lock``; revolute ones are given in degrees if ``degrees``.
 
-    A name says more than a pattern. Raises :class:`~twistwrench.UnknownNameError` for a pattern that no joint has, and
-    :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for patterns that contradict each other.
+    A name takes precedence over a pattern. Raises :class:`~twistwrench.UnknownNameError` if no joint matches, and
+    :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for contradictory patterns.
     """
     bodies = {b.joint.name: b for b in model.bodies}
     found: dict[str, float] = {}
@@ -516,7 +518,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
 
 
 def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
-    """Joints that move nothing between two frames; raises UnknownNameError, and ValueRangeError if no joint is between."""
+    """Joints outside the chain between two frames; raises UnknownNameError, and ValueRangeError if the chain has no joint."""
 
     def above(frame: str) -> set[int]:
         found, k = set(), model.frame(frame).body

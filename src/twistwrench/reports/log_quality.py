@@ -20,7 +20,7 @@ from ..motion.motion_file import open_motion_file, text_columns
 from ..typing import Array
 
 GAP = 3.0
-"""Times the usual step, from which a step is a gap."""
+"""Ratio to the median step above which a step is a gap."""
 
 
 # ── The log's quality, without a robot
@@ -28,7 +28,7 @@ GAP = 3.0
 _RUNS = 16, 4096
 _FEWEST = 16
 _CUT, _CUT_ROWS = 0.01, 20
-"""Share of the rows, and rows, that are at an extreme where a column is cut off there."""
+"""Minimum share and number of rows at the extreme of a saturated column."""
 
 
 @dataclass(frozen=True)
@@ -39,52 +39,52 @@ class LogColumn:
     least: float
     most: float
     grid: float
-    """Step of the grid that the numbers lie on; 0 where none shows."""
+    """Step of the quantisation grid; 0 if none is found."""
     noise: float
-    """Standard deviation of what is not smooth; 0 where none shows."""
+    """Standard deviation of the noise; 0 if none is found."""
     cut: float
-    """Share of the rows at the extreme that has most of them, where it is cut off there; 0 where it is not."""
+    """Share of the rows at the saturated extreme; 0 if the column is not saturated."""
     dead: bool
-    """True if it is one number throughout."""
+    """True if the column is constant."""
     zeros: float = 0.0
     """Share of the rows that are exactly 0."""
 
 
 @dataclass(frozen=True)
 class LogQuality:
-    """Quality of a log; times are in seconds, not a number without a column of time."""
+    """Quality of a log; times are in seconds, nan without a time column."""
 
     path: Path
     rows: int
     time: str
-    """The column of time; empty where there is none."""
+    """Name of the time column; empty if there is none."""
     seconds: float
-    """From the first stamp to the last."""
+    """Time from the first stamp to the last."""
     rate: float
-    """Rows a second by the usual step [Hz]."""
+    """Rows per second by the median step [Hz]."""
     gaps: int
-    """Steps of three usual ones and more."""
+    """Number of steps of at least three median steps."""
     longest: float
-    """The longest step."""
+    """Longest step."""
     repeated: int
-    """Rows with the stamp of the row before."""
+    """Number of rows with the stamp of the previous row."""
     backward: int
-    """Rows whose stamp is before that of the row above."""
+    """Number of rows with a stamp before that of the previous row."""
     jitter: float
     """Standard deviation of the steps that are not gaps."""
     columns: tuple[LogColumn, ...]
     notes: tuple[str, ...] = ()
-    """A sentence for each thing in the file that is not read."""
+    """Sentences on ignored parts of the file."""
 
     @classmethod
     def from_file(cls, path: str | Path, *, topic: str | None = None, episode: int | None = None) -> LogQuality:
-        """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it.
+        """Read a motion file; for a large file, grid and noise come from 16 blocks of rows spread over it.
 
-        ``topic`` chooses one of a ROS recording, ``episode`` one of a LeRobot dataset.
+        ``topic`` selects a topic of a ROS recording, ``episode`` an episode of a LeRobot dataset.
         """
         file = open_motion_file(path, topic, episode)
         every, text = range(len(file.header)), text_columns(file)
-        used = [k for k in every if k not in text] or every  # a file of words alone: its first row is the error
+        used = [k for k in every if k not in text] or every  # if all columns are words, the first row raises
         header = [file.header[k] for k in used]
         ignored = (
             [f"Ignored, as they hold words: {listed([repr(file.header[k]) for k in text])}."]
@@ -114,7 +114,7 @@ class LogQuality:
 
 
 def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
-    """Step of the grid that numbers of several runs of rows lie on, and the size of what is not smooth in them."""
+    """Quantisation step and noise of the numbers in several blocks of rows."""
     if min(map(np.min, runs)) == max(map(np.max, runs)):
         return 0.0, 0.0
     grid = quantum(runs)
@@ -125,7 +125,7 @@ def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
 
 
 def _time_of(header: Sequence[str]) -> tuple[int, float] | None:
-    """The column of time and what takes it to seconds."""
+    """Time column and its factor to seconds."""
     ranked = []
     for k, cell in enumerate(header):
         name, unit = split_unit(cell)
@@ -167,54 +167,54 @@ def _column(name: str, x: Array, runs: list[Array]) -> LogColumn:
 # ── Measured torques against those computed from the motion
 
 _MATTERS = 0.02
-"""Share of the largest torque of its unit, computed or measured, below which a joint's torques are not compared."""
+"""Fraction of the largest torque of the same unit below which a joint's torques are not compared."""
 _STANDS = 1e-9
-"""Share of its own size by which a column that is dead may vary."""
+"""Relative variation below which a column counts as constant."""
 _GROSS = 0.6
-"""Residual over the larger of both: friction that the robot's file lacks, and its usual errors, are less."""
+"""Residual over the larger of both torques; missing friction and usual model errors stay below."""
 _FAR = 3.0
-"""Times what was measured that no friction explains: it adds to what a motor gives where the joint moves."""
+"""Ratio of computed to measured torque that friction cannot explain, since it adds to the motor torque of a moving joint."""
 _NOISE = 1.5
-"""Times the noise found that may be there: of velocities, whose noise is of several sizes, it is found to that."""
+"""Factor by which noise may exceed its estimate, as for velocities with noise of several sizes."""
 _ALIKE = 0.9
-"""Correlation from which one is a multiple of the other."""
+"""Correlation above which one torque is a multiple of the other."""
 _CUT_MEASURED, _CUT_MEASURED_ROWS, _VARIES = 0.02, 30, 0.05
-"""Share of the rows, and rows, exactly at an extreme from which a column is cut off there, if what is computed deviates among
-them by that share of its deviation and by the column's last step: a robot at rest, and coarse torques, repeat numbers too."""
+"""Minimum share and number of rows at the extreme of a saturated column, and relative variation of the computed torque in them.
+The variation also exceeds the column's last step, since a robot at rest and coarse torques repeat numbers too."""
 
 
 @dataclass(frozen=True)
 class MeasuredTorque:
-    """One joint's torque as the log has it, beside what its motion takes."""
+    """Measured and computed torque of one joint."""
 
     joint: str
     unit: str
     computed: float
-    """Root mean square over the rows."""
+    """RMS over the rows."""
     measured: float
     residual: float
-    """Root mean square of what was measured, less what is computed."""
+    """RMS of measured minus computed torque."""
     noise: float
-    """Root mean square of what the log's noise adds to the computed."""
+    """RMS of the noise in the computed torque."""
     gain: float
     """Ratio of measured to computed torque, by least squares with an offset."""
     correlation: float
     peak: float
-    """The largest that was measured, with its sign."""
+    """Measured torque of largest magnitude, with its sign."""
     time: float
-    """When [s]."""
+    """Time of the peak [s]."""
     dead: bool
-    """The column never changes."""
+    """True if the column is constant."""
     matters: bool
-    """The joint's torques are a substantial part of the robot's."""
+    """True if the joint's torques are a substantial part of the robot's."""
     cut: float = 0.0
-    """Share of the rows in which it is exactly its extreme while what is computed changes; 0 where it is not cut off there."""
+    """Share of the rows at the saturated extreme while the computed torque changes; 0 if not saturated."""
     cut_at: float = 0.0
-    """Extreme at which it is cut off, with its sign."""
+    """Extreme at which the torque is saturated, with its sign."""
 
     @property
     def cut_words(self) -> str:
-        """Sentence on the cut-off."""
+        """Sentence on the saturation."""
         return (
             f"the measured torque of {self.joint} is exactly {number(self.cut_at)} {self.unit} in {percent(self.cut, 3)} of "
             "the rows, while the torque computed changes: it is cut off there, or its channel is dead. Log what the motor "
@@ -223,18 +223,18 @@ class MeasuredTorque:
 
     @property
     def differs(self) -> bool:
-        """True if the two differ grossly, possibly by noise."""
+        """True if measured and computed torque differ grossly, possibly by noise."""
         return self.matters and not self.dead and self.residual > _GROSS * max(self.computed, self.measured)
 
     @property
     def disagrees(self) -> bool:
-        """True if the two differ by more than noise explains."""
+        """True if they differ by more than noise explains."""
         beyond = _without(self.residual, self.noise)
         return self.differs and beyond > _GROSS * max(self._true, self.measured)
 
     @property
     def contradicts(self) -> bool:
-        """True if no omission of a robot file explains the difference."""
+        """True if parts missing in a robot file cannot explain the difference."""
         opposite = self.correlation < -_ALIKE
         scaled = self.correlation > _ALIKE and not 1 / _FAR < self.gain < _FAR
         return self.disagrees and (opposite or scaled or self._true > _FAR * self.measured)
@@ -245,7 +245,7 @@ class MeasuredTorque:
 
     @property
     def words(self) -> str:
-        """Difference and its possible cause."""
+        """Text of the difference and its possible cause."""
         figures = f"rms {number(self.computed)} {self.unit} computed, {number(self.measured)} measured"
         if self.correlation < -_ALIKE:
             return f"{self.joint} has the opposite sign of what is computed ({figures})"
@@ -258,20 +258,20 @@ class MeasuredTorque:
 
 
 def _without(size: float, noise: float) -> float:
-    """A root mean square less that of independent noise, which is known to a half."""
+    """RMS without the part of independent noise, taken 1.5 times as large as estimated."""
     return math.sqrt(max(0.0, size**2 - (_NOISE * noise) ** 2))
 
 
 class _AtExtreme:
-    """Rows in which a column is exactly its largest (or, turned, its least) number, and what is computed there."""
+    """Rows in which a column is at its maximum (with the sign turned, its minimum), and the computed torque there."""
 
     def __init__(self, columns: int) -> None:
         self.value = self.next = np.full(columns, -np.inf)
         self.sums = np.zeros((3, columns))
-        """Rows, and the sum and the squares of what is computed."""
+        """Number of rows, sum and sum of squares of the computed torque."""
 
     def add(self, computed: Array, measured: Array) -> None:
-        """Take in rows (n, columns)."""
+        """Add rows (n, columns)."""
         found = np.maximum(self.value, measured.max(axis=0))
         self.sums[:, found != self.value] = 0.0
         below = np.where(measured < found, measured, -np.inf).max(axis=0)
@@ -281,7 +281,7 @@ class _AtExtreme:
         self.sums += [here.sum(axis=0), (here * computed).sum(axis=0), (here * computed**2).sum(axis=0)]
 
     def cut(self, rows: int, variance: Array) -> Array:
-        """(columns,) share of the rows, where there are many of them and what is computed varies among them; else 0."""
+        """(columns,) share of these rows if they are many and the computed torque varies among them; else 0."""
         count, total, squares = self.sums
         n = np.maximum(count, 1.0)
         step = np.where(np.isfinite(self.next), self.value - self.next, 0.0)
@@ -293,7 +293,7 @@ class _AtExtreme:
 
 
 class MeasuredTally:
-    """Running sums over rows that come in any portions."""
+    """Running sums over chunks of rows."""
 
     def __init__(self, columns: int) -> None:
         self._rows = 0
@@ -302,7 +302,7 @@ class MeasuredTally:
         self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
 
     def add(self, time: Array, computed: Array, measured: Array, sigma: Array) -> None:
-        """Take in times (n,) and torques (n, columns), computed and as the log has them, and the deviation of the computed."""
+        """Add times (n,), computed and measured torques (n, columns), and the standard deviation of the computed ones."""
         c, m = computed, measured
         self._noise += (sigma**2).sum(axis=0)
         self._rows += len(time)
@@ -313,13 +313,13 @@ class MeasuredTally:
 
     @property
     def misfit(self) -> float:
-        """The sum over joints of the residual's share of the squares; 0 to 2 each."""
+        """Sum over joints of the squared residual relative to the squared torques; 0 to 2 each."""
         _, _, cc, mm, cm = self._sums
         total = cc + mm
         return float(np.where(total > 0, (total - 2 * cm) / np.where(total > 0, total, 1.0), 0.0).sum())
 
     def result(self, names: tuple[str, ...], units: tuple[str, ...]) -> tuple[MeasuredTorque, ...]:
-        """The comparison of each joint; none where no row came."""
+        """Comparison of each joint; empty without rows."""
         if not self._rows:
             return ()
         n = self._rows

@@ -32,19 +32,19 @@ class Demand:
     limit: float
     unit: str
     time: float = math.nan
-    """When [s]; NaN for a mean over the motion."""
+    """When [s]; nan for a mean over the motion."""
     base: float = 0.0
-    """Value of no demand, such as the temperature of the air."""
+    """Value without load, such as the ambient temperature."""
 
     @property
     def share(self) -> float:
-        """Value over limit, both above :attr:`base`; 0 where no limit is known, inf where the limit is not above it."""
+        """Value over limit, both relative to :attr:`base`; 0 without a limit, inf if the limit is not above the base."""
         room = self.limit - self.base
         return (self.value - self.base) / room if room > 0 else math.inf
 
     @property
     def words(self) -> str:
-        """The demand in words, with its limit."""
+        """Text of the demand with its limit."""
         when = "" if math.isnan(self.time) else f" at t = {seconds(self.time)} s"
         return f"{self.what} {quantity(self.value, self.unit)} of {number(self.limit)} ({percent_of_limit(self.share)}){when}"
 
@@ -58,15 +58,15 @@ class MotorUse:
     demands: tuple[Demand, ...]
     """Peak current, rms current, voltage, speed."""
     power: float
-    """W, the largest electrical power."""
+    """Peak electrical power [W]."""
     heat: float
-    """W, lost in the windings on average."""
+    """Mean winding loss [W]."""
     time: Array
-    """(n,) s, of some of the states, evenly spread."""
+    """Times (n,) of evenly spaced states [s]."""
     speed: Array
-    """(n,) rad/s, in these states."""
+    """Motor speeds (n,) in these states [rad/s]."""
     torque: Array
-    """(n,) N m, at the rotor, in these states."""
+    """Torques (n,) at the rotor in these states [N m]."""
 
     @property
     def tightest(self) -> Demand:
@@ -80,12 +80,12 @@ class MotorUse:
 
     @property
     def words(self) -> str:
-        """Demand nearest to its limit, or farthest beyond, in words."""
+        """Text of the demand nearest to its limit or farthest beyond it."""
         return f"{self.joint}, {self.tightest.words}"
 
 
 class MotorTally:
-    """Running figures of every motor that is described; rows come in any portions."""
+    """Running figures of every described motor, accumulated over chunks of rows."""
 
     def __init__(self, model: Model) -> None:
         described = [(k, a) for k, a in enumerate(model.actuators.values()) if a.motor is not None]
@@ -109,7 +109,7 @@ class MotorTally:
         self._keep(np.stack([np.broadcast_to(time[:, None], speed.shape), speed, torque], axis=-1))
 
     def _keep(self, points: Array) -> None:
-        """Keep every n-th state (n, motors, 3), doubling n when there are too many."""
+        """Keep every n-th of the states (rows, motors, 3); n doubles if they become too many."""
         self._points.append(points[self._phase :: self._stride])
         self._phase = (self._phase - len(points)) % self._stride
         while sum(map(len, self._points)) > _MOST_POINTS:
@@ -120,7 +120,7 @@ class MotorTally:
             self._phase %= self._stride
 
     def result(self) -> tuple[MotorUse, ...]:
-        """The use of each motor, in the order of the file."""
+        """Use of each motor in the order of the file."""
         if not self._points:
             return ()
         rms, points = self._current.result(), np.concatenate(self._points)
@@ -144,14 +144,14 @@ class MotorTally:
 
 
 class Steps:
-    """Steps of known weight, one after the other; ``progress`` receives the finished share of all."""
+    """Consecutive steps with given weights; ``progress`` receives the finished share of the whole work."""
 
     def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
         self._progress = progress
         self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]
 
     def next(self, size: int | None = None) -> Callable[[float], None] | None:
-        """Begin the next step; returns a callback for its finished share, or, given ``size``, for each finished portion."""
+        """Begin the next step; returns a callback for its finished share, or, given ``size``, for each finished chunk."""
         begin, end, progress = self._bounds.pop(0), self._bounds[0], self._progress
         if progress is None:
             return None
@@ -168,7 +168,7 @@ class Steps:
         return report if size is None else add
 
     def skip(self, count: int) -> None:
-        """Pass over steps."""
+        """Skip steps."""
         del self._bounds[:count]
 
     def done(self) -> None:

@@ -1,6 +1,6 @@
-"""The page of a report: the blocks that the terminal prints, with pictures, provenance and a glossary, in one file of HTML.
+"""HTML page of a report in one file: the blocks printed by the terminal, with pictures, provenance and a glossary.
 
-It needs no network and no script, and is made for paper, phones and dark screens. What is printed is not worded again.
+The page has no scripts and no requests, and styles for paper, phones and dark screens.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ TERMS = {
     "bias": "Reading of a sensor without any load.",
     "limit curve": "Largest speed along a path at which some acceleration keeps all torque limits.",
 }
-"""Terms that a page explains if it uses them, as docs/glossary.md has them."""
+"""Explanations of terms that a page may use, equal to those of docs/glossary.md."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +53,10 @@ class Picture:
     """A picture of a report: SVG as text, or PNG as bytes."""
 
     title: str
-    """Shown below a PNG, and read out for both."""
+    """Caption below a PNG, and alternative text of both kinds."""
     content: str | bytes
     link: str = ""
-    """Address of the page that shows the same in a browser."""
+    """Address of an interactive page with the same content."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,24 +74,24 @@ class ReportPage:
     command: str
     """Name of the command."""
     subject: str
-    """Robot, and what it does."""
+    """Robot and motion or pose."""
     blocks: Sequence[Block]
-    """The report as it is printed."""
+    """Printed blocks."""
     details: Sequence[Block] = ()
-    """Blocks that only the page has."""
+    """Blocks that are not printed."""
     facts: Sequence[tuple[str, str]] = ()
-    """Name and value of the numbers that decide the verdict."""
+    """Names and values of the decisive numbers of the verdict."""
     pictures: Sequence[Picture] = ()
     notes: Sequence[str] = ()
-    """Sentences that the terminal shows on standard error."""
+    """Sentences printed on standard error."""
     provenance: Sequence[tuple[str, str]] = ()
     tables: Sequence[Table] = ()
     """Tables of the provenance."""
     shorten: Callable[[str], str] = field(default=str)
-    """Applied to every text: cuts folders from paths."""
+    """Function applied to every text that removes folders from paths."""
 
     def html(self) -> str:
-        """The page as text.
+        """Page as text.
 
         Returns
         -------
@@ -166,7 +166,7 @@ _TEMPLATE = """<!doctype html>
 
 
 def _line(line: str | Line | Any, *, leave: str = "") -> str:
-    """HTML of a line, without pieces that are ``leave``."""
+    """HTML of a line, without the pieces ``leave``."""
     if not isinstance(line, Line):
         return html.escape(str(line))
     found = []
@@ -191,7 +191,7 @@ def _paragraphs(line: str | Line) -> list[str]:
 
 
 def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
-    """The verdict as it is printed, and the numbers that decide it."""
+    """Printed verdict and its decisive numbers."""
     first, *others = [text for block in head if isinstance(block, str | Line) for text in _paragraphs(block)] or [""]
     decisive = "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in facts)
     more = "".join(f"<p>{text}</p>" for text in others)
@@ -220,7 +220,7 @@ def _block(block: Block) -> str:
 
 
 def _table(table: Table) -> str:
-    """A table with its title as its caption; the narrow form of a column where it has one."""
+    """Table with its title as caption; columns in their narrow form if they have one."""
     columns = [c.narrow or c for c in table.columns]
     columns = [c for c in columns if any(_line(c.show(value)) for value in c.values)]
     kinds = ["number" if not c.words else "word whole" if c.whole else "word" for c in columns]
@@ -243,11 +243,11 @@ def _list(pairs: Iterable[tuple[str, str]]) -> str:
 
 
 _HEADS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
-"""Elements that name a quantity; elsewhere words of everyday language, as gravity, mean no column."""
+"""Elements that name a quantity; elsewhere everyday words such as gravity are not terms."""
 
 
 def _terms_in(page: str) -> list[tuple[str, str]]:
-    """Terms that occur on a page as words; words of everyday language in its heads and names of rows."""
+    """Terms that occur on a page; everyday words count only in table heads and row names."""
     everywhere = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))
     heads = html.unescape(re.sub(r"<[^>]+>", " ", " ".join(found[0] for found in _HEADS.finditer(page))))
     return [

@@ -1,7 +1,7 @@
 """Recordings of motions for other viewers: ROS 2 messages in MCAP files, and rerun's .rrd files.
 
-Both have the robot's URDF text with its meshes, joint states in rad, m, N m and N, and stamps in nanoseconds: those of a log
-that counts from 1970 stay. A report adds torques, their causes, shares of limits, the limits and the verdict.
+Both contain the robot's URDF text with its meshes, joint states in rad, m, N m and N, and stamps in nanoseconds. Stamps counted
+from 1970 stay unchanged. A report adds torques, their causes, shares of limits, the limits and the verdict.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
 
 _NS = 10**9
 _LAST = 2**31
-"""Stamps of ROS end there [s]."""
+"""Largest ROS time stamp [s]."""
 _ROWS = 8192
 _PARTS = {"position": "q", "velocity": "dq", "effort": "tau"}
-"""Fields of a JointState, and what they are here."""
+"""Fields of a JointState and the quantities stored in them."""
 _LEVELS = {Word.OK: 20, Word.UNSURE: 30}
-"""Levels of messages in /rosout; those of other verdicts are errors, 40."""
+"""Message levels in /rosout; other verdicts have the level of errors, 40."""
 
 
 class JointStates(NamedTuple):
-    """States of the joints: positions (n, nq), velocities and torques (n, nv); None for what is not known."""
+    """States of the joints: positions (n, nq), velocities and torques (n, nv); None if unknown."""
 
     q: Array | None = None
     dq: Array | None = None
@@ -59,7 +59,7 @@ Portion = tuple[Array, Array, Mapping[str, JointStates]]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Content of a recording, in portions of rows."""
+    """Content of a recording, in chunks of rows."""
 
     robot: Robot
     epoch: int
@@ -68,7 +68,7 @@ class Recording:
     """First and last time [s]."""
     portions: Iterator[Portion]
     limits: JointStates | None = None
-    """Limits of velocity and torque, (1, nv) each."""
+    """Velocity and torque limits, (1, nv) each."""
     verdict: tuple[Word, str] | None = None
 
     @classmethod
@@ -96,7 +96,7 @@ class Recording:
 
     @cached_property
     def joints(self) -> tuple[list[str], Array, Array]:
-        """Joints of one coordinate: names, and their places in q and in dq."""
+        """Joints with one coordinate: names and indices in q and in dq."""
         found = [b for b in self.robot.model.leaders if b.joint.nq == 1]
         q, dq = (np.array([getattr(b, index) for b in found], int) for index in ("q_index", "v_index"))
         return [b.joint.name for b in found], q, dq
@@ -108,13 +108,13 @@ class Recording:
         return {name: [unit_of(part, turns) for turns in angular] for name, part in _PARTS.items()}
 
     def values(self, states: JointStates) -> dict[str, Array]:
-        """Positions, velocities and efforts (n, joints) of the joints of one coordinate, those that are known."""
+        """Known positions, velocities and efforts (n, joints) of the joints with one coordinate."""
         _, at, v_at = self.joints
         parts = {"position": (states.q, at), "velocity": (states.dq, v_at), "effort": (states.tau, v_at)}
         return {name: x[:, places] for name, (x, places) in parts.items() if x is not None}
 
     def stamps(self, time: Array) -> Array:
-        """Stamps (n,) of times [ns]; raises ValueRangeError if they are negative or beyond those of ROS."""
+        """Stamps (n,) of times [ns]; raises ValueRangeError if they are negative or too large for ROS."""
         found = self.epoch + np.rint(time * _NS).astype(np.int64)
         if found[0] < 0 or found[-1] >= _LAST * _NS:
             raise ValueRangeError(
@@ -125,7 +125,7 @@ class Recording:
 
 
 def _results(report: TorqueReport) -> Iterator[Portion]:
-    """Portions of a report: the log, the torques computed, and their causes."""
+    """Chunks of a report: log, computed torques and their causes."""
     load, limits = report.load, report.limits
     model = load.with_load.model
     absent = {"spring": model.springs, "payload": load.payloads, "wrench": load.wrenches, "friction": load.friction}
@@ -138,7 +138,7 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
                 found[f"torque/{name}"] = JointStates(tau=values)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.abs(load.at_drives(torques)) / limits.effort
-        for at, A, _ in model.coupled:  # of a coupled joint the largest of its motors
+        for at, A, _ in model.coupled:  # coupled joints: largest share of their motors
             share[:, at] = np.max(share[:, at, None] * (A != 0), axis=1)
         found["share"] = JointStates(tau=share)
         yield s.time, s.q, found
@@ -148,9 +148,9 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
 
 
 def robot_description(model: Model, *, local: bool = False) -> Element:
-    """URDF of a model as it moves, locked joints fixed, with the visuals and collision shapes of its own URDF file.
+    """URDF of a model with locked joints fixed, and with the visuals and collision shapes of its own URDF file.
 
-    Names of meshes that are relative to the file become paths. ``local``: all become paths, and shapes whose mesh is missing
+    Mesh names relative to the file become paths. If ``local``, all mesh names become paths, and shapes without their mesh file
     are left out.
     """
     robot = parse(write_urdf(model).text)
@@ -158,7 +158,7 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
     try:
         path = Path(model.source)
         own = parse(read_robot_text(path)[0]) if model.source and path.is_file() else robot
-    except (ModelError, NotFoundError, OSError, ValueError):  # not the file it was when the robot was loaded
+    except (ModelError, NotFoundError, OSError, ValueError):  # the file changed since the robot was loaded
         return robot
     if own is robot or own.tag != "robot":
         return robot
@@ -178,7 +178,7 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Joints of a description that move, and their coordinates in a motion."""
+    """Moving joints of a description and their coordinates in a motion."""
 
     robot: Robot
     description: Element
@@ -189,7 +189,7 @@ class _Drawn:
         return {joint.attributes["name"]: joint for joint in self.description.all("joint")}
 
     def coordinates(self, q: Array) -> dict[str, Array]:
-        """Coordinates (n,) of the joints that have one, mimic joints among them."""
+        """Coordinates (n,) of joints with one coordinate, including mimic joints."""
         bodies = [b for b in self.robot.model.bodies if b.joint.nq == 1]
         found = {b.joint.name: b.ratio * q[:, b.q_index] + b.offset for b in bodies}
         for name, joint in self.joints.items():
@@ -200,7 +200,7 @@ class _Drawn:
         return found
 
     def transforms(self, q: Array) -> Iterator[tuple[str, str, Array, Array]]:
-        """Parent, child, place (n, 3) and quaternion x, y, z, w (n, 4) of each joint of several coordinates.
+        """Parent, child, position (n, 3) and quaternion x, y, z, w (n, 4) of each joint with several coordinates.
 
         A ball joint is three joints in the description, of which the first has the whole rotation.
         """
@@ -210,7 +210,7 @@ class _Drawn:
             joint = self.joints.get(body.joint.name) or self.joints[f"{body.joint.name}.x"]
             parent, child = (joint.required(end, "").text("link") for end in ("parent", "child"))
             pose = T[:, names.index(body.link)]
-            if parent in names:  # and not the world of a floating base
+            if parent in names:  # excludes the world of a floating base
                 pose = se3.inverse(T[:, names.index(parent)]) @ pose
             yield parent, child, pose[:, :3, 3], np.roll(quaternion.from_matrix(pose[:, :3, :3]), -1, axis=-1)
 
@@ -239,7 +239,7 @@ _MESSAGES = {
     f"{_RULE}MSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
     f"{_RULE}MSG: geometry_msgs/Vector3\n{_XYZ}{_RULE}MSG: geometry_msgs/Quaternion\n{_XYZ}float64 w\n{_HEADER}",
 }
-"""Definitions of the messages by their type."""
+"""Message definitions by type."""
 
 
 def require_mcap() -> Any:
@@ -252,7 +252,7 @@ def require_mcap() -> Any:
 
 
 def write_mcap(path: str | Path, recording: Recording) -> Path:
-    """Write an MCAP file: JointState, the description, /tf of joints of several coordinates, and the verdict in /rosout."""
+    """Write an MCAP file: JointState, robot description, /tf of joints with several coordinates, and the verdict in /rosout."""
     path, writer_of, joints = as_path(path), require_mcap(), recording.joints[0]
     drawn = _Drawn(recording.robot, robot_description(recording.robot.model))
     with replacing(path) as scratch, scratch.open("wb") as file, writer_of(file) as writer:
@@ -300,7 +300,7 @@ def _header(stamp: int, frame: str = "") -> dict[str, Any]:
 
 
 def _transform(stamp: int, k: int, parent: str, child: str, place: Array, turn: Array) -> dict[str, Any]:
-    """Row k of a transform as a message."""
+    """Message of row k of a transform."""
     at, rotation = (dict(zip("xyzw", x[k].tolist(), strict=False)) for x in (place, turn))
     transform = {"translation": at, "rotation": rotation}
     return {"header": _header(stamp, parent), "child_frame_id": child, "transform": transform}
@@ -310,7 +310,7 @@ def _transform(stamp: int, k: int, parent: str, child: str, place: Array, turn: 
 
 
 def require_rerun() -> Any:
-    """The package rerun; raises MissingExtraError."""
+    """Import the package rerun; raises MissingExtraError."""
     try:
         import rerun
         import rerun.urdf
@@ -350,7 +350,7 @@ def write_rerun(path: str | Path, recording: Recording) -> Path:
             stamps = recording.stamps(time)
             coordinates = drawn.coordinates(q)
             for joint in tree.joints():
-                if joint.name in coordinates:  # a joint beyond its limits is shown there
+                if joint.name in coordinates:  # a joint beyond its limits is drawn at its value
                     stream.send_columns(
                         "transforms",
                         index(stamps),
@@ -373,7 +373,7 @@ def write_rerun(path: str | Path, recording: Recording) -> Path:
 
 
 def _logged_tree(rerun: Any, stream: Any, description: Element) -> Any:
-    """Tree of joints of a description, whose links and shapes are logged."""
+    """Joint tree of a description; its links and shapes are logged."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "robot.urdf")
         file.write_text(xml_text(description), encoding="utf-8")

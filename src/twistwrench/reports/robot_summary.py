@@ -1,4 +1,4 @@
-"""A robot as plain data, and numbers of its joints as typed in a shell or read from a file of limits."""
+"""Robot as plain data, and joint values from command-line options or limits files."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ COLUMNS = (
     "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
     "acceleration", "deceleration", "jerk", "damping", "friction", "armature", "leader", "ratio", "offset",
 )  # fmt: skip
-"""The entries of a row of :func:`joint_rows`."""
+"""Entries of a row of :func:`joint_rows`."""
 _KINDS = tuple(f.name for f in fields(Limits))
 """Kinds of limits."""
 
 
 def summary(robot: Robot) -> dict[str, Any]:
-    """The robot as a dictionary that ``json.dumps`` takes: joints, links, frames, masses, defects."""
+    """Robot as a dictionary for ``json.dumps``: joints, links, frames, masses, defects."""
     model = robot.model
     return {
         "name": model.name,
@@ -60,10 +60,10 @@ def summary(robot: Robot) -> dict[str, Any]:
 
 
 def joint_rows(model: Model) -> list[dict[str, Any]]:
-    """A row for each velocity entry of each joint, with the entries :data:`COLUMNS`; rotors of actuators have none.
+    """Rows for each velocity entry of each joint, with the entries :data:`COLUMNS`; actuator rotors have no rows.
 
-    A mimic joint's row names its leader, ratio and offset, and has no limits, damping and friction of its own. Effort, damping,
-    friction and armature of coupled joints are those of their motors, and left out.
+    A mimic joint's row names its leader, ratio and offset, without limits, damping and friction. Effort, damping, friction and
+    armature of coupled joints belong to their motors and are left out.
     """
     rows: list[dict[str, Any]] = []
     c, limits, friction = Coordinates.from_model(model), model.limits, model.friction
@@ -98,7 +98,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
 
 
 def as_text(robot: Robot, kind: Literal["json", "csv"]) -> str:
-    """:func:`summary` as JSON, or :func:`joint_rows` as CSV with a header; what is not known is null or empty."""
+    """:func:`summary` as JSON, or :func:`joint_rows` as CSV with a header; unknown values are null or empty."""
     if kind == "json":
         return json.dumps(summary(robot), indent=2, ensure_ascii=False) + "\n"
     file = io.BytesIO()
@@ -110,7 +110,7 @@ def as_text(robot: Robot, kind: Literal["json", "csv"]) -> str:
 
 
 def _root(model: Model) -> str:
-    """The first link of the base, which is the root of the file's tree."""
+    """Root of the file's tree: first link of the base."""
     return next((name for name, f in model.frames.items() if f.body == BASE), "base")
 
 
@@ -129,7 +129,7 @@ def _links(model: Model) -> list[dict[str, Any]]:
 
 
 def link_of(model: Model, body: int) -> str:
-    """The link whose frame is the body's own, the child of its joint; "base" for the base."""
+    """Link whose frame is the body frame, the child of its joint; "base" for the base."""
     if body == BASE:
         return "base"
     names = [name for name, f in model.frames.items() if f.body == body]
@@ -141,7 +141,7 @@ def link_of(model: Model, body: int) -> str:
 # ── Configurations and rates as typed in a shell
 
 _PLAINLY_DEGREES = 3 * math.tau
-"""rad: three turns, which hardly any joint makes, and 19 degrees, which any does."""
+"""Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
 
 
 def parse_configuration(
@@ -152,10 +152,10 @@ def parse_configuration(
     option: str = "--at",
     start: Array | None = None,
 ) -> Array:
-    """Configuration (nq,) from the texts of an option: each ``JOINT=VALUE``, or one of them all coordinates.
+    """Configuration (nq,) from texts ``JOINT=VALUE``, or from one text with all coordinates.
 
-    All coordinates are ``v,v,…`` or the name of a configuration of the robot. Joints that are not named are as in ``start``
-    (nq,), else neutral. Raises ValueRangeError and UnknownNameError, which say what was wrong.
+    All coordinates are ``v,v,…`` or the name of a configuration of the robot. Other joints keep their value of ``start`` (nq,),
+    by default neutral. Raises ValueRangeError and UnknownNameError.
     """
     q = np.array(robot.neutral if start is None else start)
     single = [text for text in at if "=" in text]
@@ -184,7 +184,7 @@ def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array
 
 
 def degrees_hint(robot: Robot, q: Array) -> str:
-    """Hint on coordinates q (nq,) [rad] that are plainly degrees; empty if they are not.
+    """Hint on coordinates q (nq,) [rad] that are obviously degrees; otherwise empty.
 
     >>> import twistwrench as tw
     >>> degrees_hint(tw.robots.planar_2r(), np.array([90.0, 0.0]))[:45]
@@ -201,7 +201,10 @@ def degrees_hint(robot: Robot, q: Array) -> str:
 
 
 def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:
-    """Velocities or torques (nv,) from ``JOINT=VALUE`` each, others zero; in degrees only what turns. Raises as above."""
+    """Velocities or torques (nv,) from texts ``JOINT=VALUE``, others zero; ``degrees`` applies to turning joints.
+
+    Raises ValueRangeError and UnknownNameError.
+    """
     found = np.zeros(robot.nv)
     for body, numbers in _named(robot, texts, option, velocities=True):
         here = body.places[1]
@@ -211,7 +214,7 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
 
 
 def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
-    """Parse one of these counts of finite numbers separated by commas; ValueRangeError shows the form."""
+    """Parse finite numbers separated by commas, of one of these counts; ValueRangeError shows the form."""
     try:
         numbers = [float(x) for x in text.split(",")]
     except ValueError:
@@ -222,7 +225,7 @@ def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
 
 
 def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
-    """Values by name from ``NAME=VALUE`` each; ValueRangeError shows the form."""
+    """Values by name from texts ``NAME=VALUE``; ValueRangeError shows the form."""
     found: dict[str, str] = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -249,35 +252,35 @@ def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool)
 
 # ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``
 
-# The table of ``twistwrench info --csv`` is read too: a row for each entry of dq, whose other columns are ignored.
+# The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored.
 
 _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
     "nan": math.nan
 }
 """Words for numbers."""
 _TURNS, _FAST, _ENDLESS, _FAR = 4 * math.pi, 20.0, 1e4, 3.0
-"""rad and rad/s, from which numbers may be degrees; numbers that stand for no limit; times the robot's own limit."""
+"""Values [rad, rad/s] above which numbers may be degrees; placeholder value; ratio to the robot's own limit."""
 _ANGULAR = dict.fromkeys(("rad", "radian", "radians"), 1.0) | dict.fromkeys(
     ("deg", "degree", "degrees", "°"), math.radians(1.0)
 )
 """Units of angles, in rad."""
 _LINEAR = ("m", "metre", "meter", "metres", "meters")
 _UNIT_OF_HEAD = re.compile(r"(?P<name>\w+) *[\[(](?P<unit>[^\])]*)[\])]")
-"""A head with a unit: ``velocity [deg/s]``."""
+"""Column head with a unit: ``velocity [deg/s]``."""
 
 
 @dataclass(frozen=True, eq=False)
 class StatedLimits(Limits):
-    """Limits of which some are the user's own."""
+    """Limits, some of them given by the user."""
 
     stated: Array = field(kw_only=True)
-    """(nv,) of bool: joints whose effort the user gave."""
+    """(nv,) of bool: joints with an effort given by the user."""
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
-    """The model's limits with those of a file in their places.
+    """Limits of the model, replaced by those of a file where given.
 
-    Angles are in the unit of the head, ``velocity [deg/s]``, else of the column ``unit``, else in degrees if ``degrees``.
+    Angles have the unit of the head, ``velocity [deg/s]``, else of the column ``unit``, else degrees if ``degrees``.
     Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
     :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
@@ -324,9 +327,9 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
 
 
 def _check_radians(path: Path, what: str, sizes: Array, model: Model) -> None:
-    """Refuse limits of turning joints that are degrees: more than half are beyond those of joints, and of the robot's own.
+    """Raise ValueRangeError if limits of turning joints are degrees: more than half exceed usual and the robot's own limits.
 
-    ``sizes`` (nv,) are the largest magnitudes of the file without a unit in their heads, zero where none is given.
+    ``sizes`` (nv,) are the largest magnitudes in the file without a unit in their heads; zero if not given.
     """
     own = (
         model.limits.velocity
@@ -348,7 +351,7 @@ def _check_radians(path: Path, what: str, sizes: Array, model: Model) -> None:
 
 
 def _scale(unit: str, turns: bool, degrees: bool, where: str) -> float:
-    """Radians or metres in one unit of a row: that of its column ``unit``, else degrees of a turning joint if ``degrees``."""
+    """Radians or metres per unit of a row: its column ``unit``, else degrees of a turning joint if ``degrees``."""
     if not unit:
         return math.radians(1.0) if turns and degrees else 1.0
     known = _ANGULAR if turns else dict.fromkeys(_LINEAR, 1.0)
@@ -361,7 +364,7 @@ def _scale(unit: str, turns: bool, degrees: bool, where: str) -> float:
 
 
 def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
-    """Refuse unknown joints, joints seen before, and positions where there is none; which velocity the joint is."""
+    """Velocity index of a joint; raises for unknown and repeated joints and for positions of joints without one."""
     known = joints.velocity_names
     if joint not in known:
         raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known)}")
@@ -378,7 +381,7 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
 
 
 def _header(file: CsvFile) -> tuple[list[str], dict[str, float]]:
-    """Names of the columns, and the factors to radians of those with an angular unit in their heads."""
+    """Column names, and factors to radians of columns with an angular unit in their heads."""
     header, units = [], {}
     for cell in file.header:
         head = _UNIT_OF_HEAD.fullmatch(cell.strip())
@@ -417,7 +420,7 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
 
 
 def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> blocks.Table:
-    """Limits that a report compares with, and their source; angles in degrees if ``degrees``."""
+    """Limits used by a report and their source; angles in degrees if ``degrees``."""
     turning = Coordinates.from_model(model).angular_velocity
     unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)

@@ -1,4 +1,4 @@
-"""Sentences of the verdict on a motion, with places for names and numbers: the command prints them, and so does a page."""
+"""Sentence templates of the verdict on a motion, for commands and pages."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ SENTENCES = MappingProxyType(
         "margin": "Maximum payload on this path: {mass} kg at {frame} (limit of {joint} at t = {time} s).",
     }
 )
-"""Forms for :meth:`str.format`, by name."""
+"""Templates for :meth:`str.format` by name."""
 
 
 def sentence(name: str, **words: str) -> str:
-    """A sentence of :data:`SENTENCES` with its names and numbers.
+    """Sentence of :data:`SENTENCES` with names and numbers filled in.
 
     >>> sentence("because", cause="payload", share="63 %")
     '. Largest part: payload, 63 %'

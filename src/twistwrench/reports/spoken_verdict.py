@@ -1,4 +1,4 @@
-"""The verdict on a motion in words, and as data with which a page words it for other payloads, pushes and speeds."""
+"""Verdict on a motion as text, and as data from which a page judges other payloads, pushes and speeds."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ MISSING_CONTACT = "IS A CONTACT MISSING?"
 
 
 def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Line:
-    """The verdict with its reasons, the first beside it and each other on a line of its own; angles in degrees if so."""
+    """Verdict with its reasons, one per line; angles in degrees if ``degrees``."""
     judged, load = verdict_of(report, degrees=True) if degrees else report.verdict, report.load
     first, *others = judged.reasons or (_nearest(report),)
     assumed = ""
@@ -75,12 +75,12 @@ def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Line:
 
 
 def verdict_text(report: TorqueReport) -> str:
-    """The text of :func:`verdict_view`, without colours."""
+    """Text of :func:`verdict_view` without colours."""
     return "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces)
 
 
 def _questions(report: TorqueReport) -> list[tuple[str, str]]:
-    """Questions to the user, with what gives rise to them."""
+    """Questions to the user, with their causes."""
     found = [
         ("IS THE UNIT RIGHT?", f"{doubt}.") for doubt in report.doubts if doubt.level == "note" and doubt.kind in ASKED
     ]
@@ -97,7 +97,7 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
 
 
 def _nearest(report: TorqueReport) -> str:
-    """Joint nearest to its limit, for an OK, and its reservations: noise that would decide, and motion during pauses."""
+    """Joint nearest to its limit for the verdict OK, with reservations: decisive noise, and motion during pauses."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
         return sentence("no motor")
@@ -114,7 +114,7 @@ def _nearest(report: TorqueReport) -> str:
 
 
 def _over_as_logged(report: TorqueReport) -> str:
-    """Number of joints over a limit before smoothing, in words; empty without any."""
+    """Text with the number of joints over a limit before smoothing; empty if there are none."""
     count = len({e.joint for e in report.derived.excesses}) if report.derived is not None else 0
     return f"{count} joint{'s' * (count > 1)}" if count else ""
 
@@ -130,10 +130,10 @@ def verdict_data(
     positions: Sequence[Violation] = (),
     clearance: PathClearance | None = None,
 ) -> dict[str, Any]:
-    """Sentences, limits and doubts with which a page judges a motion for other payloads, pushes and speeds.
+    """Sentences, limits and doubts from which a page judges a motion with other payloads, pushes and speeds.
 
-    Without a ``report``, as for arrays, the motion has no noise, and its contradictions and passed limits of position are
-    given.
+    Without a ``report``, as for arrays, the motion has no noise; its contradictions and exceeded position limits are
+    arguments.
     """
     model, payload = load.robot.model, load.payloads[:1] or (Payload(1.0, frame=load.robot.model.tip),)
     coordinates, held = Coordinates.from_model(model), () if report is None else report.differentiation.trajectory.held
@@ -174,13 +174,13 @@ def verdict_data(
 
 
 def _passed(v: Violation, model: Model) -> dict[str, Any]:
-    """A limit of position that is passed, as :class:`Excess` has it."""
+    """Exceeded position limit, in the form of :class:`Excess`."""
     turns = bool(Coordinates.from_model(model).angular_velocity[model.velocity_names.index(v.joint)])
     return vars(v) | {"kind": "upper" if v.value > v.limit else "lower", "angular": turns}
 
 
 def _follower(model: Model, k: int) -> dict[str, Any]:
-    """A mimic joint with a limit of torque."""
+    """Mimic joint with a torque limit."""
     body = model.bodies[k]
     unit, axis = unit_of("tau", bool(body.joint.turning[0])), body.joint.axes[0].tolist()
     found = {"joint": body.joint.name, "leader": body.v_index, "ratio": abs(body.ratio), "limit": body.effort}
@@ -188,7 +188,7 @@ def _follower(model: Model, k: int) -> dict[str, Any]:
 
 
 def _force_at_base(model: Model) -> dict[str, Any] | None:
-    """Figures that show whether a floating base lacks a force; None where something drives the base."""
+    """Figures that show whether a floating base lacks a force; None if the base is driven."""
     if not (rows := base_velocities(model)):
         return None
     strength = float(np.linalg.norm(model.gravity))
@@ -197,7 +197,7 @@ def _force_at_base(model: Model) -> dict[str, Any] | None:
 
 
 def _of_the_log(report: TorqueReport) -> dict[str, Any]:
-    """Part of the data that only a log has: noise of each joint's peak, pauses, limits of the motion that are passed."""
+    """Data available only for a log: noise of each joint's peak, pauses, exceeded limits of the motion."""
     passed = [e for e in report.excesses if e.kind in ("lower", "upper") and not is_noise(report, e)]
     noise = [e.joint for e in report.excesses if e.kind == "velocity" and is_noise(report, e)]
     joints = [
@@ -218,7 +218,7 @@ def _of_the_log(report: TorqueReport) -> dict[str, Any]:
 
 
 def why_fixed(load: LoadCase) -> str | None:
-    """Reason why a page cannot judge other loads than that of the command; None if it can."""
+    """Reason why a page cannot judge loads other than that of the command; None if it can."""
     model = load.robot.model
     if model.actuators:
         return "motors and gears are judged as well"

@@ -1,4 +1,4 @@
-"""Statistics of a motion in bounded memory: RMS, gaps in time, curves decimated to be drawn, and noise-free peak torques."""
+"""Statistics of a motion in bounded memory: RMS, gaps in time, decimated curves, and noise-corrected peak torques."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .load_case import LoadCase
 
 
 class Rms:
-    """Root mean square over time, by the trapezoidal rule: uneven steps count by their length."""
+    """RMS over time by the trapezoidal rule, so that uneven steps are weighted by their length."""
 
     def __init__(self, columns: int) -> None:
         self._integral = np.zeros(columns)
@@ -26,7 +26,7 @@ class Rms:
         self._begin = 0.0
 
     def add(self, time: Array, values: Array) -> None:
-        """Take in consecutive rows, times (n,) and values (n, columns)."""
+        """Add consecutive rows, times (n,) and values (n, columns)."""
         squares = values * values
         if self._last is None:
             self._begin = float(time[0])
@@ -37,7 +37,7 @@ class Rms:
         self._last = float(time[-1]), squares[-1].copy()
 
     def result(self) -> Array:
-        """(columns,)."""
+        """RMS of each column, (columns,)."""
         if self._last is None:
             return np.full(self._integral.shape, np.nan)
         duration = self._last[0] - self._begin
@@ -45,13 +45,13 @@ class Rms:
 
 
 _LONG, _MOVED, _FAST = 0.1, 1e-3, 0.1
-"""Length of a gap [s], change of a coordinate across it [rad, m], and speed beside it as a share of the largest, from which it
-hides a motion: in less time no joint that has mass speeds up and brakes again."""
+"""Thresholds for hidden motion in a gap: its length [s], change of a coordinate [rad, m], and speed beside it relative to the
+largest speed. In a shorter gap no joint with mass accelerates and brakes again."""
 
 
 @dataclass
 class Gaps:
-    """Steps of time longer than ``threshold``."""
+    """Time steps longer than ``threshold``."""
 
     threshold: float
     count: int = 0
@@ -60,28 +60,28 @@ class Gaps:
     fastest: float = 0.0
     """Largest speed of a coordinate [rad/s, m/s]."""
     _long: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Begin, length, largest change of a coordinate and largest speed beside it, of each gap in which joints may have moved."""
+    """Start, length, largest change of a coordinate and largest speed beside it, for each gap with possible motion."""
     _last: tuple[float, Array, float] | None = None
 
     @property
     def hiding(self) -> list[tuple[float, float]]:
-        """Begin and length [s] of each gap in which something moved: across it, or at its ends."""
+        """Start and length [s] of each gap with motion across it or at its ends."""
         fast = max(_FAST * self.fastest, _MOVED)
         return [(at, step) for at, step, moved, speed in self._long if moved > _MOVED or speed > fast]
 
     @property
     def hidden(self) -> float:
-        """Length [s] of the longest gap in which something moved; 0 without any."""
+        """Length [s] of the longest gap with motion; 0 if there is none."""
         return max((step for _, step in self.hiding), default=0.0)
 
     @property
     def hidden_words(self) -> str:
-        """Sentence on the longest gap in which something moved."""
+        """Sentence on the longest gap with motion."""
         at, step = max(self.hiding, key=lambda gap: gap[1])
         return f"the robot moves while nothing is logged for {number(step)} s after t = {seconds(at)} s"
 
     def beside(self, time: float, within: float) -> bool:
-        """True if the time is at most ``within`` [s] from an end of a gap in which something moved."""
+        """True if the time is at most ``within`` [s] from an end of a gap with motion."""
         return any(min(abs(time - at), abs(time - at - step)) <= within for at, step in self.hiding)
 
     def add(self, time: Array, q: Array, dq: Array) -> None:
@@ -101,7 +101,7 @@ class Gaps:
 
 
 def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[float, float]:
-    """The longest step of time and when it begins, of these and of the one known before."""
+    """Longest time step so far and its start."""
     k = int(np.argmax(steps)) if len(steps) else 0
     return (float(steps[k]), float(time[k])) if len(steps) and steps[k] > known[0] else known
 
@@ -112,7 +112,7 @@ _BINS = 2048
 
 
 class MinMaxDecimation:
-    """Least and greatest values of (n, columns) rows in bins of equally many rows, doubled when they become too many."""
+    """Minima and maxima of (n, columns) rows in bins of equal size; the size doubles if the bins become too many."""
 
     def __init__(self, columns: int, bins: int = _BINS) -> None:
         self._most = 2 * bins
@@ -122,7 +122,7 @@ class MinMaxDecimation:
         self._least, self._greatest = np.zeros((2, 0, columns))
 
     def add(self, time: Array, values: Array, upper: Array | None = None) -> None:
-        """Take in consecutive rows, times (n,) and values (n, columns), or bands from those to ``upper``."""
+        """Add consecutive rows, times (n,) and values (n, columns), or bands from those to ``upper``."""
         offset = self._rows % self._rows_per_bin  # rows already in the last bin
         starts = np.arange(-offset, len(time), self._rows_per_bin).clip(min=0)
         begins, least = time[starts], np.minimum.reduceat(values, starts)
@@ -143,7 +143,7 @@ class MinMaxDecimation:
             self._rows_per_bin *= 2
 
     def result(self) -> tuple[Array, Array, Array]:
-        """Times at which bins begin (b,), least and greatest values (b, columns)."""
+        """Start times of the bins (b,), minima and maxima (b, columns)."""
         return self._time, self._least, self._greatest
 
 
@@ -151,16 +151,16 @@ class MinMaxDecimation:
 
 _MOST = 4096
 _NEAR = 6.0
-"""Standard deviations below the largest value within which others contend with it."""
+"""Distance below the largest value, in standard deviations, within which other values contend with it."""
 _UNSURE = 0.12
-"""Share of the excess that is not known: it is in proportion to an estimated noise, and grows with a rough count."""
+"""Relative uncertainty of the excess, which depends on an estimated noise and an approximate count."""
 
 
 class Contenders:
-    """The largest values of each column, one for each run of ``rows`` rows; rows come in any portions.
+    """Maximum of each column over each run of ``rows`` rows, accumulated over chunks of rows.
 
-    A run whose largest value stands at its border, with a larger one next to it, is the flank of its neighbour: noise
-    moves both alike, and it does not count.
+    A run does not count if its maximum lies at its border next to a larger value: it is the flank of its neighbour, and both
+    have correlated noise.
     """
 
     def __init__(self, columns: int, rows: int) -> None:
@@ -168,7 +168,7 @@ class Contenders:
         self._seen = 0
         self._held = np.zeros((0, columns))
         self._before = np.full(columns, -np.inf)
-        """The row before those that are held."""
+        """Row before the held rows."""
         self._kept = np.zeros((0, columns))
 
     @property
@@ -177,10 +177,10 @@ class Contenders:
         return -(-self._seen // self.rows)
 
     def add(self, values: Array) -> None:
-        """Take in consecutive values (n, columns)."""
+        """Add consecutive values (n, columns)."""
         self._seen += len(values)
         held = np.concatenate([self._held, values])
-        done = max(0, len(held) - 1) // self.rows  # runs of which the next row is known
+        done = max(0, len(held) - 1) // self.rows  # runs followed by a known row
         if done:
             runs = held[: done * self.rows].reshape(done, self.rows, -1)
             before = np.concatenate([self._before[None], runs[:-1, -1]])
@@ -194,23 +194,22 @@ class Contenders:
             self._kept = -np.partition(-self._kept, _MOST - 1, axis=0)[:_MOST]
 
     def result(self) -> Array:
-        """Largest values (runs, columns), falling, of the first few thousand runs; -inf at last for runs that do not count."""
+        """Maxima (runs, columns) of the first few thousand runs in descending order; -inf for runs that do not count."""
         last = self._held.max(axis=0, keepdims=True) if len(self._held) else self._held
         last = _own(last, self._before[None], np.full_like(last, -np.inf))
         return -np.sort(-np.concatenate([self._kept, last]), axis=0)[:_MOST]
 
 
 def _own(largest: Array, before: Array, after: Array) -> Array:
-    """The largest values of runs (n, columns), -inf where the row before or after a run is larger still."""
+    """Maxima of runs (n, columns); -inf if the row before or after a run is larger."""
     return np.where((largest >= before) & (largest >= after), largest, -np.inf)
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
-    """Excess of the largest of falling ``values`` (k,) over the largest true value, with its deviation.
+    """Excess of the first of descending ``values`` (k,) over the largest true value, and its standard deviation.
 
-    Values of -inf do not count. Each other is a true one with independent normal noise of deviation ``sigma``; they are
-    the largest of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's
-    variance explains.
+    Values of -inf do not count. The others are true values with independent normal noise of standard deviation ``sigma``, the
+    largest of ``runs``. The variance of the contending true values is that of the values minus that of the noise.
     """
     from scipy.special import log_ndtr
 
@@ -218,7 +217,7 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
     near = values[values >= values[0] - _NEAR * sigma]
     if len(near) < 2 or sigma == 0.0:
         return 0.0, sigma
-    count = runs if len(near) == len(values) else len(near)  # all that are listed contend, and more that are not
+    count = runs if len(near) == len(values) else len(near)  # all listed values contend, and further ones may
     variance = float(np.var(near))
     kept = max(0.0, 1.0 - sigma**2 / variance) if variance else 0.0
     true = near.mean() + np.sqrt(kept) * (near - near.mean())
@@ -234,42 +233,42 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
 
 # ── The largest torque without the noise of the log, by resampling
 
-# The smoothed motion is taken for the true one. Logs of it are drawn with the errors that the log was found to have, and
-# treated as the log was. What comes out differs from what went in as the log's own peak differs from the truth: by the
-# smoothing's bias, by the noise that is left, and by what choosing the largest value adds.
+# Parametric bootstrap: the smoothed motion is taken as the truth, and logs of it are drawn with the errors estimated from the
+# log and processed like the log. Their peaks differ from the truth like the log's peak: by the bias of smoothing, the residual
+# noise, and the selection of the largest value.
 # Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapters 6 and 10.
 
 _DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
 _BIAS = 0.8
-"""Share of the drawn bias that counts as a deviation of its own. Smoothing flattens the true peak, and noise that the
-smoothed motion kept; where noise rules, the second is more and has the other sign (errors are then -1.3 times the drawn bias,
-found on logs of known motions), so the bias is an error of unknown sign and not taken off. Of 844 such peaks 95 % intervals
-hold 94 % without it (91 % where stamps alone are off), 98 % (96 %) with this share, 99 % with the square root of two."""
+"""Share of the drawn bias that is added as a standard deviation. Smoothing flattens the true peak and the noise left in the
+smoothed motion. If noise dominates, the second effect is larger and has the opposite sign (errors are then -1.3 times the drawn
+bias, on logs of known motions). The bias is therefore an error of unknown sign and is not subtracted. Of 844 such peaks, 95 %
+intervals contain 94 % without it (91 % if only stamps have errors), 98 % (96 %) with this share, 99 % with share √2."""
 INTERVAL = 1.96
-"""Standard deviations of half an interval that holds the truth in 95 %."""
+"""Half-width of a 95 % confidence interval in standard deviations."""
 _SEED = 8
 _REACH, _SPLINE_REACH = 16.0, 24
-"""Samples, in units of strength^(1/6) and beyond: what is farther off changes a smoothed value by less than 1e-3."""
+"""Distance in samples, in units of strength^(1/6), beyond which a sample changes a smoothed value by less than 1e-3."""
 _CELL = 2.0
-"""Samples, in units of strength^(1/6), after which the noise of smoothed accelerations is about independent."""
+"""Distance in samples, in units of strength^(1/6), at which the noise of smoothed accelerations is nearly uncorrelated."""
 
 
 @dataclass(frozen=True)
 class PeakEstimate:
-    """Estimated largest torque of one joint, corrected for noise of the log."""
+    """Estimated peak torque of one joint, corrected for noise of the log."""
 
     value: float
-    """With its sign."""
+    """Estimate with its sign."""
     sigma: float
-    """Its standard deviation."""
+    """Standard deviation of the estimate."""
     speed: float
-    """The largest velocity of the smoothed motion, with its sign."""
+    """Largest velocity of the smoothed motion, with its sign."""
     speed_sigma: float
-    """The standard deviation of velocities there."""
+    """Standard deviation of velocities there."""
 
 
 class PeakSearch:
-    """Peaks of the smoothed motion, their contenders, and the log around them, from one pass."""
+    """Peaks of the smoothed motion, competing values, and the log around the peaks, from one pass."""
 
     def __init__(self, differentiation: Differentiation, load: LoadCase) -> None:
         nv = load.robot.nv
@@ -294,7 +293,7 @@ class PeakSearch:
         self.speed.add(core.time, np.abs(core.dq), core.dq)
 
     def estimate(self, joint: int, steady: float) -> PeakEstimate:
-        """The joint's peak, by draws from a fixed seed; ``steady`` is its part there that does not depend on accelerations."""
+        """Peak of a joint, by draws from a fixed seed; ``steady`` is its part independent of accelerations."""
         found = self.around[joint]
         assert found is not None
         motion, row = found
@@ -304,7 +303,7 @@ class PeakSearch:
         values = self.contenders.result()[:, joint]
         excess, spread = excess_of_largest(values, sigma, self.contenders.runs)
         largest, sigma = float(self.peak.value[joint]), math.hypot(spread, _BIAS * bias)
-        # Noise cannot take away more than accelerations make. Where it could, nothing is known between that and the peak.
+        # The correction cannot exceed the part due to accelerations. If it would, the peak is unknown between these bounds.
         least = min(max(0.0, sign * steady), largest)
         if largest - excess < least:
             excess, sigma = largest - least, max(sigma, (largest - least) / INTERVAL)
@@ -316,7 +315,7 @@ class PeakSearch:
         )
 
     def _drawn(self, motion: LogRows, near: slice, joint: int, sign: float) -> tuple[float, float, float]:
-        """Bias and deviation of the peak near some rows, and deviation of the velocity there."""
+        """Bias and standard deviation of the peak near some rows, and standard deviation of the velocity there."""
         d, t = self.differentiation, motion.time
         curve = d.smooth(t, d.curves(motion))
         columns = curve.shape[1]

@@ -1,4 +1,4 @@
-"""The torque report: a motion through inverse dynamics to peaks, limits, causes and trust in the figures, in bounded memory."""
+"""Torque report of a motion: peaks, limits, causes and uncertainties from inverse dynamics, in bounded memory."""
 
 from __future__ import annotations
 
@@ -38,48 +38,48 @@ if TYPE_CHECKING:
 
 ZERO = 1e-9
 SMALL = 0.02
-"""Share of the robot's largest torque, or of its own limit, below which a joint's peak is not a measure of its noise."""
+"""Fraction of the robot's largest torque, or of the joint's limit, below which a peak is not a reference for noise."""
 NEGLIGIBLE = 0.001
-"""Share of a peak from which noise is estimated, and worth a column."""
+"""Fraction of a peak above which noise is estimated and shown in a column."""
 _AT_AN_END = 5.0
 """Factor of the uncertainty of derived accelerations at the ends of a log."""
 
 
 @dataclass(frozen=True)
 class JointTorque:
-    """Torque of one joint over a motion, or of a motor that moves several."""
+    """Torque over a motion of one joint, or of a motor that drives several joints."""
 
     joint: str
     unit: str
     largest: float
-    """The torque of largest magnitude, with its sign: of the smoothed motion, where noise matters."""
+    """Torque of largest magnitude, with its sign; from the smoothed motion if noise matters."""
     time: float
-    """Time of it and of the peak [s]."""
+    """Time of :attr:`largest` and of the peak [s]."""
     rms: float
     limit: float
-    """inf where none is known."""
+    """Torque limit; inf if unknown."""
     terms: dict[str, float]
-    """The causes of :attr:`largest`, by name; they add up to it."""
+    """Causes of :attr:`largest` by name; their sum is that torque."""
     noise: float
-    """Standard deviation of single torques from noise of the log, as they were derived; 0 where accelerations are given.
+    """Standard deviation of single derived torques due to noise of the log; 0 if accelerations are given.
 
-    It varies with the pose. This is the largest over some 32 states, evenly spaced, of each chunk of rows worked on.
+    It varies with the pose; this is the largest over 32 evenly spaced states of each chunk of rows.
     """
     estimate: PeakEstimate | None = None
-    """The peak without that noise; None where the noise does not matter."""
+    """Noise-corrected peak; None if the noise does not matter."""
     raw: float | None = None
-    """The torque of largest magnitude as derived from the log as it is, with its sign; None where that is the peak itself."""
+    """Torque of largest magnitude derived from the unsmoothed log, with its sign; None if equal to the peak."""
     raw_time: float | None = None
-    """Time of it [s], which noise may move."""
+    """Time of that torque [s], which noise may shift."""
 
     @property
     def peak(self) -> float:
-        """The largest torque that the motion takes, with its sign: without the noise of the log, as far as that is known."""
+        """Largest torque of the motion, with its sign; noise-corrected if an estimate exists."""
         return self.largest if self.estimate is None else self.estimate.value
 
     @property
     def chance(self) -> float:
-        """Correction for the selection of the largest of many noisy torques; added to the causes it gives the peak."""
+        """Correction for the selection of the largest of many noisy torques; the peak is the sum of the causes and this."""
         return self.peak - self.largest
 
     @property
@@ -89,12 +89,12 @@ class JointTorque:
 
     @property
     def share(self) -> float:
-        """|peak| over limit; 0 where there is no limit."""
+        """|peak| over limit; 0 without a limit."""
         return abs(self.peak) / self.limit
 
     @property
     def main_cause(self) -> tuple[str, float]:
-        """The term that pulls most in the peak's direction, and its share of the sum of those that do."""
+        """Largest term in the direction of the peak, and its share of the sum of terms in this direction."""
         along = {name: value * np.sign(self.largest) for name, value in self.terms.items()}
         name = max(along, key=lambda n: float(along[n]))
         total = sum(v for v in along.values() if v > 0)
@@ -103,13 +103,13 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class Excess:
-    """A limit that is passed, at its worst."""
+    """Largest excess over an exceeded limit."""
 
     joint: str
     kind: str
     """``effort``, ``velocity``, ``lower`` or ``upper``."""
     value: float
-    """With its sign; the limit of a torque or velocity holds for its magnitude."""
+    """Value with its sign; limits of torque and velocity apply to the magnitude."""
     limit: float
     time: float
     unit: str
@@ -118,20 +118,20 @@ class Excess:
 
 @dataclass(frozen=True, eq=False)
 class AsDerived:
-    """Results of a noisy log before smoothing, listed beside the answer and drawn pale behind it."""
+    """Results of a noisy log before smoothing, listed beside the final results and drawn pale behind them."""
 
     differentiation: Differentiation
     excesses: tuple[Excess, ...]
     envelope: tuple[Array, Array, Array]
-    """As that of the report."""
+    """Minima and maxima over time, as :attr:`TorqueReport.envelope`."""
     motors: tuple[MotorUse, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueReport:
-    """Results of the analysis, from which tables, pictures and the exit code are made.
+    """Results of the torque analysis: source of tables, pictures and the exit code.
 
-    Where the noise of the log matters, all of it is of the smoothed motion but ``derived``.
+    If noise of the log matters, all results except ``derived`` are those of the smoothed motion.
     """
 
     robot: str
@@ -146,13 +146,13 @@ class TorqueReport:
     differentiation: Differentiation
     load: LoadCase
     envelope: tuple[Array, Array, Array]
-    """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
+    """Times (b,), minimum and maximum torques (b, nv) of the bins of a plot."""
     band: tuple[Array, Array, Array] | None
-    """The same of the 95 % intervals of single torques of a noisy log; None where noise does not matter."""
+    """Times and bounds of the 95 % intervals of single torques of a noisy log; None if noise does not matter."""
     largest: Array
-    """(nq,) the largest magnitude of each coordinate, in SI units."""
+    """Largest magnitude of each coordinate, (nq,), in SI units."""
     limits: Limits
-    """Limits that the motion is compared with."""
+    """Limits of the comparison."""
     outliers: tuple[Outlier, ...]
     """Samples that smoothing removed and noise does not explain."""
     stationary: tuple[float, ...]
@@ -160,30 +160,30 @@ class TorqueReport:
     motors: tuple[MotorUse, ...]
     """Demands of the motion on the described motors."""
     around: MotionSamples
-    """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
+    """States around the worst joint's peak, at most a few thousand; all states of a short motion."""
     doubts: tuple[Doubt, ...] = ()
-    """Doubts and notes about the log that no dynamics are needed for."""
+    """Doubts and notes about the log that do not require dynamics."""
     measured: tuple[MeasuredTorque, ...] = ()
-    """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
+    """Measured torques of each joint in the log, compared with computed ones; empty if the log has none."""
     causes: tuple[Doubt, ...] = ()
-    """Causes by name of torques of the log that the equations of the robot do not explain, whatever its parameters."""
+    """Causes of measured torques that the robot's equations cannot explain with any parameters."""
     idle_payload: bool = False
-    """True if payloads with a mass cause no torque in any joint."""
+    """True if payloads with mass do not load any joint."""
     payload_margin: PayloadMargin | None = None
-    """Largest mass of a single payload; None if unknown, or with no or several payloads."""
+    """Largest mass of a single payload; None if unknown, or unless there is exactly one payload."""
     clearance: PathClearance | None = None
-    """Least distance between links; None if it was not requested."""
+    """Least distance between links; None if not requested."""
     derived: AsDerived | None = None
-    """Results of the log without smoothing; None if they are the answer or were not requested."""
+    """Results of the unsmoothed log; None if they are the final results or were not requested."""
 
     @property
     def noisy(self) -> bool:
-        """True if noise of the log matters, so that peaks are estimates."""
+        """True if noise of the log matters; peaks are then estimates."""
         return any(j.estimate is not None for j in self.joints)
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OK, UNSURE, OVER LIMIT, COLLISION or LOOK AGAIN, with the reasons."""
+        """Verdict with reasons: OK, UNSURE, OVER LIMIT, COLLISION or LOOK AGAIN."""
         from .torque_verdict import verdict_of
 
         return verdict_of(self)
@@ -195,31 +195,31 @@ class TorqueReport:
         return write_mcap(path, Recording.from_report(self))
 
     def to_rerun(self, path: str | Path) -> Path:
-        """Write the same as an .rrd file for rerun; raises MissingExtraError."""
+        """Write the motion, its torques, causes, limits and verdict as an .rrd file for rerun; raises MissingExtraError."""
         from .recording import Recording, write_rerun
 
         return write_rerun(path, Recording.from_report(self))
 
     @property
     def scale(self) -> float:
-        """The largest torque; what is some 1e-9 of it is zero up to rounding."""
+        """Largest torque; about 1e-9 of it is a rounding error."""
         return max((abs(j.largest) for j in self.joints), default=0.0)
 
     def is_zero(self, value: float) -> bool:
-        """True if a torque is round-off of the others."""
+        """True if a torque is a rounding error of the others."""
         return abs(value) <= ZERO * self.scale
 
     def label(self, value: float) -> str:
-        """A torque with four digits; 0 for what is but rounding of the others."""
+        """Text of a torque with four digits; 0 for a rounding error of the others."""
         return "0" if self.is_zero(value) else torque(value)
 
     def reference(self, joint: JointTorque) -> float:
-        """Scale for the noise of the joint's torque: its peak, unless that is negligible."""
+        """Reference for the noise of the joint's torque: its peak unless negligible."""
         known = joint.limit if np.isfinite(joint.limit) else 0.0
         return max(abs(joint.peak), SMALL * max(known, self.scale))
 
     def at_an_end(self, joint: JointTorque) -> bool:
-        """True if the joint's peak is at an end of the log, where derived accelerations lack neighbours."""
+        """True if the joint's peak is at an end of the log, where derived accelerations are less accurate."""
         d = self.differentiation
         if d.source == "given":
             return False
@@ -232,31 +232,31 @@ class TorqueReport:
 
     @property
     def worst(self) -> int | None:
-        """The joint nearest to its limit, or of the largest peak where no limit is known; None without joints."""
+        """Joint nearest to its limit, or with the largest peak if no limit is known; None without joints."""
         if not self.joints:
             return None
         return worst_joint([abs(j.peak) for j in self.joints], [j.limit for j in self.joints])
 
 
 def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array) -> int:
-    """The joint whose peak magnitude is the largest share of its limit; the largest peak among those without limits."""
+    """Index of the joint with the largest ratio of peak to limit; without limits, with the largest peak."""
     return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))
 
 
 # ── One pass over the samples and their torques
 
 _AROUND, _KEPT = 2048, 1 << 23
-"""Rows kept on either side of each joint's peak, and numbers of all these together: 64 MiB."""
+"""Rows kept on either side of each joint's peak, and maximum count of numbers in them: 64 MiB."""
 _GAP = 5.0
-"""Usual steps of time from which a step is a gap."""
+"""Ratio to the median time step above which a step is a gap."""
 _MASS_SAMPLES = 32
-"""States of each portion whose mass matrix carries noise of accelerations into torques, and the joints that carry payloads."""
+"""States of each chunk with a mass matrix for the noise of torques, and with a check for loads on joints."""
 _BAND_SAMPLES = 512
-"""States of each portion whose mass matrix is that of those up to the next."""
+"""States of each chunk with a mass matrix, which is used up to the next one."""
 
 
 class MotionTally:
-    """Running figures of states that come in any portions."""
+    """Running figures, accumulated over chunks of states."""
 
     def __init__(self, load: LoadCase, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
         nv = load.robot.nv
@@ -267,7 +267,7 @@ class MotionTally:
         self.peak, self.rms = RunningExtrema(nv), Rms(nv)
         self.terms = {name: np.zeros(nv) for name in TERMS}
         self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
-        """Excess over each limit."""
+        """Excess over each kind of limit."""
         self.envelope, self.band = MinMaxDecimation(nv), MinMaxDecimation(nv)
         """Decimated torques, and their 95 % intervals if known."""
         self.around: dict[int, MotionSamples] = {}
@@ -276,21 +276,21 @@ class MotionTally:
         self.gaps = Gaps(_GAP * plan.quality.step)
         self.noise = np.zeros(nv)
         self.carried = 0.0
-        """The largest torque that the payloads make, in some of the states."""
+        """Largest torque due to the payloads, in some of the states."""
         self.payload_margin = PayloadMarginTally(load, limits.effort)
         self.followers = [load.with_load.model.bodies[i] for i in load.with_load.model.limited_followers]
         self.borne = RunningExtrema(len(self.followers))
-        """By mimic joints with a limit of effort."""
+        """Largest torques of mimic joints with an effort limit."""
         self.largest = np.zeros(load.robot.nq)
         self.outliers = RunningOutliers()
         self.search = PeakSearch(plan, load) if estimating else None
-        """For the peaks less what noise adds to them."""
+        """Data for noise-corrected peaks."""
         self._measured = [MeasuredTally(nv) for _ in range(1 + load.carries)]
-        """Beside the torques with all that is carried and pushes, and beside those of the robot alone: the log may have been
-        recorded either way."""
+        """Comparisons with computed torques with and without payloads and wrenches, since the log may have been recorded either
+        way."""
         self.motors = MotorTally(load.with_load.model)
         self.stationary = np.zeros(nv, int)
-        """Rows in which the direction of motion is unknown."""
+        """Number of rows with unknown direction of motion."""
 
     def add(self, states: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
         """Add an overlapping run: its states, the torques (n, nv) of its new rows, and the rows of the log."""
@@ -336,7 +336,7 @@ class MotionTally:
             self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
 
     def _sigma(self, s: MotionSamples) -> Array:
-        """(n, nv) standard deviation of the torques, by the mass matrices of some of the states."""
+        """Standard deviation (n, nv) of the torques, from the mass matrices of some of the states."""
         stride = max(1, len(s) // _BAND_SAMPLES)
         M = self.load.mass_matrix(s.q[::stride])
         squares = self.plan.sigma_at(s) ** 2
@@ -344,7 +344,7 @@ class MotionTally:
         return np.sqrt(np.concatenate(blocks, axis=1).T)
 
     def _may_pass(self, s: MotionSamples, torques: Array) -> Array:
-        """(n, k) bool: a flattened sample is a torque beyond a limit, or of a joint without one, if the robot did move so."""
+        """(n, k) of bool: the flattened sample, if real, implies a torque beyond a limit or of a joint without a limit."""
         plan, found = self.plan, np.zeros(s.outlier.shape[:2], bool)
         order = 1 if plan.source == "velocities" else 2
         gain = pulse_peak(order, plan.quality.step)
@@ -352,7 +352,7 @@ class MotionTally:
         rows, columns = np.nonzero(s.outlier[:, :, 0])
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
             joint = column if order == 1 else joint_of.get(column)
-            if joint is None:  # of a quaternion
+            if joint is None:  # entry of a quaternion
                 found[row, column] = True
                 continue
             M = self.load.mass_matrix(s.q[row])
@@ -369,7 +369,9 @@ class MotionTally:
         for name, values in self.load.terms(s[rows]).items():
             self.terms[name][joints] = self.load.at_drives(values)[np.arange(len(joints)), joints]
         for joint, row in fresh:
-            self.around[joint] = deepcopy(s[max(0, row - self._reach) : row + self._reach])  # holds no larger arrays
+            self.around[joint] = deepcopy(
+                s[max(0, row - self._reach) : row + self._reach]
+            )  # a copy, so that no larger arrays stay in memory
 
     def _look_at_limits(self, s: MotionSamples) -> None:
         at, limits = self.coordinates.position_of, self.limits
@@ -382,7 +384,7 @@ class MotionTally:
             self.passed[kind].add(s.time, beyond, values)
 
     def excesses(self) -> tuple[Excess, ...]:
-        """The limits that were passed, worst effort first."""
+        """Exceeded limits, worst effort first."""
         c, limits, model = self.coordinates, self.limits, self.load.with_load.model
         found, turns = [], drive_turns(model)
         for kind, extreme in (("effort", self.peak), *self.passed.items()):
@@ -406,28 +408,28 @@ class MotionTally:
         )
 
     def estimate(self, joint: int) -> PeakEstimate:
-        """The joint's peak less the noise of the log; of a tally that is ``estimating``."""
+        """Noise-corrected peak of the joint, if the tally is ``estimating``."""
         assert self.search is not None
         steady = sum(self.terms[name][joint] for name in STEADY)
         return self.search.estimate(joint, float(steady))
 
     def measured(self) -> tuple[MeasuredTorque, ...]:
-        """The torques that the log has itself, beside those computed: of the robot as it agrees better, loaded or not."""
+        """Measured torques compared with those of the robot, with or without load, whichever agrees better."""
         best = min(self._measured, key=lambda tally: tally.misfit)
         return best.result(self.load.with_load.model.drive_labels, self.load.units)
 
 
 # ── The analysis
 
-# Where the noise of a log matters, the log is smoothed and gone through again, and that second pass is the answer: peaks,
-# causes, limits, motors, files and pictures are all of it. What was derived from the log as it is stands beside it.
+# If noise of a log matters, a second pass over the smoothed log gives all results: peaks, causes, limits, motors, files and
+# pictures. The results of the unsmoothed log are reported beside them.
 
 _NUMBERS_PER_CHUNK = 1 << 19
-"""Rows times velocities worked on at a time: 4 MiB an array."""
+"""Rows times velocities of a chunk: 4 MiB per array."""
 _OF_A_PASS, _OF_THE_PLAN, _OF_THE_DRAWS = 1.0, 8.0, 1.0
-"""Durations for a log of up to :data:`_PLANNED` bytes, relative to a pass over it."""
+"""Durations of the steps for a log of up to :data:`_PLANNED` bytes, relative to one pass."""
 _PLANNED = 1 << 21
-"""Bytes of the excerpts that a longer log is planned with."""
+"""Bytes of the excerpts used to plan the analysis of a longer log."""
 
 
 def analyse(
@@ -440,11 +442,10 @@ def analyse(
     progress: Callable[[float], None] | None = None,
     chunk: int | None = None,
 ) -> TorqueReport:
-    """Run the motion through inverse dynamics and judge it.
+    """Compute the torques of a motion and judge it.
 
-    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``progress`` receives the share
-    of the work that is done, from 0 to 1. ``chunk`` is the number of rows worked on at a time; results do not depend on
-    it, beyond round-off of sums.
+    ``csv`` is a file for the torques, with the causes as separate columns if ``split``. ``progress`` receives the finished
+    share, 0 to 1. ``chunk`` is the number of rows processed at a time; it affects results only by rounding errors.
     """
     fixed = min(1.0, _PLANNED / max(1, differentiation.trajectory.size))
     steps = Steps(progress, (_OF_A_PASS, _OF_THE_PLAN * fixed, _OF_A_PASS, _OF_THE_DRAWS * fixed))
@@ -468,7 +469,7 @@ def analyse(
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Passes over one motion, and the file that one of them writes."""
+    """Passes over one motion; one of them writes the file."""
 
     load: LoadCase
     limits: Limits
@@ -485,7 +486,7 @@ class _Run:
         beside: Differentiation | None = None,
         estimating: bool = False,
     ) -> MotionTally:
-        """One pass; with ``write`` it writes the file, with the torques of the plan ``beside`` as well."""
+        """Run one pass; if ``write``, write the file, including the torques of the plan ``beside``."""
         progress = self.steps.next(len(plan.trajectory.table))
         tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
         header = _csv_header(self.load.with_load.model.drive_names, self.split, derived=beside is not None)
@@ -503,7 +504,7 @@ class _Run:
         return tally
 
     def answer(self, plan: Differentiation, derived: MotionTally | None = None) -> TorqueReport:
-        """The report of the smoothed motion, with what was ``derived`` from the log as it is beside it."""
+        """Report of the smoothed motion, with the results ``derived`` from the unsmoothed log."""
         beside = None if derived is None else derived.plan
         tally, progress = self.once(plan, write=True, beside=beside, estimating=True), self.steps.next()
         estimates = []
@@ -554,7 +555,7 @@ def _report(
 
 
 def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque, ...]:
-    """The figures of each joint."""
+    """Figures of each joint."""
     rms, units = run.rms.result(), run.load.units
     noisy = run if derived is None else derived
     return tuple(

@@ -1,4 +1,4 @@
-"""The verdict on a motion's torques: warnings of the model, force missing at a floating base, limits, and confidence."""
+"""Verdict on a motion's torques: model warnings, missing force at a floating base, limits and confidence."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
 SHARE = 0.05
-"""Share of the robot's weight that errors of masses and derived accelerations explain."""
+"""Fraction of the robot's weight explained by errors of masses and derived accelerations."""
 WEIGHTLESS = 0.001
-"""Share of the robot's weight on earth that rounding and noise explain where gravity is weak."""
+"""Fraction of the robot's weight on earth explained by rounding and noise under weak gravity."""
 SURE_FORCE = 5.0
-"""Standard deviations."""
+"""Standard deviations subtracted from a force."""
 
 
 class PeakTorque(Protocol):
-    """The largest torque that one velocity needs."""
+    """Largest torque of one velocity entry."""
 
     @property
     def peak(self) -> float: ...  # noqa: D102
@@ -44,13 +44,13 @@ class PeakTorque(Protocol):
 
 
 def base_velocities(model: Model) -> list[int]:
-    """Numbers of the velocities of bases that nothing drives."""
+    """Indices of the velocities of undriven bases."""
     bases = [body for body in model.leaders if body.parent == BASE and not body.joint.driven]
     return [k for body in bases for k in range(body.v_index, body.v_index + body.joint.nv)]
 
 
 def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
-    """The largest force that a floating base needs from outside [N]; 0 where the base is none, or that is next to nothing."""
+    """Largest external force that a floating base needs [N]; 0 if negligible or without a floating base."""
     rows = [joints[k] for k in base_velocities(model)]
     forces = [max(abs(j.peak) - SURE_FORCE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
     largest = max(forces, default=0.0)
@@ -76,14 +76,14 @@ def _weight(model: Model) -> float:
     return model.moving_mass * float(np.linalg.norm(model.gravity))
 
 
-# ── Warnings of the model: masses and contacts that it lacks
+# ── Warnings of the model: missing masses and contacts
 
 _APART = 1e-3
-"""m between two tips, from which it matters which of them carries the payload."""
+"""Distance [m] between tips above which the choice of the tip with the payload matters."""
 
 
 def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
-    """A sentence for each, without a full stop; ``joints`` are the peaks of all velocities, where the base may float."""
+    """Sentences without a full stop; ``joints`` are the peaks of all velocities if the base may float."""
     clauses = []
     if massless := massless_links(model):
         have, their = ("have", "their") if len(massless) > 1 else ("has", "its")
@@ -102,10 +102,10 @@ def assumptions(
     friction: bool = True,
     unjudged: Limits | None = None,
 ) -> list[str]:
-    """Assumptions of a verdict, a clause each, the most consequential first.
+    """Assumptions of a verdict as clauses, the most consequential first.
 
-    ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request. Limits
-    that are ``unjudged`` as to acceleration and jerk are named.
+    ``held`` joints have no column in the log; ``friction`` is False if left out on request. Acceleration and jerk limits in
+    ``unjudged`` are listed.
     """
     clauses = []
     if unjudged and (unknown := without_velocity_limit(model, unjudged)):
@@ -134,13 +134,13 @@ def assumptions(
 
 
 def _without_mass(model: Model, link: str) -> bool:
-    """True if a moving link has no mass of its own, but its body has."""
+    """True if a moving link lacks mass although its body has some."""
     body, own = model.frames[link].body, model.link_inertias.get(link)
     return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
 
 
 def assumed_words(clauses: Sequence[str]) -> str:
-    """Number of :func:`assumptions`, and the first; empty without any."""
+    """Text with the number of :func:`assumptions` and the first; empty if there are none."""
     if not clauses:
         return ""
     return (
@@ -149,7 +149,7 @@ def assumed_words(clauses: Sequence[str]) -> str:
 
 
 def friction_words(model: Model, *, counted: bool) -> str:
-    """Words of a heading on the friction of torques."""
+    """Text on friction for headings."""
     if not counted:
         return "without friction"
     return "with friction" if model.friction.any else "no friction, as its file gives none"
@@ -160,26 +160,25 @@ def friction_words(model: Model, *, counted: bool) -> str:
 KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
 """Quantity of each kind of limit."""
 _ERROR = 0.025
-"""Chance that noise alone makes some joint pass for over its limit, or hides that some is."""
+"""Probability that noise makes some joint appear over its limit, or hides that one is."""
 _SURE = 5.0
-"""Standard deviations by which no one of some million samples is off."""
+"""Standard deviations not exceeded by any of some million samples."""
 _HALF = 0.5
-"""Share of a peak from which half its 95 % interval, or the noise taken off it, is too much to be sure of it."""
+"""Fraction of a peak above which half its 95 % interval, or its noise correction, makes it unsure."""
 _COUNTS, _SMALL = 0.5, 0.02
-"""Share of a joint's limit, or of the largest torque where there is none, from which that matters."""
+"""Fraction of a joint's limit, or without one of the largest torque, above which an unsure peak matters."""
 HIDDEN, NEAR = 0.15, 0.8
-"""Share of the time from which a pause in which the robot moves leaves too much of the motion unknown, and share of a limit
-beside which any such pause does."""
+"""Fraction of the time above which a gap with motion hides too much, and fraction of a limit above which any such gap does."""
 _BESIDE = 3
-"""Usual steps of the log within which a peak is at the end of a gap."""
+"""Distance in median steps of the log within which a peak is at the end of a gap."""
 _MOST_LISTED = 4
 
 
 def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
-    """The verdict of a report; its angles are in degrees if ``degrees``.
+    """Verdict of a report; angles in degrees if ``degrees``.
 
-    A limit is passed for certain where the excess is more than noise explains, the choice of the largest value, and of the
-    worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
+    A limit is certainly exceeded if the excess is larger than noise explains, including the selection of the largest value and
+    of the worst joint. An excess that noise may hide or cause is unsure.
     """
     over, unsure = _judge_torques(report)
     passed, _ = _judge_motion(report, degrees=degrees)
@@ -196,23 +195,23 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
 
 
 def most_hidden(report: TorqueReport) -> float:
-    """Longest gap [s] with motion that leaves the verdict sure: none if a peak is beside a gap, in which it may go on."""
+    """Longest gap [s] with motion that leaves the verdict sure; 0 if a peak beside a gap may continue in it."""
     peaks = [j for j in report.joints if not report.is_zero(j.largest)]
     beside = any(report.gaps.beside(j.time, _BESIDE * report.quality.step) for j in peaks)
     return 0.0 if beside else HIDDEN * (report.end - report.begin)
 
 
 def contradictions(report: TorqueReport) -> list[str]:
-    """Reasons to look again at the input, whatever is carried and however fast the motion is."""
+    """Reasons to look again at the input that do not depend on payload and speed."""
     refused = [str(doubt) for doubt in report.doubts if doubt.refuses]
     contradicted = [m for m in _different(report) if m.contradicts]
     return [*report.load.contradictions, *refused, *_against(report, contradicted)]
 
 
 def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> tuple[list[str], list[str]]:
-    """Reasons to be unsure that a page keeps for all slider positions: those before a pause of the log, and those behind it.
+    """Reasons to be unsure for all slider positions of a page, listed before and after those on gaps of the log.
 
-    With the peaks of all ``joints`` also the force that a floating base lacks.
+    If ``joints`` holds the peaks of all velocities, they include the missing force of a floating base.
     """
     before = _wide_peaks(report) + _judge_motion(report)[1] + model_warnings(report.load.with_load.model, joints)
     after = []
@@ -229,30 +228,30 @@ def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> t
 
 
 def _different(report: TorqueReport) -> list[MeasuredTorque]:
-    """Measured torques whose difference from those computed concerns the verdict."""
+    """Measured torques whose difference from the computed ones affects the verdict."""
     limits = {j.joint: j.limit for j in report.joints if math.isfinite(j.limit)}
     return [m for m in report.measured if m.disagrees and m.residual > _CONCERNS * limits.get(m.joint, 0.0)]
 
 
 _CONCERNS = 0.02
-"""Share of a joint's limit from which the difference of measured and computed torques concerns the verdict."""
+"""Fraction of a joint's limit above which the difference of measured and computed torques affects the verdict."""
 _OF_TORQUES, _LITTLE = ("torque-sign", "exchanged-torques", "gain"), ("late", "low-pass")
-"""Causes that change measured torques of their joints only, and those that change them little."""
+"""Causes that affect only measured torques of their joints, and causes with small effects."""
 
 
 def explains(cause: Doubt, joint: str) -> bool:
-    """True if a cause makes a joint's measured torque grossly different from that computed: laws of the joints do not."""
+    """True if a cause makes a joint's measured torque differ grossly from the computed one; joint laws do not."""
     gross = doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _LITTLE
     return gross and (cause.kind not in _OF_TORQUES or joint in cause.joints)
 
 
 def _alarms(cause: Doubt) -> bool:
-    """True if a cause changes the torques of another motion by so much that those computed of this one are in doubt."""
+    """True if a cause also affects the torques of other motions, so that the computed ones are in doubt."""
     return cause.refuses and doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _LITTLE
 
 
 def _against(report: TorqueReport, different: Sequence[MeasuredTorque]) -> list[str]:
-    """Reasons from measured torques that are different: causes by name, and figures of the joints without one."""
+    """Reasons from differing measured torques: named causes, and figures of joints without a cause."""
     named = [cause for cause in report.causes if any(explains(cause, m.joint) for m in different)]
     rest = [m.words for m in different if not any(explains(cause, m.joint) for cause in named)]
     against = "the file's own torque column disagrees with the torques computed"
@@ -263,14 +262,14 @@ def _against(report: TorqueReport, different: Sequence[MeasuredTorque]) -> list[
 
 
 def confidence(joints: int) -> float:
-    """Standard deviations within which the peaks of that many joints lie, all together; () → ()."""
+    """Standard deviations that bound the peaks of that many joints simultaneously; () → ()."""
     from scipy.special import ndtri
 
     return float(ndtri(1.0 - _ERROR / max(1, joints)))
 
 
 def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[str]]:
-    """Joints over their limits of torque, worst first, and sentences on those of which noise leaves that open."""
+    """Joints over their torque limits, worst first, and sentences on joints for which noise leaves this open."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     factor = confidence(len(limited))
     excesses = {e.joint: e for e in report.excesses if e.kind == "effort"}
@@ -297,12 +296,12 @@ def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list
 
 
 def _is_open(j: JointTorque, reach: float, excess: Excess | None) -> bool:
-    """True if noise within ``reach`` of the peak decides whether the limit is passed."""
+    """True if noise within ``reach`` of the peak decides whether the limit is exceeded."""
     return bool(over_limit((abs(j.peak) + reach) / j.limit)) and (reach > 0 or excess is not None)
 
 
 def _wide_peaks(report: TorqueReport) -> list[str]:
-    """Sentence on the peaks that noise leaves too uncertain, of joints that are not judged otherwise; empty without any."""
+    """Sentence on peaks too uncertain due to noise, of joints without another verdict; empty if there are none."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     factor, excesses = confidence(len(limited)), {e.joint: e for e in report.excesses if e.kind == "effort"}
     wide = [
@@ -318,7 +317,7 @@ def _wide_peaks(report: TorqueReport) -> list[str]:
 
 
 def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
-    """Mimic joints beyond their limits of torque, as unsure as their leaders; without the excess where noise may explain it."""
+    """Mimic joints over their torque limits, as uncertain as their leaders; without the excess if noise may explain it."""
     factor = confidence(sum(math.isfinite(j.limit) for j in report.joints))
     leaders = {j.joint for j in report.joints}
     found: list[tuple[Excess | None, str]] = []
@@ -335,7 +334,7 @@ def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
 
 
 def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
-    """True if the interval of the peak is too wide for what bounds it, or, without a limit, most of the peak is noise."""
+    """True if the interval of the peak is too wide for its limit, or, without a limit, most of the peak is noise."""
     if j.estimate is None:
         return False
     half, raw, size = INTERVAL * report.reach(j), abs(j.raw if j.raw is not None else j.largest), abs(j.peak)
@@ -346,7 +345,7 @@ def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
 
 
 def _in_words(report: TorqueReport, j: JointTorque) -> str:
-    """The peak as it is known, and as it was derived."""
+    """Text of the estimated, derived and measured peak."""
     raw = f", {torque(j.raw)} as derived" if j.raw is not None else ""
     own = next((m for m in report.measured if m.joint == j.joint and m.differs), None)
     measured = "" if own is None else f", {torque(own.peak)} in the file's own torque column"
@@ -370,13 +369,13 @@ def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
 
 
 def because(joint: JointTorque) -> str:
-    """Main cause of the joint's peak."""
+    """Text of the main cause of the joint's peak."""
     cause, share = joint.main_cause
     return sentence("because", cause=cause_label(cause), share=percent(share))
 
 
 def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[tuple[Excess, str]], list[str]]:
-    """Limits of position and velocity that are passed, and sentences on those that noise explains."""
+    """Exceeded position and velocity limits, and sentences on those explained by noise."""
     over: list[tuple[Excess, str]] = []
     doubtful: dict[str, list[str]] = {}
     found = {(e.joint, e.kind): e for e in report.excesses if e.kind != "effort"}
@@ -394,7 +393,7 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
 
 
 def _excess_in_words(e: Excess, *, degrees: bool) -> str:
-    """A position or a velocity beyond its limit, and by how much."""
+    """Sentence on a position or velocity beyond its limit."""
     speed, scale = e.kind == "velocity", math.degrees(1.0) if degrees and e.angular else 1.0
     by = abs(e.value) - e.limit if speed else abs(e.value - e.limit)
     return sentence(
@@ -410,13 +409,13 @@ def _excess_in_words(e: Excess, *, degrees: bool) -> str:
 
 
 def _reaches(report: TorqueReport, e: Excess) -> bool:
-    """True if the smoothed velocity is within its limit, and may be beyond."""
+    """True if a velocity within its limit after smoothing may exceed it."""
     estimate = report.joints[report.differentiation.model.velocity_names.index(e.joint)].estimate
     return estimate is None or abs(estimate.speed) + _SURE * estimate.speed_sigma > e.limit
 
 
 def is_noise(report: TorqueReport, e: Excess) -> bool:
-    """True if noise explains why a limit of position or velocity is passed."""
+    """True if noise explains an exceeded position or velocity limit."""
     d = report.differentiation
     places = d.model.velocity_names
     k = places.index(e.joint)
@@ -426,13 +425,13 @@ def is_noise(report: TorqueReport, e: Excess) -> bool:
             return False
         return abs(estimate.speed) - _SURE * estimate.speed_sigma <= e.limit
     if not (d.derives and d.derives_velocities):
-        return False  # the positions were not looked at
+        return False  # noise of positions was not estimated
     body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)
     return abs(e.value - e.limit) <= _SURE * float(d.errors.at_rest[body.q_index])
 
 
 def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
-    """Sentence on the worst excess, and names of the others."""
+    """Sentences on the worst excess and on the other joints."""
     if not over:
         return []
     first, text = over[0]
@@ -448,7 +447,7 @@ def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
 # ── Notes on the log
 
 _NOISY = 0.02
-"""Share of a peak from which what is not known of it is a reason to log better."""
+"""Relative uncertainty of a peak above which a better log is recommended."""
 
 
 def notes_of(report: TorqueReport) -> Iterator[str]:
@@ -475,7 +474,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
     model = report.load.with_load.model
     missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])
-    if missing and report.verdict.word is not Word.UNSURE:  # where it is among the reasons
+    if missing and report.verdict.word is not Word.UNSURE:  # otherwise among the reasons
         yield f"No torque limit is known for {listed(missing)}: {limits_remedy(model.source)}."
     if resting := [
         f"{p.frame or report.load.robot.model.tip}"
@@ -497,7 +496,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
     model = report.load.robot.model
     friction, still = model.friction.static, np.array(report.stationary)
-    for at, _, _ in model.coupled:  # a motor is at rest if all its joints are
+    for at, _, _ in model.coupled:  # a motor is at rest if all its joints are at rest
         still[at] = still[at].min()
     found = [
         f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(still[k], 3)} of the rows)"
@@ -564,14 +563,10 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     unit = unit_of("ddq", bool(Coordinates.from_model(d.model).angular_velocity[derived.sigma_ddq.argmax()]))
     loudest = max(report.joints, key=lambda j: j.noise)
     late = d.errors.stamp
-    stamps = (
-        f", and stamps that are off by {number(1e3 * np.median(late[late > 0]), 2)} ms"
-        if _stamps_matter(report)
-        else ""
-    )
+    delay = f", and stamp errors of {number(1e3 * np.median(late[late > 0]), 2)} ms" if _stamps_matter(report) else ""
     yield (
         f"The log has noise of {number(q.noise[worst], 2)} (1 σ, {d.trajectory.columns.header[d.places[worst]]}, "
-        f"in the file's unit{grid}){stamps}. {'As it is, it' if report.derived else 'Smoothed, it still'} makes accelerations "
+        f"in the file's unit{grid}){delay}. {'As it is, it' if report.derived else 'Smoothed, it still'} makes accelerations "
         f"unsure by {number(derived.sigma_ddq.max(), 2)} {unit} ({joint.joint}) and single torques by up to "
         f"{deviation(loudest.noise)} {loudest.unit} ({loudest.joint})."
     )
@@ -593,7 +588,7 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _stamps_matter(report: TorqueReport) -> bool:
-    """True if most moving columns show errors of time stamps beyond their noise."""
+    """True if most moving columns have time stamp errors beyond their noise."""
     errors = report.differentiation.errors
     moving = report.quality.noise > 0
     shows = errors.stamp > 0
