@@ -93,7 +93,7 @@ def derive_command(options: RobotOptions, given: Given) -> None:
 
 
 def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
-    """Symbols with their values, the steps named, and the check; as wide as the terminal, COLUMNS, or 100."""
+    """Symbols with their values, the selected steps and the check, in the width of the terminal, COLUMNS, or 100."""
     from ..symbolic.documents import broken, heading, text_width
     from ..symbolic.names import Text
 
@@ -116,7 +116,7 @@ def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
 
 
 def _columns(rows: list[tuple[str, list[str]]], gap: str) -> list[str]:
-    """Format two columns, indented by two, without trailing blanks."""
+    """Two columns, indented by two blanks, without trailing blanks."""
     from ..symbolic.documents import text_width
 
     widest = max((int(text_width(left)) for left, _ in rows), default=0)

@@ -91,7 +91,7 @@ def doctor_command(given: Given) -> ExitCode:
 def write_doctor_report(
     report: DoctorReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None]
 ) -> None:
-    """Write --html and --report: links in the colours of their findings, and inertias before and after the repairs."""
+    """Write the files of --html and --report, with links coloured by finding and inertias before and after repair."""
     from ..plotting.identification import links_drawn, plot_diagnosis
     from ..viz.page import findings_scene
 
@@ -112,11 +112,11 @@ def write_doctor_report(
 
 _COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
 _LISTED = 6
-"""Notes of one check that are listed; more are counted."""
+"""Maximum number of listed notes of one check; further notes are counted."""
 
 
 def doctor_view(report: DoctorReport, *, every: bool = False) -> Iterator[Block]:
-    """Heading and a paragraph for each finding; all notes if ``every``."""
+    """Heading and one paragraph per finding; all notes if ``every``."""
     severities = {finding.severity for finding in report.findings}
     doubtful = Severity.WARNING in severities or (every and severities)
     word = Word.LOOK_AGAIN if Severity.ERROR in severities else Word.UNSURE if doubtful else Word.OK
@@ -144,7 +144,7 @@ def _shown(report: DoctorReport, *, every: bool) -> Iterator[Finding]:
 
 
 def _paragraph(finding: Finding) -> Iterator[Line]:
-    """Severity, check and place, and below them the sentence, the repair and its effect."""
+    """Severity, check and place; below them the sentence, the repair and its effect."""
     line = f"{finding.file + ', ' if finding.file else ''}line {finding.line}" if finding.line else ""
     head = ", ".join(x for x in (finding.check, finding.where, line) if x)
     yield Line((str(finding.severity), _COLOURS[finding.severity]), f"  {head}")
@@ -171,7 +171,7 @@ def verify_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def verification_view(report: VerifyReport) -> list[Block]:
-    """Verdict, and a row per check: compared quantities, residual and tolerance."""
+    """Verdict, and one row per check: compared quantities, residual and tolerance."""
     checks = report.checks
     failed = [check.name for check in checks if not check.skipped and not check.passed]
     count = sum(not check.skipped for check in checks)

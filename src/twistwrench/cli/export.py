@@ -129,7 +129,7 @@ def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
     line = verdict(Word.OK, f": wrote {given.out}.{less}")
     printed_blocks().append(line)
-    click.echo(plain(line))  # in one line, for its path
+    click.echo(plain(line))  # not wrapped, so that the path stays whole
     for sentence in grouped(lost):
         show(f"lost: {sentence}")
     if shaped := len(robot.model.shaped):

@@ -46,7 +46,7 @@ NO_MOTOR_INERTIA = option("--no-motor-inertia", "Do not estimate motor inertias.
 
 
 def parse_friction(text: str) -> tuple[str, ...]:
-    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
+    """Friction laws from ``viscous,coulomb``; ``none`` gives an empty tuple.
 
     >>> parse_friction("viscous, offset"), parse_friction("none")
     (('viscous', 'offset'), ())
@@ -114,7 +114,7 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
     inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
-    # The one output that may be an input: it is replaced when it is whole.
+    # --add may name an input as output: the file is replaced once complete.
     added = None if given.add == given.information else given.add
     outputs = given.check_files({**inputs, **options.files, "--add": added})
     fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
@@ -166,7 +166,7 @@ def _fitting(given: Given) -> dict[str, Any]:
 def _identified(
     robot: Robot, options: RobotOptions, given: Given, fitting: dict[str, Any]
 ) -> identification.IdentifiedRobot:
-    """The fit to the logs: in memory, or by portions if they are long or are to be added up."""
+    """Fit to the logs: in memory, or in chunks for long logs and with --add."""
     reading: dict[str, Any] = {
         "columns": given.columns,
         "gain": shared.current_gains(given.gain, robot.model, options.actuator_file, of_side=True),
@@ -201,7 +201,7 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _robot(options: RobotOptions, given: Given) -> tuple[Robot, Any]:
-    """Robot without its actuators, and the side of the gears that logs are measured on."""
+    """Robot without its actuators, and the gear side of the logged quantities."""
     held = None
     if given.lock_missing:
         first = open_motion_file(given.logs[0], given.topic, given.episode)
@@ -232,11 +232,11 @@ def _number(text: str, option: str) -> float | None:
 # ── Logs of any length: information in portions, added to what was saved
 
 LARGE = 1 << 26
-"""Bytes of all logs, from which they are read in portions."""
+"""Total size of the logs [bytes] above which they are read in chunks."""
 
 
 def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> identification.IdentifiedRobot:
-    """Robot identified from all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
+    """Robot identified from all rows of the logs and of ``--add``; ``options`` are arguments of :func:`accumulate`."""
     with workers_of(given.workers, given.scheduler) as team:
         before = None if given.add is None else identification.NormalEquationBlocks.load(given.add, robot)
         if before is not None and (twice := sorted(set(before.logs) & set(given.logs))):
@@ -253,7 +253,7 @@ def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> 
 
 
 def total_bytes(paths: Sequence[str]) -> int:
-    """Sum of the sizes of files, ``a.csv+b.csv`` among them; unreadable files count as zero."""
+    """Total size of files, including ``a.csv+b.csv``; unreadable files count as zero."""
     total = 0
     for path in paths:
         for part in [path] if Path(path).exists() else path.split("+"):
@@ -268,7 +268,7 @@ def total_bytes(paths: Sequence[str]) -> int:
 
 
 def parse_known(texts: Sequence[str]) -> dict[str, float]:
-    """Values by the names of parameters; ``.mass`` is ``.m``. Raises ValueRangeError.
+    """Parameter values by name; ``.mass`` is short for ``.m``. Raises ValueRangeError.
 
     >>> parse_known(["link_3.mass=0.73 kg", "joint_2.viscous=1.2"])
     {'link_3.m': 0.73, 'joint_2.viscous': 1.2}
@@ -299,7 +299,7 @@ def parse_known(texts: Sequence[str]) -> dict[str, float]:
 
 
 def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
-    """Raise ValueRangeError if an output is requested that a payload alone does not have."""
+    """Raise ValueRangeError if an output is requested that does not exist for a payload alone."""
     refused = [name for name in outputs if name not in ("--json", "--csv")]
     if frame is not None and refused:
         raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is not a robot. --json writes it.")
@@ -311,7 +311,7 @@ def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
 def write_robot(
     found: identification.IdentifiedRobot, given: Given, strength: float | None, options: RobotOptions
 ) -> list[str] | None:
-    """Write the robot's file and its actuators; notes on them, None where nothing is written after LOOK AGAIN."""
+    """Write the robot file and its actuators, and return notes; None if LOOK AGAIN prevents writing."""
     if found.verdict.word is Word.LOOK_AGAIN and not given.force:
         return None
     if given.out is None and given.out_actuators is None:
@@ -324,7 +324,7 @@ def write_robot(
 
 
 def write_results(found: identification.IdentifiedRobot, given: Given, notes: list[str] | None) -> None:
-    """Write all other files, and print what was written; after LOOK AGAIN only JSON and pictures."""
+    """Write all other files and print their paths; after LOOK AGAIN only JSON and pictures."""
     if given.json is not None:
         given.results = found.to_json(essential=given.essential)
     if given.plot is not None:
@@ -414,7 +414,7 @@ def excite_command(options: RobotOptions, given: Given) -> ExitCode:
 def excitation_view(
     found: identification.ExcitingMotion, answer: Verdict, closest: Sequence[str], *, degrees: bool
 ) -> Iterator[Block]:
-    """The verdict, lines on the closest links, heading, a row per joint, and a row per group."""
+    """Verdict, closest links, heading, one row per joint, and one row per group."""
     yield from _excitation_verdict(found, answer)
     yield from closest
     yield ""
@@ -441,7 +441,7 @@ def excitation_view(
 
 
 def _excitation_verdict(found: identification.ExcitingMotion, answer: Verdict) -> Iterator[Block]:
-    """Verdict with the least distances or its reasons, a line each."""
+    """Verdict with the least distances or its reasons, one per line."""
     what = {"itself": "of capsules around links from each other", "floor": "from the floor"}
     least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
     distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"

@@ -1,4 +1,4 @@
-"""The commands ``twistwrench info`` and ``robots``: contents of a robot, robots that have a name."""
+"""The commands ``twistwrench info`` and ``robots``: contents of a robot, list of named robots."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def info_command(options: RobotOptions, given: Given) -> None:
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always", ModelWarning)
         robot = options.load()
-    for note in notes:  # those of the model itself stand below its tree
+    for note in notes:  # notes of the model are printed below its tree
         if not any(defect in str(note.message) for defect in robot.defects):
             warnings.warn_explicit(note.message, note.category, note.filename, note.lineno)
     if given.json is not None:
@@ -86,7 +86,7 @@ def _heading(model: Model) -> Line:
 
 
 def _tip(model: Model) -> str:
-    """Tip, and the other leaves of the same body."""
+    """Tip and other leaves of its body."""
     if model.tip is None:
         return f"none; leaves: {', '.join(model.leaves) or 'none'}"
     body = model.all_frames[model.tip].body
@@ -99,7 +99,7 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     unit = np.where(c.angular_velocity & degrees, math.degrees(1.0), 1.0)
     names, kinds, links, rows = [], [], [], []
     for i, b in enumerate(model.bodies):
-        if b.follows and not b.joint.moves_body:  # in the table of actuators
+        if b.follows and not b.joint.moves_body:  # listed in the table of actuators
             continue
         for k in range(b.v_index, b.v_index + b.joint.nv):
             rule = f",\n{_rule(b, c.velocity_names[k], unit[k], degrees=degrees)}" if b.follows else ""
@@ -147,7 +147,7 @@ def _actuators(model: Model) -> Table:
 
 
 def _coupling(model: Model, k: int) -> Table:
-    """Velocities of coupled motors per velocity of each joint, and the numbers of these motors behind their gears."""
+    """Velocities of coupled motors per joint velocity, and indices of these motors."""
     c, (at, A, _) = model.couplings[k], model.coupled[k]
     return Table(
         f"Coupling {c.name}: velocity of each motor, behind its gear, per velocity of each joint (SI units)",
@@ -161,7 +161,7 @@ def _coupling(model: Model, k: int) -> Table:
 
 
 def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
-    """Coupling of a mimic joint, in the table's units."""
+    """Coupling of a mimic joint in the table's units."""
     factor = math.degrees(1.0) if degrees and follower.joint.axes[0, :3].any() else 1.0
     ratio = follower.ratio * (factor / leader_factor)
     share = "" if ratio == 1.0 else f"{number(ratio)} × "
@@ -187,7 +187,7 @@ def _inertias(model: Model) -> Table:
 
 
 def _tree(model: Model) -> Branch:
-    """Tree of moving bodies; fixed frames stand beside their body.
+    """Tree of moving bodies; fixed frames are listed beside their body.
 
     Deeper levels continue at the left margin.
     """
@@ -208,7 +208,7 @@ def _tree(model: Model) -> Branch:
 
 
 def _frames(link: str, frames: list[str]) -> list[Piece]:
-    """A link, and the other frames of its body."""
+    """Text of a link and the other frames of its body."""
     others = [name for name in frames if name != link]
     return [(link, "bold"), (f"  + {', '.join(others)}" if others else "", "dim")]
 
@@ -226,7 +226,7 @@ _BUNDLED = "twistwrench"
 
 
 def robot_tables(word: str = "") -> Iterator[Table]:
-    """Tables of the bundled robots with ``word`` in name or description, and of others with it in their name."""
+    """Tables of bundled robots with ``word`` in name or description, and of other robots with it in the name."""
     described = {name: (getattr(robots, name).__doc__ or "").strip().split("\n")[0] for name in robots.names()}
     chosen = [name for name, text in described.items() if word.lower() in f"{name} {text}".lower()]
     known = known_robots()

@@ -56,7 +56,7 @@ def log_command(given: Given) -> ExitCode:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers that JSON cannot represent by None."""
+    """Replace non-finite numbers by None for JSON."""
     if isinstance(value, dict):
         return {name: _plain(x) for name, x in value.items()}
     if isinstance(value, list | tuple):
@@ -65,11 +65,11 @@ def _plain(value: Any) -> Any:
 
 
 _MANY_ZEROS, _FEW_STEPS = 0.1, 50
-"""Share of rows that are exactly zero, and grid steps over the whole range, from which a column is remarked."""
+"""Share of exact zeros above which, and number of grid steps over the range below which, a column gets a remark."""
 
 
 def log_view(quality: LogQuality) -> Iterator[Block]:
-    """A line on the clock, and a table of the columns."""
+    """Line on the clock, and table of the columns."""
     columns = quality.columns
     yield Line((quality.path.name, "bold"), f"  {_clock(quality)}")
     yield Table(

@@ -1,6 +1,6 @@
-"""The shell: its commands, each loaded from its file when it is called, their help, streams, errors and exit codes.
+"""Command line: commands loaded on call, their help, output streams, errors and exit codes.
 
-Commands read options, call one function of the library, and turn errors into one line and an exit code, those of
+Commands read options, call one function of the library, and convert errors to one line and an exit code of
 :mod:`twistwrench.core.verdict`.
 """
 
@@ -39,10 +39,10 @@ class RobotOption(click.Option):
 
 
 class OwnOptionsFirst(click.Command):
-    """A command whose help lists its own options, and the names of those of the robot; --help-all describes these too."""
+    """Command whose help describes its own options and lists the robot options; --help-all describes both."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write them in two sections."""
+        """Write own options and robot options in two sections."""
         options = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
         of_robot = [p for p in options if isinstance(p, RobotOption)]
         with formatter.section("Options"):
@@ -55,13 +55,13 @@ class OwnOptionsFirst(click.Command):
                     formatter.write_text(f"{' '.join(p.opts[0] for p in of_robot)} (described by --help-all)")
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Parameters with --help-all, if there are options of the robot."""
+        """Parameters, including --help-all if the command has robot options."""
         found = super().get_params(ctx)
         return [*found, _HELP_ALL] if any(isinstance(p, RobotOption) for p in found) else found
 
 
 _ALL = "twistwrench.help_all"
-"""Entry of the context: the help describes all options."""
+"""Context entry: the help describes all options."""
 
 
 def _show_all(context: click.Context, _parameter: click.Parameter, given: bool) -> None:
@@ -77,18 +77,18 @@ _HELP_ALL = click.Option(
 )  # fmt: skip
 
 
-# ── Standard output and error, whatever the system's code page
+# ── Standard output and error, independent of the system's code page
 
 
 class VisibleStream:
-    """Standard output or error that escapes control characters, so that text of files cannot steer the terminal."""
+    """Standard output or error with escaped control characters, so that text from files cannot control the terminal."""
 
     def __init__(self, stream: Any) -> None:
-        # Rich writes past this one: its colours are ours, and its text is escaped before.
+        # Rich bypasses this stream: its control characters are only colours, and its text is already escaped.
         self.rich_proxied_file = stream
 
     def write(self, text: str) -> int:
-        """Write with escapes."""
+        """Write text with escaped control characters."""
         self.rich_proxied_file.write(visible(text))
         return len(text)
 
@@ -99,11 +99,11 @@ class VisibleStream:
 def use_utf8() -> None:
     """Write files and pipes in UTF-8, as Python does from 3.15 on; a terminal keeps its encoding.
 
-    A sign that a terminal, or the encoding named by ``PYTHONIOENCODING``, does not have becomes a question mark.
+    Characters missing in the encoding of a terminal or of ``PYTHONIOENCODING`` become question marks.
     """
     streams: tuple[Any, ...] = (sys.stdout, sys.stderr)
     for stream in streams:
-        if stream not in (sys.__stdout__, sys.__stderr__):  # a caller's own
+        if stream not in (sys.__stdout__, sys.__stderr__):  # replaced by the caller
             continue
         change = getattr(stream, "reconfigure", None)
         if stream is None or change is None or str(stream.encoding).lower() in ("utf-8", "utf8"):
@@ -114,20 +114,20 @@ def use_utf8() -> None:
             change(encoding="utf-8")
 
 
-# ── Endings: one line and an exit code for each error, in words of options
+# ── Errors: one line and an exit code each, in terms of options
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
-"""A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
+"""Keyword argument in a message of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
 
 _REFUSED = tuple(
     getattr(errno, name)
     for name in ["ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "ENAMETOOLONG", "ENOMEM", "EMFILE", "ENFILE"]
 )
-"""Error numbers of the system that are not faults of the program: full disks, names too long, and the like."""
+"""Error numbers of the operating system that are not program errors, such as full disks and long names."""
 
 _LONGEST = 80
 _HEARD: list[bool] = []
-"""Not empty after Ctrl-C."""
+"""Nonempty after Ctrl-C."""
 
 _RENAMED = {
     "--actuators-out": "--out-actuators",
@@ -142,22 +142,22 @@ _RENAMED = {
     "--test": "--test-program",
     "--torque": "--torque-side",
 }
-"""Options of earlier versions, with those in their place; some are still those of other commands."""
+"""Options of earlier versions and their replacements; other commands may still have some of them."""
 
 ARGUMENTS, NOTES, BLOCKS = "twistwrench.arguments", "twistwrench.notes", "twistwrench.blocks"
-"""Entries of the context: words of the command line, sentences of :func:`note`, and blocks of the report."""
+"""Context entries: words of the command line, sentences of :func:`note`, and blocks of the report."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
-"""The environment variable that shows where a fault of the program arose."""
+"""Environment variable that enables the traceback of program errors."""
 
 
 class Commands(click.Group):
-    """Commands with errors of one line each and the exit codes of :class:`~twistwrench.core.verdict.ExitCode`."""
+    """Commands with one-line errors and the exit codes of :class:`~twistwrench.core.verdict.ExitCode`."""
 
     command_class = OwnOptionsFirst
 
     def main(self, *args: Any, **options: Any) -> Any:
-        """Run as a program that cleans up after itself on SIGTERM."""
+        """Run as a program that cleans up on SIGTERM."""
         use_utf8()
         _HEARD.clear()
         streams: Any = (VisibleStream(stream) if stream is not None else None for stream in (sys.stdout, sys.stderr))
@@ -170,7 +170,7 @@ class Commands(click.Group):
             return super().main(*args, **options)
 
     def make_context(self, info_name: str | None, args: list[str], **options: Any) -> click.Context:  # type: ignore[override]
-        """Parse, with usage errors in one line."""
+        """Parse arguments; usage errors are printed in one line."""
         typed = list(args)
         with _own_endings():
             context = super().make_context(info_name, args, **options)
@@ -178,10 +178,10 @@ class Commands(click.Group):
             return context
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run, with errors in one line."""
+        """Run the command; errors are printed in one line."""
         with _own_endings():
             answer = super().invoke(ctx)
-            sys.stdout.flush()  # while a full disk can still be said
+            sys.stdout.flush()  # a full disk can still be reported here
             return answer
 
 
@@ -194,7 +194,7 @@ class _UsageLine(click.ClickException):
 
 @contextmanager
 def _own_endings() -> Iterator[None]:
-    """Errors of usage are one line; interrupts, closed pipes and faults of the program end with codes of their own."""
+    """Print usage errors in one line; interrupts, closed pipes and program errors have separate exit codes."""
     try:
         yield
     except click.exceptions.NoArgsIsHelpError:
@@ -203,7 +203,7 @@ def _own_endings() -> Iterator[None]:
         if isinstance(error, click.NoSuchOption) and error.ctx and (new := _RENAMED.get(error.option_name)):
             known = {name for param in error.ctx.command.params for name in (*param.opts, *param.secondary_opts)}
             if new.split()[0] in known:
-                # NoSuchOption drops possibilities that are spelled otherwise.
+                # NoSuchOption drops suggestions with a different spelling.
                 error = click.UsageError(f"No such option: {error.option_name}. Did you mean {new}?", error.ctx)
         where = f" See {error.ctx.command_path} --help." if error.ctx else ""
         raise _UsageLine(" ".join(error.format_message().split()) + where) from None
@@ -216,7 +216,7 @@ def _own_endings() -> Iterator[None]:
         _drop_output()
         sys.exit(ExitCode.PIPE_CLOSED)
     except Exception as fault:
-        if _HEARD:  # by a library that made an error of its own of it
+        if _HEARD:  # a library converted the interrupt to its own error
             _say("interrupted")
             sys.exit(ExitCode.INTERRUPTED)
         if isinstance(fault, MemoryError) or (isinstance(fault, OSError) and fault.errno in _REFUSED):
@@ -251,7 +251,7 @@ def _drop_output() -> None:
 
 
 def _interrupt(*_: Any) -> None:
-    """Raise KeyboardInterrupt and remember it, in case a library swallows it."""
+    """Raise KeyboardInterrupt and record it in case a library catches it."""
     _HEARD.append(True)
     raise KeyboardInterrupt
 
@@ -271,20 +271,20 @@ def typed_words_and_notes() -> tuple[list[str], list[str]]:
 
 
 def printed_blocks() -> list[Any]:
-    """Blocks of the report that were printed; :func:`.terminal.show` adds to them."""
+    """Printed blocks of the report; :func:`.terminal.show` appends to them."""
     context = click.get_current_context(silent=True)
     found: list[Any] = [] if context is None else context.meta.setdefault(BLOCKS, [])
     return found
 
 
 def _end(*_: Any) -> None:
-    """End the program as an error does, so that scratch files are removed."""
+    """Exit by an exception, so that temporary files are removed."""
     sys.exit(ExitCode.TERMINATED)
 
 
 @contextmanager
 def _handling(number: signal.Signals, handler: Callable[..., None], defaults: Sequence[Any]) -> Iterator[None]:
-    """Handle a signal meanwhile; a handler of the caller, which is none of the ``defaults``, stays."""
+    """Handle a signal within the context, unless the caller installed a handler not in ``defaults``."""
     before = signal.getsignal(number)
     if threading.current_thread() is not threading.main_thread() or before not in defaults:
         yield
@@ -297,10 +297,10 @@ def _handling(number: signal.Signals, handler: Callable[..., None], defaults: Se
 
 
 def with_option_names(text: str, command: click.Command | None = None) -> str:
-    """Replace keyword arguments in a sentence of the library by options of the running command.
+    """Replace keyword arguments in a message of the library by options of the running command.
 
-    An option stands for the keyword argument of its own name, or of the name its parameter has. Commands of one group, such
-    as ``sensor``, advise each other's.
+    An option replaces the keyword argument with its own name or its parameter's name. Messages of commands in a group, such as
+    ``sensor``, may refer to options of other commands of the group.
     """
     context = click.get_current_context(silent=True)
     command = command or (context.command if context else None)
@@ -332,8 +332,8 @@ def with_option_names(text: str, command: click.Command | None = None) -> str:
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
+    """Convert library errors to one line on stderr and an exit, and library warnings to one line each."""
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # our errors already report broken meshes
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = lambda message, *_args, **_rest: note(with_option_names(str(message)))
@@ -350,37 +350,37 @@ Decorator: TypeAlias = Callable[[Any], Any]
 
 
 class Given(SimpleNamespace):
-    """Options of a command by the names of their parameters."""
+    """Options of a command by parameter name."""
 
     wrenches: tuple[str, ...] = ()
     no_friction = False
     overwrite = False
     json: str | None = None
     results: str | None = None
-    """Text of --json, in place of the report as data."""
+    """Text of --json that replaces the report as data."""
 
     def pick(self, *names: str) -> dict[str, Any]:
-        """Options as keyword arguments of a function that calls them the same."""
+        """Options as keyword arguments of a function with the same names."""
         return {name: getattr(self, name) for name in names}
 
     def check_files(self, inputs: Mapping[str, str | Path | None], **outputs: str | Path | None) -> list[str]:
-        """Refuse outputs in the place of an input or of each other, and pictures that cannot be drawn.
+        """Raise if an output would replace an input or another output, or if a picture cannot be drawn.
 
-        Outputs are all options and arguments whose form begins with OUT, and those given; the answer is the options that
-        are used. A picture gets its suffix. Data that exist are replaced with --overwrite only.
+        Outputs are ``outputs`` and all parameters whose form begins with OUT; the names of the used ones are returned.
+        Pictures get their suffix. Existing data files are replaced only with --overwrite.
         """
         files, data = {f"--{name}": path for name, path in outputs.items()}, list[str]()
         for param in click.get_current_context().command.params:
             form, name = param.metavar or "", str(param.name)
             path = getattr(self, name, None)
-            if form.startswith("OUT") and path not in (None, "-"):  # derive prints documents itself
+            if form.startswith("OUT") and path not in (None, "-"):  # '-' in derive: documents on standard output
                 if form == "OUT.png" or name == "report":
                     check_matplotlib()
                 if form == "OUT.png":
                     path = picture_path(path)
                     setattr(self, name, path)
                 files[param.opts[0] if isinstance(param, click.Option) else form] = path
-                if _DATA.fullmatch(form) and path != getattr(self, "add", None):  # which is added to
+                if _DATA.fullmatch(form) and path != getattr(self, "add", None):  # --add updates its file
                     data.append(path)
         check_outputs(files, inputs)
         for path in data:
@@ -389,7 +389,7 @@ class Given(SimpleNamespace):
 
 
 _DATA = re.compile(r"OUT(\.(csv|json|mcap|npz|rrd|urdf|yaml))?")
-"""Forms of outputs that are data, and not pictures, pages or source code."""
+"""Forms of data outputs, excluding pictures, pages and source code."""
 _PORTION = 1 << 16
 
 
@@ -419,22 +419,22 @@ def printed_output(given: dict[str, Any]) -> Iterator[None]:
 
 
 def check_matplotlib() -> None:
-    """Raise before a long run if a picture cannot be drawn."""
+    """Raise if a picture cannot be drawn, before a long run."""
     from ..plotting.style import require_matplotlib
 
     require_matplotlib("Drawing the report (--plot)")
 
 
 def examples(*lines: str) -> str:
-    """End of a command's help: lines without the word `twistwrench`."""
+    """Examples at the end of a command's help: lines without the word `twistwrench`."""
     text = "\n".join(f"  twistwrench {line}" for line in lines)
     return f"\b\nExamples:\n{text}"
 
 
 def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **settings: Any) -> Decorator:
-    """An option from its form, ``--csv OUT.csv``, and its help; a flag if it has no value, choices, type or default.
+    """Option from its form, ``--csv OUT.csv``, and its help; a flag without value, choices, type and default.
 
-    The parameter has the option's name, or the one given.
+    The parameter has the option's name unless a name is given.
     """
     flag, _, metavar = form.partition(" ")
     if choices:
@@ -447,7 +447,7 @@ def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **set
 
 
 def option_group(*options: Decorator) -> Decorator:
-    """Options as one decorator, in the order of a command's help."""
+    """One decorator of several options, in the order of the help."""
 
     def decorate(function: Any) -> Any:
         for option in reversed(options):
@@ -458,7 +458,7 @@ def option_group(*options: Decorator) -> Decorator:
 
 
 def command(name: str, *options: Decorator, examples_: Sequence[str], **settings: Any) -> Decorator:
-    """A command from a function of :class:`Given` that returns an exit code; errors of the library are a line each."""
+    """Command from a function of :class:`Given` that returns an exit code; library errors are printed in one line."""
 
     def decorate(function: Callable[[Given], int | None]) -> click.Command:
         @wraps(function)
@@ -519,21 +519,21 @@ _GROUPS = {
         "help": _Entry("main", "Explain columns, limits, verdicts or the robot options."),
     },
 }
-"""Commands by group and name: the file that has the function NAME_command, and the line in the list of commands."""
+"""Commands by group and name: module with the function NAME_command, and line in the list of commands."""
 _WIDTH = 8
-"""Width of the column of names, in each group."""
+"""Width of the name column in each group."""
 _COMMANDS = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
 
 class LazyCommands(Commands):
-    """Commands of :data:`_COMMANDS`, loaded one by one."""
+    """Commands of :data:`_COMMANDS`, loaded on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  as click calls it
         """Names of all commands."""
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Load a command; None if there is none of that name."""
+        """Load a command; None if the name is unknown."""
         if cmd_name not in _COMMANDS:
             return super().get_command(ctx, cmd_name)
         module = import_module(f".{_COMMANDS[cmd_name].file}", __package__)
@@ -561,7 +561,7 @@ def main() -> None:
 
 
 _GUIDES = {"assistant": "assistant", "columns": "logs", "limits": "limits", "unsure": "unsure", "verdicts": "verdicts"}
-"""Topics of `twistwrench help`, and the pages of the documentation that explain them."""
+"""Topics of `twistwrench help` and their documentation pages."""
 
 
 @click.command("help", epilog=examples("help columns", "help verdicts"))
@@ -591,7 +591,7 @@ def help_command(topic: str | None) -> None:
     package = Path(__file__).parent.parent
     text = next(
         path.read_text("utf-8")
-        for path in (package / "guides" / name, package.parent.parent / "docs" / name)  # a wheel, a checkout
+        for path in (package / "guides" / name, package.parent.parent / "docs" / name)  # installed, source tree
         if path.exists()
     )
     text = re.sub(r"\A---\n.*?\n---\n+", "", text, flags=re.DOTALL)

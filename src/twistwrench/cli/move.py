@@ -171,7 +171,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:
-    """Say that the path cannot be followed."""
+    """Print that the path cannot be followed."""
     line = verdict(Word.STOPPED, f": {problem}")
     show(line)
     report("no path", [line])
@@ -181,7 +181,7 @@ def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None
 def _worst_moment(
     trajectory: Trajectory, uses: list[JointUse], bounds: Limits, *, friction: bool
 ) -> tuple[Array, str, str, str]:
-    """Configuration where a joint is nearest to a limit of torque or velocity, that joint, its label and a title."""
+    """Configuration in which a joint is nearest to a torque or velocity limit, the joint, its label and a title."""
     robot, t = trajectory.robot, np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
     tau = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
@@ -194,12 +194,12 @@ def _worst_moment(
 
 
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction: bool, whole: bool) -> Trajectory:
-    """Motion along the path: the fastest if requested and the path is ``whole``, otherwise by its scaling."""
+    """Motion along the path: the fastest if requested and the path is ``whole``, otherwise with the time scaling."""
     if given.fastest and whole:
         kinds = ("velocity", "effort", "acceleration", "deceleration", "jerk")
         limits = {kind: getattr(bounds, kind) for kind in kinds}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
+            warnings.simplefilter("ignore", ConstraintWarning)  # the verdict checks positions against the given limits
             return fastest(robot, path, friction=friction, **limits)
     shapes: dict[str, Any] = {"quintic": quintic(1.0), "cubic": cubic(1.0), "s-curve": s_curve(1.0)}
     shape = {**shapes, "trapezoid": trapezoid(v=1.5, duration=1.0)}[given.scaling]
@@ -261,30 +261,30 @@ def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
 _SAMPLES = 2001
 _LISTED = 12
 _MOST_PASSED = 6
-"""Limits passed that are listed."""
+"""Maximum number of listed exceeded limits."""
 
 
 @dataclass(frozen=True)
 class JointUse:
-    """Peaks of a joint, or of a coupled motor, in a motion, as values and as shares of its limits (nan without a limit)."""
+    """Peaks of a joint or coupled motor in a motion, as values and as shares of the limits (nan without a limit)."""
 
     joint: str
     way: float
     velocity: float
     velocity_share: float
     peak: float
-    """The largest torque, with its sign."""
+    """Torque of largest magnitude, with its sign."""
     torque_share: float
     unit: str
-    """Unit of the torque."""
+    """Unit of torque."""
     limiting: float
-    """The part of the time during which it is at a limit, in a fastest motion."""
+    """Fraction of the time at a limit, in a fastest motion."""
     uncertainty: float = 0.0
     """Standard deviation of the torque; zero for a planned motion."""
 
 
 def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> list[JointUse]:
-    """Peaks for each entry of dq; of the motors in the places of coupled joints."""
+    """Peaks for each entry of dq; coupled joints are replaced by their motors."""
     robot, model = trajectory.robot, trajectory.robot.model
     q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
     tau = motor_torques(model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
@@ -315,7 +315,7 @@ def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> lis
 def move_view(
     trajectory: Trajectory, uses: list[JointUse], *, friction: bool, degrees: bool, carried: str
 ) -> Iterator[Block]:
-    """Heading, a row per joint, and the active limits of the fastest motion over time."""
+    """Heading, one row per joint, and the active limits of the fastest motion over time."""
     robot = trajectory.robot
     turning = np.array(drive_turns(robot.model))
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
@@ -379,7 +379,7 @@ def _verdict(
 ) -> Iterator[Block]:
     """Verdict; ``doubts`` make it unsure, ``assumed`` lists assumptions of an OK, ``cannot`` is the reason for an early end.
 
-    It has its word if it is ``named``; otherwise another verdict stands before it.
+    If not ``named``, the verdict word is left out because another verdict precedes it.
     """
     if cannot:
         yield verdict(Word.STOPPED, f": {cannot}")
@@ -405,7 +405,7 @@ def _verdict(
 
 
 def _limits_of_files(bounds: Limits, given: Given) -> Iterator[Block]:
-    """Lines on limits of acceleration and of jerk that no option gives as a number."""
+    """Lines on acceleration and jerk limits that are not numbers in an option."""
     source = "the robot's file" if given.limits is None else f"the robot's file and {given.limits}"
     for kind in ("acceleration", "jerk"):
         count = int(np.isfinite(getattr(bounds, kind)).sum())
@@ -414,7 +414,7 @@ def _limits_of_files(bounds: Limits, given: Given) -> Iterator[Block]:
 
 
 def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
-    """A sentence on the joints without a limit of velocity."""
+    """Sentence on the joints without a velocity limit."""
     names = np.array(trajectory.robot.model.velocity_names)
     missing = names[~np.isfinite(bounds.velocity)]
     if not len(missing):

@@ -134,7 +134,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 _ROUNDING = 12
-"""Decimals below which a coordinate is zero."""
+"""Number of decimals of a coordinate."""
 _CAUTION = "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier."
 
 
@@ -148,9 +148,9 @@ def payload_view(
     degrees: bool = False,
     judged: bool = True,
 ) -> list[Block]:
-    """Heading and a row per joint, for one pose.
+    """Heading and one row per joint, for one pose.
 
-    ``where`` and ``carried`` describe the payload's frame and the tools. Without limits, holding torques alone are listed.
+    ``where`` and ``carried`` describe the payload's frame and the tools. Without limits, only holding torques are listed.
     """
     turning = Coordinates.from_model(robot.model).angular_velocity
     shares = [float(x) for x in found.share]
@@ -187,12 +187,12 @@ def payload_view(
 
 
 def place_words(frame: str, com: Array) -> str:
-    """A point of a frame: tool0 + [0, 0, 0.1] m."""
+    """Text of a point of a frame: tool0 + [0, 0, 0.1] m."""
     return frame + (f" + [{', '.join(number(x) for x in com)}] m" if np.any(com) else "")
 
 
 def carried_words(robot: Robot, payloads: Sequence[Payload]) -> str:
-    """Point masses with their places: 1.2 kg at tool0 + [0, 0, 0.05] m."""
+    """Text of point masses with their positions: 1.2 kg at tool0 + [0, 0, 0.05] m."""
     return " and ".join(
         f"{number(p.mass)} kg at {place_words(str(p.frame or robot.tip), np.array(p.place))}" for p in payloads
     )
@@ -209,7 +209,7 @@ def _places(robot: Robot, names: Sequence[str], q: Array, *, degrees: bool = Fal
 
 
 def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> Iterator[str]:
-    """The forces the robot can apply there."""
+    """Table of the forces that the robot can apply at the frame."""
     along = largest_wrench(robot, q, np.concatenate([np.eye(3), -np.eye(3)]), frame=frame, limits=limits)
     pairs = [f"±{n} {_force(along.magnitude[k])} / {_force(along.magnitude[k + 3])}" for k, n in enumerate("xyz")]
     yield f"Largest force [N] at the origin of {frame}, in place of the payload, along {', '.join(pairs)} (base axes)."
@@ -266,10 +266,10 @@ def write_payload(
     degrees: bool = False,
     judged: bool = True,
 ) -> None:
-    """A CSV row per joint: name, position (column ``q_degrees`` if in degrees, empty if several numbers), torques.
+    """CSV row per joint: name, position (column ``q_degrees`` if in degrees, empty if several numbers), torques.
 
-    Without limits to judge by, columns that need them are left out. Numbers have all their digits, and what
-    rounding left in place of a zero is zero. ValueRangeError if the file cannot be written.
+    Without limits, the columns that depend on them are left out. Numbers have all digits; rounding errors of zero are
+    written as zero. Raises ValueRangeError if the file cannot be written.
     """
     columns = {
         "q_degrees" if degrees else "q": _places(robot, found.joint_names, q, degrees=degrees),

@@ -1,4 +1,4 @@
-"""``--report OUT.html`` and ``--json OUT.json`` of all commands: the report as one page with its provenance, and as data."""
+"""``--report OUT.html`` and ``--json OUT.json`` of all commands: report as one page with provenance, and as data."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PAGE = option(
     "--html OUT.html", "Write a page that shows the result in a browser; --report in the same folder links to it."
 )
 _SPLIT = ("+", ":=", "=")
-"""Signs between which a word of the command line may have paths."""
+"""Separators of paths within a word of the command line."""
 
 
 def write_report(
@@ -55,8 +55,8 @@ def write_report(
 ) -> None:
     """Write the page of --report if there is one.
 
-    ``files`` are the inputs by argument, ``details`` blocks that are not printed, ``used`` further sentences
-    of the provenance. The angles of ``limits`` are shown in degrees if ``degrees``.
+    ``files`` are the inputs by argument, ``details`` blocks that are not printed, ``used`` further entries of the provenance.
+    Angles of ``limits`` are shown in degrees if ``degrees``.
     """
     if given.report is None:
         return
@@ -93,7 +93,7 @@ def write_json(given: Given, code: int | None) -> None:
 
 
 def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
-    """A plot as a picture of the page."""
+    """Picture of a plot for the page."""
     from ..plotting.style import page_svg
 
     return Picture(title, page_svg(plot))
@@ -102,14 +102,14 @@ def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
 def robot_picture(
     robot: Robot, q: Any, joint: str | None, label: str, title: str, scene: Scene | None = None, link: str = ""
 ) -> Picture:
-    """The robot at a configuration, None for one to look at, with the link of a joint in red, and a ``link`` below it."""
+    """Picture of the robot at a configuration (None: a typical one), with the link of a joint in red and a ``link`` below."""
     from ..viz.movie import still
 
     return Picture(title, still(robot, q, joint, label, scene=scene), link)
 
 
 def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> str:
-    """Write the page of --html if there is one; returns the address, with the ``state``, for a report beside it, else empty."""
+    """Write the page of --html if requested; returns its address with the ``state`` for a report beside it, else empty."""
     if given.html is None:
         return ""
     from ..viz.page import write_page
@@ -121,7 +121,7 @@ def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> s
 
 
 def _without_folders(texts: Iterable[str]) -> Callable[[str], str]:
-    """Function that replaces the paths among words of the command line by their names, wherever they occur in a text."""
+    """Function that replaces paths of the command line by their file names in a text."""
     pairs: dict[str, str] = {}
     for text in texts:
         parts = [text]

@@ -51,23 +51,23 @@ PLOT = option("--plot OUT.png", "Draw the readings before and after.")
 
 
 def _path(name: str, demos: dict[str, str]) -> Path:
-    """The file of a log or a sensor; demos are bundled."""
+    """Path of a log or sensor file; demos are bundled."""
     return _HERE / demos[name] if name in demos and not Path(name).is_file() else Path(name)
 
 
 def read_readings(name: str, gravity: float) -> ReadingLog:
-    """The readings of a log, under gravity of that size [m/s²]. Raises ValueRangeError."""
+    """Readings of a log with gravity of the given magnitude [m/s²]. Raises ValueRangeError."""
     if not (gravity > 0 and math.isfinite(gravity)):
         raise ValueRangeError(
             f"--gravity {gravity!r} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
         )
-    with warnings.catch_warnings():  # the report says what is doubtful, in its place
+    with warnings.catch_warnings():  # the report lists the doubts
         warnings.simplefilter("ignore", ModelWarning)
         return read_log(_path(name, _LOGS), gravity=(0.0, 0.0, -gravity))
 
 
 def write_readings(log: ReadingLog, compensated: Array, path: str | None) -> None:
-    """Write readings without bias and load (n, 6), with the times where the log has them."""
+    """Write readings without bias and load (n, 6), with times if the log has them."""
     head = [] if log.time is None else ["time"]
     rows = compensated if log.time is None else np.column_stack([log.time, compensated])
     if path is not None:
@@ -76,7 +76,7 @@ def write_readings(log: ReadingLog, compensated: Array, path: str | None) -> Non
 
 
 def parse_count(text: str, option: str, *counts: int) -> list[float]:
-    """Numbers between commas. Raises ValueRangeError, which names the option."""
+    """Parse comma-separated numbers; raises ValueRangeError with the name of the option."""
     return parse_numbers(text, option, f"{' or '.join(map(str, counts))} numbers separated by commas", *counts)
 
 
@@ -97,7 +97,7 @@ def _draw(
     blocks: list[Block],
     files: Mapping[str, str | Path | None],
 ) -> None:
-    """Write the plot, with readings ``marked`` by a word, and the report if they are requested."""
+    """Write the plot and the report if requested; readings in ``marked`` carry a label."""
     from ..plotting.explanation import plot_compensation
 
     def plot(path: Path) -> None:
@@ -267,7 +267,7 @@ sensor_command.add_command(poses_command)
 # ── The report
 
 
-_WIDE = 0.1  # m; a centre of mass known no better is not stated
+_WIDE = 0.1  # m; a centre of mass with a larger uncertainty is not reported
 
 
 def sensor_identification_view(found: Identification, log: ReadingLog) -> Iterator[Block]:
@@ -293,7 +293,7 @@ def sensor_identification_view(found: Identification, log: ReadingLog) -> Iterat
 
 
 def _parameters(found: Identification, log: ReadingLog) -> Iterator[tuple[Any, ...]]:
-    """Name, unit, value and half of the interval of each parameter."""
+    """Name, unit, value and half-width of the interval of each parameter."""
     load, unknowns, state = found.sensor.load, found.fit.unknowns, found.fit.state
 
     def half(name: str) -> float:
@@ -329,7 +329,7 @@ def _estimate(value: float, sigma: float) -> Iterator[Line]:
 
 
 def _sentences(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Line], list[Line]]:
-    """Split doubts into reasons of the verdict, and others at the end of the report with the notes of the log."""
+    """Split doubts into reasons of the verdict and remarks at the end of the report, which include notes on the log."""
     reasons = [str(each) for each in found.doubts if str(each) in found.verdict.reasons]
     others = [*notes, *(str(each) for each in found.doubts if str(each) not in reasons)]
     return remarks(map(with_option_names, reasons)), remarks(map(with_option_names, others))
@@ -376,11 +376,11 @@ def _outcome(found: Compensation) -> str:
 
 
 _POSE = ("qw", "qx", "qy", "qz", "gx", "gy", "gz")
-"""Columns of a pose: the orientation, and the direction of gravity in it."""
+"""Columns of a pose: orientation and direction of gravity."""
 
 
 def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubted: Doubt | None) -> Iterator[Block]:
-    """Proposed orientations (n, 7) in measuring order; the verdict alone if they do not determine the load."""
+    """Proposed orientations (n, 7) in measuring order; only the verdict if they do not determine the load."""
     known = _known(proposal, mass)
     if doubted:
         yield verdict(Word.LOOK_AGAIN, f": {doubted}")
@@ -405,12 +405,12 @@ def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubted: Do
 
 
 def undetermined(proposal: PoseProposal, mass: float, within: float | None) -> Doubt | None:
-    """Reason why the poses do not determine a load of about that mass [kg]; None if they do. ``within`` [°] is a tilt limit."""
+    """Reason why the poses do not determine a load of this mass [kg]; None if they do. ``within`` [°] is a tilt limit."""
     heavy, out = _known(proposal, mass)[-1]
     if heavy < mass and out < _WIDE:
         return None
     what = "the centre of mass" + (f" (± {number(1e3 * out, 2)} mm)" if math.isfinite(out) else "")
-    if not heavy < mass:  # a place is a first moment over the mass
+    if not heavy < mass:  # centre of mass: first moment over mass
         what = "the mass" + (f" (± {number(heavy, 2)} kg)" if math.isfinite(heavy) else "") + " or the centre of mass"
     count = len(proposal.gravity)
     those = f"{count} pose{'s' * (count > 1)}" + ("" if within is None else f" tilted by up to {number(within)}°")
@@ -419,7 +419,7 @@ def undetermined(proposal: PoseProposal, mass: float, within: float | None) -> D
 
 
 def _known(proposal: PoseProposal, mass: float) -> Array:
-    """Half of the 95 % intervals (count, 2) of mass [kg] and centre of mass [m]."""
+    """Half-widths (count, 2) of the 95 % intervals of mass [kg] and centre of mass [m]."""
     return 1.96 * np.stack([proposal.mass_deviation, proposal.first_moment_deviation / mass], axis=1)
 
 

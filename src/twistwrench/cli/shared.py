@@ -1,4 +1,4 @@
-"""Options that commands share: the robot and how it is read, motions with their columns, loads, files and batches."""
+"""Options shared by commands: robot, motion and its columns, loads, files and batches."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
 
 
 def robot_source(source: str) -> str | Path:
-    """Resolve ROBOT: the path of a file, of a robot known by name, or the text of a pipe.
+    """Resolve ROBOT: path of a file, name of a robot, or text of a pipe.
 
-    Raises :class:`~twistwrench.NotFoundError`, with near names.
+    Raises :class:`~twistwrench.NotFoundError` with similar names.
     """
     from ..core.files import is_stream
     from ..formats.source import read_robot_text, standard_input_text
     from ..robots.finding import known_robots, plain_name
 
-    if source == "-":  # read once, and perhaps loaded twice
+    if source == "-":  # a pipe is read once, but may be loaded twice
         return standard_input_text()
     if is_stream(Path(source)):
         return read_robot_text(source)[0]
-    with suppress(OSError):  # a name too long for a file
+    with suppress(OSError):  # the name may be too long for a file
         if Path(source).exists():
             return source
     known, wanted = known_robots(), plain_name(source)
@@ -66,7 +66,7 @@ _DEMO = "demo"
 
 
 def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
-    """Path as given, or for ``demo`` the file of that kind bundled with the robot."""
+    """Given path, or for ``demo`` the bundled file of this kind."""
     if name != _DEMO or Path(name).is_file():
         return Path(name)
     folder = Path(__file__).parents[1] / "robots"
@@ -83,7 +83,7 @@ def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
 
 
 def motion_path(options: RobotOptions, motion: str) -> Path:
-    """The motion's file; the bundled ones are in radians."""
+    """Path of the motion file; bundled ones are in radians."""
     path = bundled(motion, options.source, ".csv", "motion")
     if options.degrees and path != Path(motion):
         raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
@@ -106,7 +106,7 @@ class RobotOptions:
     actuators: str | None
     degrees: bool = False
     chain: tuple[str, str] | None = None
-    """Two frames; joints that are not between them are held at neutral."""
+    """Two frames; joints outside their chain are locked at neutral."""
     keep: str | None = None
     """Body to read from an MJCF scene."""
     model: str | None = None
@@ -115,18 +115,18 @@ class RobotOptions:
     """Arguments of a xacro file."""
 
     def load(self) -> Robot:
-        """Load the robot, a bundled one by name or a file by its path."""
+        """Load a bundled robot by name, or a file by path."""
         return self.load_and_locked()[0]
 
     @property
     def files(self) -> dict[str, str | None]:
-        """Files read for the robot, by argument; None for bundled files. No output may overwrite them."""
+        """Input files of the robot by argument; None for bundled files. Outputs must not overwrite them."""
         given = {"ROBOT": self.source, "--actuators": self.actuators}
         return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
 
     @property
     def actuator_file(self) -> Path | None:
-        """The file of the actuators, for ``demo`` the bundled one."""
+        """Path of the actuator file; for ``demo`` the bundled one."""
         if self.actuators is None:
             return None
         return bundled(self.actuators, self.source, ".yaml", "actuator file")
@@ -134,19 +134,19 @@ class RobotOptions:
     def load_and_locked(
         self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
     ) -> tuple[Robot, tuple[str, ...]]:
-        """Load the robot, and return it with the names of all locked joints, mimic joints included.
+        """Load the robot; returns it with the names of all locked joints, including mimic joints.
 
         ``stiff`` treats elastic gears as rigid. ``held`` names further joints to lock at neutral.
         """
         make = self._maker()
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
-        if self.floating_base:  # some bundled robots float of themselves
+        if self.floating_base:  # some bundled robots have a floating base already
             options["floating_base"] = True
         own = {"keep": self.keep, "model": self.model, "xacro": self.xacro or None}
         options |= {name: value for name, value in own.items() if value is not None}
         if not self.lock and held is None and self.chain is None:
             return self._driven(make(lock={}, **options), stiff=stiff), ()
-        # Which locked joints turn and which slide, and their limits, are known only once the robot is.
+        # Units and limits of locked joints require the loaded robot.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             whole = make(**{**options, "inertia": "accept"})
@@ -165,7 +165,7 @@ class RobotOptions:
         return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
 
     def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
-        """Neutral positions of joints without a column; empty if all lack one, since the file is then misread."""
+        """Neutral positions of joints without a column; empty if all lack one, since the file is then read wrongly."""
         single = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
         if len(names) == len(robot.model.leaders):
             return {}
@@ -221,9 +221,9 @@ _DEGREES = _option("--degrees", "Use degrees for angles in files, options and re
 def robot_command(
     name: str, *options: Decorator, examples: Sequence[str], robot_first: bool = False, angles: bool = True
 ) -> Decorator:
-    """A command with ROBOT and the options for reading it, from a function of those and of its own options.
+    """Command with ROBOT and the robot options, from a function of these and of the command's own options.
 
-    ROBOT stands before the command's own arguments if ``robot_first``. ``angles``: the command has --degrees.
+    ROBOT precedes the command's own arguments if ``robot_first``. The command has --degrees if ``angles``.
     """
 
     def decorate(function: Callable[[RobotOptions, Given], int | None]) -> click.Command:
@@ -294,7 +294,7 @@ JSON = option("--json OUT.json", "Write the results as JSON; '-' prints them in 
 
 
 def csv_option(text: str) -> Decorator:
-    """The option ``--csv``, from its help."""
+    """Option ``--csv`` with its help text."""
     return option("--csv OUT.csv", f"{text}; '-' prints it in place of the report.")
 
 
@@ -317,7 +317,7 @@ CHOICE = option_group(
     ),
     option("--episode N", "Episode of a LeRobot dataset. [default: the only one]", type=int),
 )
-"""Part of a file with several motions."""
+"""Selected part of a file with several motions."""
 LOG_READING = option_group(
     COLUMNS,
     GAIN,
@@ -372,13 +372,13 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
 
 
 def load_case(robot: Robot, options: RobotOptions, given: Given) -> LoadCase:
-    """The robot with the payloads and wrenches of the options."""
+    """Robot with the payloads and wrenches of the options."""
     payloads = tuple(parse_payload(text, options.tip) for text in given.payloads)
     return LoadCase(robot, payloads, parse_wrenches(given.wrenches), friction=not given.no_friction)
 
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:
-    """Raise ValueRangeError if the actuator file declares logs of motor positions; only joint positions are read."""
+    """Raise ValueRangeError if the actuator file declares logs of motor positions, which are not supported."""
     from ..formats.actuators import read_log_side
 
     source = options.actuator_file
@@ -391,10 +391,10 @@ def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None
 
 
 def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
-    """Read lists of ``JOINT=COLUMN`` or ``LOG:JOINT=COLUMN``, lists of columns alone, and ``@MAP.csv``, of these logs.
+    """Parse lists of ``JOINT=COLUMN`` or ``LOG:JOINT=COLUMN``, lists of columns, and ``@MAP.csv``, for these logs.
 
-    Names with a comma or an equals sign are in quotes. Columns alone get the keys ``#1``, ``#2`` …, in the order of the joints.
-    Raises ValueRangeError, which shows the form.
+    Names with a comma or an equals sign are quoted. Lists of columns have the keys ``#1``, ``#2`` … in joint order.
+    Raises ValueRangeError with the expected form.
 
     >>> parse_columns(["elbow=pos3,time=Time [ms]", 'b.csv:elbow="a, b"'], ["logs/a.csv", "logs/b.csv"])
     {'elbow': 'pos3', 'time': 'Time [ms]', 'b.csv:elbow': 'a, b'}
@@ -455,15 +455,15 @@ def _column_map(path: str) -> list[tuple[str, str]]:
 
 
 _SAME_GAIN = 0.01
-"""Relative difference of two gains that are rounded."""
+"""Relative difference below which two rounded gains are equal."""
 
 
 def current_gains(
     texts: Iterable[str], model: Model, source: Path | None, *, of_side: bool = False
 ) -> dict[str, float]:
-    """Gains of currents by ``--gain``, and of ``joint.current`` by the actuator file; raises ValueRangeError if they differ.
+    """Current gains of ``--gain``, and of the actuator file for ``joint.current``; raises ValueRangeError if they differ.
 
-    ``of_side``: gains below ``log:`` in that file are applied when its motors' side is taken to the joints.
+    If ``of_side``, gains below ``log:`` in that file are left to the conversion from motor side to joints.
     """
     from ..formats.actuators import read_log_side
 
@@ -486,7 +486,7 @@ def current_gains(
 
 
 def clearance_along(given: Given, robot: Robot, samples: Iterable[tuple[Array, Array]] | None) -> PathClearance | None:
-    """Clearance along a motion, portions of times and configurations, if --clearance is given."""
+    """Clearance along a motion, given in chunks of times and configurations, if --clearance is given."""
     if given.clearance is None:
         if given.srdf is not None:
             raise ValueRangeError(
@@ -501,7 +501,7 @@ def clearance_along(given: Given, robot: Robot, samples: Iterable[tuple[Array, A
 
 
 def clearance_verdict(clearance: PathClearance | None) -> list[Block]:
-    """Verdict on the clearance of a motion, if it is not OK."""
+    """Verdict on the clearance of a motion unless OK."""
     if clearance is None or clearance.verdict.ok:
         return []
     first, *others = clearance.verdict.reasons
@@ -538,7 +538,7 @@ def expand_paths(path: Path, text: str) -> list[str]:
 
 
 def show_written(*paths: object) -> None:
-    """Print a line for each file that was written, except None."""
+    """Print a line for each written file; None is skipped."""
     for path in filter(None, paths):
         click.echo(f"wrote {path}")
 
@@ -551,7 +551,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_csv(path: str | Path | None, columns: Mapping[str, Iterable[str | float | None]]) -> None:
-    """Write columns below their names, if there is a path; None is an empty cell."""
+    """Write columns with a header to a CSV file if there is a path; None is an empty cell."""
     if path is not None:
         with csv_table(path, columns) as table:
             for row in zip(*columns.values(), strict=True):

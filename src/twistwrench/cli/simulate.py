@@ -139,7 +139,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
-    """A plane for each frame that touches the ground."""
+    """Ground plane for each contact frame."""
     if ground is None:
         if touch:
             raise ValueRangeError("--touch names points that the ground holds up, and there is none. Add --ground 0.")
@@ -156,7 +156,7 @@ def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact:
     for text in touch or (robot.tip or "",):
         frame, colon, place = text.partition(":")
         if not frame:
-            robot.model.frame(None)  # says what to name
+            robot.model.frame(None)  # raises with the names to choose from
         form = "FRAME:x,y,z in metres, for example tool0:0,0,0.1"
         points.setdefault(frame, []).append(parse_numbers(place, "--touch", form, 3) if colon else [0.0, 0.0, 0.0])
     return [
@@ -168,9 +168,9 @@ def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact:
 
 
 _MOST = 20
-"""Events listed."""
+"""Maximum number of listed events."""
 _ROUNDING = 12
-"""Decimals below which a coordinate, a velocity or an energy is zero."""
+"""Number of decimals of coordinates, velocities and energies."""
 
 
 def simulation_view(
@@ -181,7 +181,7 @@ def simulation_view(
     degrees: bool = False,
     friction: bool = True,
 ) -> Iterator[Block]:
-    """Verdict with remarks on limits and the closest links, then coordinates, velocities, energies, accuracy and events."""
+    """Verdict, limits and closest links; then coordinates, velocities, energies, accuracy and events."""
     c = Coordinates.from_model(robot.model)
     drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
     touching = shared.clearance_verdict(clearance)
@@ -258,11 +258,11 @@ _PASSED = {
     ),
     "velocity": ("Joints are faster than their limits", "The robot's own drives would not let them."),
 }
-"""Meaning and remedy for each kind of limit that a simulation may exceed."""
+"""Meaning and remedy for each kind of exceeded limit."""
 
 
 def _violations(robot: Robot, result: SimulationResult) -> dict[str, list[Violation]]:
-    """Limits that the states or the given torques exceed, by kind."""
+    """Limits exceeded by states or given torques, by kind."""
     check = LimitCheck(robot.model, bounds_of(robot))
     check.add(result.times, result.q, result.dq, None, result.tau)
     passed = check.violations()
@@ -271,7 +271,7 @@ def _violations(robot: Robot, result: SimulationResult) -> dict[str, list[Violat
 
 
 def _worst_moment(robot: Robot, result: SimulationResult) -> tuple[Array, str | None, str, str]:
-    """Configuration of the picture, the joint that stopped the motion or passes its limit most, its label and a title."""
+    """Configuration of the picture, the joint that stopped the motion or exceeds its limit most, its label and a title."""
     end = f"{number(result.times[-1], 6)} s"
     joint = next((name for name in robot.joint_names if f"joint {name!r} reaches" in result.stopped), None)
     if joint is not None:
@@ -289,7 +289,7 @@ def _worst_moment(robot: Robot, result: SimulationResult) -> tuple[Array, str | 
 
 
 def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
-    """Sentence for each kind of limit that the states or the given torques exceed."""
+    """Sentences on limits exceeded by states or given torques, one per kind."""
     sentences = []
     for kind, mine in _violations(robot, result).items():
         meaning, remedy = _PASSED[kind]

@@ -1,4 +1,4 @@
-"""The command ``twistwrench size``: motors and gears of a catalogue under a motion that repeats, as text, table and picture."""
+"""The command ``twistwrench size``: motors and gears of a catalogue under a cyclic motion, as text, table and picture."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _worst_moment(found: Sizing, cycle: DrawnMotion) -> tuple[Array, str | None, str, str, str]:
-    """Configuration where a drive is nearest to a rating, its joint, label and title, and the state of the page."""
+    """Configuration in which a drive is nearest to a rating, its joint, label and title, and the state of the page."""
     name, start = cycle.load.robot.name, "at the beginning of the motion"
     if not found.joints:
         return cycle.q[0], None, "", f"{name} {start}", ""
@@ -130,7 +130,7 @@ def _worst_moment(found: Sizing, cycle: DrawnMotion) -> tuple[Array, str | None,
     demand = joint.tightest[1]
     label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
     moment = cycle.time[0] + demand.time
-    if not cycle.time[0] <= moment <= cycle.time[-1]:  # of the whole cycle, or in its pause
+    if not cycle.time[0] <= moment <= cycle.time[-1]:  # a rating of the whole cycle, or a time in the pause
         return cycle.q[0], joint.joint, label, f"{name} {start}; red: {label}", ""
     q, when = cycle.q[np.abs(cycle.time - moment).argmin()], number(moment, 6)
     return q, joint.joint, label, f"{name} at t = {seconds(moment)} s; red: {label}", f"#t={when}"
@@ -143,7 +143,7 @@ def _spoken(judged: Verdict) -> Iterator[Line]:
 
 
 def size_view(found: Sizing, *, ambient: float) -> Iterator[Block]:
-    """The verdict, what was chosen, the drives with their figures, and the supply."""
+    """Verdict, selected products, drives with their figures, and supply."""
     if found.verdict.word is Word.OK:
         one = max(found.joints.values(), key=lambda j: j.tightest[1].share)
         part, demand = one.tightest
@@ -170,7 +170,7 @@ def size_view(found: Sizing, *, ambient: float) -> Iterator[Block]:
 
 
 def drives_table(found: Sizing, ambient: float) -> Table:
-    """A row for each joint; limits stand behind the values."""
+    """Table with one row per joint; limits are shown behind the values."""
     joints = list(found.joints.values())
     warm = [j.motor.temperature[:, 0].max() if j.motor.temperature.size else math.nan for j in joints]
     return Table(
@@ -193,7 +193,7 @@ def _figure(value: float) -> str:
 
 
 def _rated(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
-    """A figure of gears with its limits, red where one is passed."""
+    """Column of a gear figure with its limits; exceeded limits are red."""
     demands = [next((d for d in j.gear.demands if d.what == what), None) for j in joints]
     limits = [math.inf if d is None else d.limit for d in demands]
     return numbers(name, map(_cell, demands), unit=unit, limits=limits)
@@ -208,7 +208,7 @@ def _cell(demand: Demand | None) -> Line | str:
 
 
 def _write_figures(path: str | None, found: Sizing) -> None:
-    """A row for each figure with its limit."""
+    """Table with one row per figure and its limit."""
     rows: list[tuple[str, str, str, Demand]] = [
         (j.joint, part, use.name, d)
         for j in found.joints.values()

@@ -1,4 +1,4 @@
-"""The terminal: blocks of a report printed as wide as it is, and progress bars on standard error."""
+"""Terminal output: blocks of a report in the width of the terminal, and progress bars on standard error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .main import printed_blocks
 
 
 class _Output(Console):
-    """Console that escapes control characters, never cuts a line, and ends the program at a broken pipe."""
+    """Console that escapes control characters, never truncates lines, and exits on a broken pipe."""
 
     def render(self, renderable: Any, options: Any = None) -> Any:
         for segment in super().render(renderable, options):
@@ -39,14 +39,14 @@ class _Output(Console):
 
 
 def console() -> Console:
-    """Console of the terminal's width; files and pipes have that of COLUMNS, or 80 characters."""
+    """Console with the terminal's width; for files and pipes the width is COLUMNS or 80 characters."""
     return _Output(highlight=False)
 
 
 def show(*blocks: Block) -> None:
-    """Print on standard output, and keep the blocks for --json.
+    """Print blocks on standard output and keep them for --json.
 
-    Commands with --verbose count the notes on how a file was read unless it is given.
+    In commands with the option --verbose, notes on how a file was read are only counted unless it is given.
     """
     output = console()
     printed_blocks().extend(blocks)
@@ -61,7 +61,7 @@ def show(*blocks: Block) -> None:
 
 
 def rendered(block: Block, output: Console) -> RenderableType:
-    """A block as Rich prints it; columns have their narrow form if the table is too wide otherwise."""
+    """Rich renderable of a block; columns have their narrow form if the table would be too wide."""
     if isinstance(block, Table):
         tight = TerminalTable(block)
         tight.padding = (0, 0)
@@ -76,7 +76,7 @@ def rendered(block: Block, output: Console) -> RenderableType:
 def _text(words: str | Line) -> Text:
     if isinstance(words, str):
         return Text(words)
-    if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # a style of the whole cell
+    if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # style of the whole cell
         return Text(*words.pieces[0])
     return Text.assemble(*words.pieces)
 
@@ -91,13 +91,13 @@ def _tree(tree: Branch, above: Tree | None = None) -> Tree:
 # ── Tables: words at the left, numbers at the right
 
 _ANY = 10_000
-"""Width in characters that no table reaches."""
+"""Width in characters larger than any table."""
 _LEAST = 8
-"""Fewest characters of a word that stay together when names are folded."""
+"""Minimum number of characters per piece of a folded name."""
 
 
 class TerminalTable(table.Table):
-    """Table with a single rule below its heads; text is not interpreted as markup. The title stays on one line."""
+    """Table with one rule below its heads and a title on one line; text is not interpreted as markup."""
 
     def __init__(self, content: Table, *, narrow: bool = False) -> None:
         title = Text(content.title, style=content.style, no_wrap=True, overflow="ignore") if content.title else None
@@ -107,14 +107,14 @@ class TerminalTable(table.Table):
         self._folding = [
             texts for column, texts in zip(columns, cells, strict=True) if column.words and not column.whole
         ]
-        """Cells of each column that may be folded."""
+        """Cells of the foldable columns."""
         for column, texts in zip(columns, cells, strict=True):
             self._add(column, texts)
         for row, style in zip(zip(*cells, strict=True), content.styles, strict=True):
             self.add_row(*row, style=style)
 
     def _add(self, column: Column, texts: list[Text]) -> None:
-        # Rich's own option for cells that are never broken takes all width from other columns.
+        # Rich's option for unbroken cells would take all width from the other columns.
         for text in texts:
             text.no_wrap = column.whole or None
         if column.whole:
@@ -151,12 +151,12 @@ class TerminalTable(table.Table):
 
 
 def _parts(name: str) -> list[str]:
-    """Parts of a name that stay together, with the separator that ends each."""
+    """Parts of a name, each with its trailing separator."""
     return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
 
 
 def _folded(name: str, width: int) -> str:
-    """Break a name between its parts into lines of at most that width."""
+    """Break a name between its parts into lines of at most this width."""
     if cell_len(name) <= width or " " in name:
         return name
     lines = [""]
@@ -170,9 +170,9 @@ def _folded(name: str, width: int) -> str:
 # ── Progress bars on stderr, on a terminal only
 
 _PATIENCE = 1.0
-"""s of work before a bar is shown."""
+"""Delay [s] before a bar is shown."""
 _BETWEEN = 0.1
-"""s between two updates of a bar."""
+"""Time [s] between updates of a bar."""
 
 
 def _bar() -> Any:

@@ -1,4 +1,4 @@
-"""The command ``twistwrench torques``: one motion to the report, many motions to a line each."""
+"""The command ``twistwrench torques``: report of one motion, one line each for many motions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from ..viz.drawn_motion import DrawnMotion
 
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
-"""Time to estimate the noise of a motion, and to fit the smoothing, relative to the analysis."""
+"""Durations of noise estimation and smoothing relative to the analysis."""
 
 
 _PLOTS = ("torques", "causes", "power", "phase", "motors")
@@ -134,7 +134,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _parse_plots(texts: Sequence[str]) -> dict[str, str]:
-    """Pictures by their kind; raises before a long run if one cannot be drawn."""
+    """Pictures by kind; raises if one cannot be drawn, before a long run."""
     found: dict[str, str] = {}
     for text in texts:
         kind, sign, path = text.partition("=")
@@ -150,7 +150,7 @@ def _parse_plots(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _plot(report: TorqueReport, motion: DrawnMotion | None, kind: str, path: str, joints: Sequence[str]) -> None:
-    """Draw a report or its motors; causes, power and phase are drawn from its motion."""
+    """Draw a report or its motors; causes, power and phase use its motion."""
     from ..plotting import motion as of_motion
     from ..plotting.torques import plot_motors, plot_report
 
@@ -173,7 +173,7 @@ def write_torque_report(
     *,
     degrees: bool,
 ) -> None:
-    """Write the page of one motion: the worst moment, the plots, and what the torques count in."""
+    """Write the page of one motion: worst moment, plots, and effects included in the torques."""
     from ..plotting.torques import plot_motors, plot_report
 
     load, facts, pictures = report.load, [], [drawn("Torques and limits", lambda path: plot_report(report, path))]
@@ -221,13 +221,13 @@ class FileTorques:
 
 @dataclass(frozen=True)
 class BatchTorques:
-    """The work on one file; it travels to other processes."""
+    """Work on one file; it is sent to other processes."""
 
     options: RobotOptions
     given: Given
 
     def evaluate(self, path: str) -> FileTorques:
-        """Torques of the motion in that file."""
+        """Torque report of the motion in this file."""
         report = analysis(self.options, self.given, Path(path), Steps(None, (1.0, 1.0)))
         judged = verdict_of(report, degrees=self.options.degrees)
         found = FileTorques(path, str(judged.word), rows=report.rows, reason="; ".join(judged.reasons))
@@ -253,13 +253,13 @@ def analysis(
 
 
 _IN_ROWS = ("repeated", "buffered")
-"""Doubts about rows that causes would be taken for."""
+"""Doubts about rows that could be mistaken for causes."""
 _RUNS, _ROWS = 4, 8192
-"""Runs of rows of a long log, and rows of each, that causes are sought in."""
+"""Number of blocks of a long log searched for causes, and rows of each block."""
 
 
 def measured_causes(report: TorqueReport, log: MotionLog) -> tuple[Doubt, ...]:
-    """Causes of measured torques that the robot's equations do not explain; none with wrenches, or rows that are not right."""
+    """Causes of measured torques that the robot's equations do not explain; empty with wrenches or defective rows."""
     wrong = any(m.cut and m.matters for m in report.measured) or any(d.kind in _IN_ROWS for d in report.doubts)
     if not report.measured or report.load.wrenches or wrong:
         return ()
@@ -269,13 +269,13 @@ def measured_causes(report: TorqueReport, log: MotionLog) -> tuple[Doubt, ...]:
     robot, motions, read = report.load.robot, [], tuple(report.doubts)
     for table in excerpts(log.table, _RUNS, _ROWS):
         rows = log.motion(table)
-        still = np.zeros((len(rows.time), robot.nv))  # the search differentiates positions below a cut-off of its own
+        still = np.zeros((len(rows.time), robot.nv))  # the search differentiates positions with its own cut-off
         motions.append(Motion(rows.time, rows.q, still, still, rows.tau, robot, read=read))
     return identification.measured_causes(robot, motions)
 
 
 def run_batch(work: BatchTorques, paths: Sequence[str]) -> ExitCode:
-    """Print a line for each file, those that failed among them, and write the same as a table; 0 where all are OK."""
+    """Print a line for each file, including failed ones, and write a table; returns 0 if all are OK."""
     work.given.check_files({**{f"MOTION {p}": p for p in paths}, **work.options.files})
     with (
         progress_bar(f"{len(paths)} motions") as progress,
@@ -296,11 +296,11 @@ def run_batch(work: BatchTorques, paths: Sequence[str]) -> ExitCode:
 # ── Motors
 
 _DIGITS, _ROUNDING = 3, 6
-"""Digits of currents, voltages, speeds and powers, and decimals below which they are rounding."""
+"""Digits of currents, voltages, speeds and powers, and decimals below which they are rounding errors."""
 
 
 def motors_table(motors: Sequence[MotorUse]) -> Table:
-    """A row per motor; limits stand behind the values, what passes one is red."""
+    """Table with one row per motor; limits are shown behind the values, exceeding values are red."""
     demands = zip(*(use.demands for use in motors), strict=True)
     return Table(
         "Motors",
@@ -326,7 +326,7 @@ def _figure(value: float) -> str:
 
 
 def motors_verdict(motors: Sequence[MotorUse]) -> Line:
-    """One line: which motors are too small, by what; or which is nearest to its limits."""
+    """Line on the motors that are too small, or on the motor nearest to its limits."""
     small = sorted((use for use in motors if use.too_small), key=lambda use: -use.tightest.share)
     if small:
         return Line(("MOTOR TOO SMALL", "bold red"), f": {listed((use.words for use in small), 3, '; ')}.")
@@ -341,9 +341,9 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Line:
 
 
 def report_view(report: TorqueReport, *, degrees: bool = False, why: bool = False) -> Iterator[Block]:
-    """The whole report, the verdict first.
+    """Blocks of the report, verdict first.
 
-    Angles in degrees if ``degrees``, and what each link does to the worst joint if ``why``.
+    Angles are in degrees if ``degrees``; contributions of links to the worst joint's peak are added if ``why``.
     """
     yield verdict_view(report, degrees=degrees)
     yield ""
@@ -380,13 +380,13 @@ def _heading(report: TorqueReport) -> Line:
 def _torques(
     report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], str | Line]
 ) -> Column:
-    """A column of a table with a row per joint, whose unit the table shows."""
+    """Column of a table of joints; the unit is shown by the table."""
     units = sorted({j.unit for j in report.joints})
     return numbers(name, values, show, ", ".join(units), headed=False)
 
 
 def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
-    """A table with a row per joint; units stand in its title, or beside the joints if there are two."""
+    """Table with one row per joint; units are in its title, or beside the joints if there are two."""
     units = sorted({j.unit for j in report.joints})
     return Table(
         f"{title} [{units[0]}]" if len(units) == 1 else title,
@@ -442,7 +442,7 @@ def _causes(report: TorqueReport) -> Table:
 
 
 def _beside_measured(report: TorqueReport) -> Table:
-    """The torques that the file has, and those computed."""
+    """Table of measured and computed torques."""
     pairs = [(j, m) for j, m in zip(report.joints, report.measured, strict=True) if not m.dead]
     measured, column = [m for _, m in pairs], partial(_torques, report)
 
@@ -462,7 +462,7 @@ def _beside_measured(report: TorqueReport) -> Table:
 
 
 def _why(report: TorqueReport, k: int) -> Table:
-    """The worst joint's peak, by link and by term."""
+    """Peak of the worst joint by link and by term."""
     joint, states = report.joints[k], report.around
     why = report.load.explain(states[int(np.argmin(np.abs(states.time - joint.time)))])
     if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
@@ -472,7 +472,7 @@ def _why(report: TorqueReport, k: int) -> Table:
     unit = heads[-1].partition("[")[2].rstrip("]")
     links, *terms = zip(*rows, strict=True)
     parts = np.array([why.parts[:, why.causes.index(link), k] for link in links[:-1]])
-    parts = np.vstack([parts, why.by_term[:, k]])  # the last row is together, as is the last column
+    parts = np.vstack([parts, why.by_term[:, k]])  # the last row and column are sums
     values = np.column_stack([parts, parts.sum(axis=1)])
     return Table(
         f"Why {joint.joint} at t = {seconds(joint.time)} s{apart} [{unit}]",
@@ -514,7 +514,7 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
 
 
 def many_table(found: Sequence[FileTorques]) -> Table:
-    """Verdict, worst joint and why, of each file."""
+    """Verdict, worst joint and reason of each file."""
     units = ", ".join(dict.fromkeys(one.unit for one in found if one.unit))
     column = partial(numbers, unit=units, headed=False)
     return Table(

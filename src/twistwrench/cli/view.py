@@ -95,7 +95,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
-    """Load the robot with its payloads and wrenches, and its motion judged as by ``torques``; doubts are printed on stderr."""
+    """Load the robot with payloads and wrenches, and its motion, judged as in ``torques``; doubts are printed on stderr."""
     from ..reports.motors import Steps
     from ..viz.drawn_motion import reported_motion
     from .torques import analysis
@@ -122,7 +122,7 @@ def _print_notes(trajectory: MotionLog, motion: DrawnMotion) -> None:
 
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:
-    """Raise unless the section has a page and no motion is given."""
+    """Raise unless the book section has a page and no motion is given."""
     from ..viz.section_pages import section_panel
 
     section_panel(section)

@@ -41,7 +41,7 @@ _BUNDLED = Path(__file__).parent.parent / "robots"
 
 
 def limits_remedy(robot: str = "ROBOT") -> str:
-    """Remedy for missing or placeholder limits; ``source`` is the robot file (:attr:`Model.source`).
+    """Remedy for missing or placeholder limits of a robot file (:attr:`Model.source`).
 
     >>> limits_remedy("arm.urdf")
     "write a table with 'twistwrench info arm.urdf --csv limits.csv', fill in its efforts, and add --limits limits.csv"
