@@ -134,7 +134,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 _ROUNDING = 12
-"""Number of decimals of a coordinate."""
+"""Decimals of a coordinate; smaller values are rounding errors."""
 _CAUTION = "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier."
 
 

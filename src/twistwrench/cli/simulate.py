@@ -170,7 +170,7 @@ def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact:
 _MOST = 20
 """Maximum number of listed events."""
 _ROUNDING = 12
-"""Number of decimals of coordinates, velocities and energies."""
+"""Decimals of coordinates, velocities and energies; smaller values are rounding errors."""
 
 
 def simulation_view(

@@ -259,7 +259,7 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
 }
 """Words for numbers."""
 _TURNS, _FAST, _ENDLESS, _FAR = 4 * math.pi, 20.0, 1e4, 3.0
-"""Values [rad, rad/s] above which numbers may be degrees; placeholder value; ratio to the robot's own limit."""
+"""Smallest position [rad] and velocity [rad/s] that may be degrees, placeholder value, ratio to the robot's own limit."""
 _ANGULAR = dict.fromkeys(("rad", "radian", "radians"), 1.0) | dict.fromkeys(
     ("deg", "degree", "degrees", "°"), math.radians(1.0)
 )

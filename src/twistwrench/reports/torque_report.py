@@ -250,7 +250,7 @@ _AROUND, _KEPT = 2048, 1 << 23
 _GAP = 5.0
 """Ratio to the median time step above which a step is a gap."""
 _MASS_SAMPLES = 32
-"""States of each chunk with a mass matrix for the noise of torques, and with a check for loads on joints."""
+"""States of each chunk used for the noise of torques and for the largest payload torque."""
 _BAND_SAMPLES = 512
 """States of each chunk with a mass matrix, which is used up to the next one."""
 

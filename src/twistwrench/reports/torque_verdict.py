@@ -178,7 +178,7 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     """Verdict of a report; angles in degrees if ``degrees``.
 
     A limit is certainly exceeded if the excess is larger than noise explains, including the selection of the largest value and
-    of the worst joint. An excess that noise may hide or cause is unsure.
+    of the worst joint. An excess that noise may hide or cause is unsure; one that smoothing certainly removes is neither.
     """
     over, unsure = _judge_torques(report)
     passed, _ = _judge_motion(report, degrees=degrees)
