@@ -63,7 +63,7 @@ def test_a_follower_that_the_log_has_elsewhere(said):
         assert said(robot, T, a=a, **fine).startswith("OK")
     for elsewhere in ({"b": 0.1 + 2 * a}, {"b": 0.0 * a}, {"b": 0.9 - 2 * a}):
         verdict = said(robot, T, a=a, **elsewhere)
-        assert verdict.startswith("LOOK AGAIN: b is") and "from from the position given by its leader" in verdict
+        assert verdict.startswith("LOOK AGAIN: b is") and "from the position given by its leader" in verdict
 
 
 def test_turns_that_the_log_leaves_out_lead_beyond_the_limits(said):

@@ -69,9 +69,9 @@ class PositiveFit:
 class PositivePrior:
     """Prior bodies and drives of a fit."""
 
-    bodies: Array  # positive definite pseudo-inertias of the moving links
+    bodies: Array  # (n, 4, 4), positive definite pseudo-inertias of the moving links
     drives: Array  # (p,), positive; 1 where the parameter is free
-    positive: Array  # bool, parameters of drives that must be positive
+    positive: Array  # (p,) bool, parameters of drives that must be positive
     repaired: tuple[str, ...]  # links whose inertia in the file is on the boundary of physical consistency
 
     @classmethod

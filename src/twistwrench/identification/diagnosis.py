@@ -6,8 +6,7 @@ With s_j² the mean square of the residual of joint j in 5-fold cross-validation
 
 the criterion by which settings are chosen too. Each joint has equal weight. Its significance is that of the mean of the
 differences of log-likelihood d_b over blocks b of time (Vuong, "Likelihood ratio tests for model selection and
-non-nested
-hypotheses", Econometrica 57, 1989), by Student's t at 0.01 divided by the number of tested causes (Bonferroni).
+non-nested hypotheses", Econometrica 57, 1989), by Student's t at 0.01 divided by the number of tested causes (Bonferroni).
 A column e is fitted together with the groups; a nonlinear cause is found by Gauss-Newton steps with its column
 
     e = d(τ̂ of the corrected log)/dβ.

@@ -157,9 +157,9 @@ class EssentialGroups:
     ----------
     names : tuple of str
     places : (k,) array, indices among all groups
-    values : (k,) array, fitted anew without the others
-    held_out : float, |τ - τ̂| / |τ| of fifths held out, in units of the residuals of each joint
-    curve : tuple of (count, share), the same for each count of groups
+    values : (k,) array, fitted again without the others
+    held_out : float, |τ - τ̂| / |τ| of held-out fifths, in units of the residuals of each joint
+    curve : tuple of (count, share), |τ - τ̂| / |τ| for each number of groups
     """
 
     names: tuple[str, ...]
@@ -172,8 +172,8 @@ class EssentialGroups:
 def essential_groups(
     names: Sequence[str], folds: Sequence[Information], size: Array, held: Array, values: Array
 ) -> EssentialGroups:
-    """The fewest groups that predict as well as any."""
-    x = np.where(held, values, 0.0)  # what known groups do is taken off the torques
+    """Smallest set of groups that predicts as well as any other."""
+    x = np.where(held, values, 0.0)  # torques of known groups are subtracted
     parts = [(N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)) for N, c, y in folds if y > 0]
     total = sum_of(parts)
     order = _order(total, size, held)
@@ -237,8 +237,7 @@ _WORTH = 2e-3
 """Decrease of log |residual|² per joint from which another cut-off, offset or speed is preferred to the first one."""
 _CHANCE = 6.0
 """Decrease of log |residual|² of all joints, times the number of independent rows, that an offset or a speed exceeds by
-chance once in 70 times. Half of it is a log-likelihood ratio; twice that ratio is χ² distributed with 1 DOF (Wilks
-1938)."""
+chance once in 70 times. Twice a log-likelihood ratio, it is χ² distributed with one degree of freedom (Wilks 1938)."""
 
 
 class SettingRows:

@@ -70,9 +70,8 @@ def identify(
     logs : Motion or sequence of Motion
         Logs with torques, on a fixed base.
     test : Motion or sequence of Motion, optional
-        Test logs that are not used for the fit. Without test logs, each fifth of the time is predicted from the other
-        four,
-        with settings chosen on these four.
+        Test logs that are not used for the fit. Without test logs, each fifth of the time is predicted from the others,
+        with settings chosen on the others.
     motor_inertia : bool, identify a motor inertia for each joint
     friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (excess of static friction), ``offset``
     cutoff : float, optional, cut-off of the low-pass [Hz]; None: chosen

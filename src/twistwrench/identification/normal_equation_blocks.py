@@ -47,9 +47,9 @@ MOST_BLOCKS = 60
 class JointBlocks:
     """Sums over a set of rows."""
 
-    sums: Array  # plain and weighted sums of each block, packed like :class:`NormalEquations`
+    sums: Array  # (b, 2, f), plain and weighted sums of each block, packed like :class:`NormalEquations`
     counts: Array  # (b, 3) number of rows; sum of weights, and rows of full weight, of all live joints
-    cells: Array  # weighted sums of each cell of state
+    cells: Array  # (c, f), weighted sums of each cell of state
     factors: tuple[Array, ...]  # R_j (r_j + 1, r_j + 1)
 
     @classmethod

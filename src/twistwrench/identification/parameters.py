@@ -6,9 +6,8 @@ speed:
     τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + (fc_j + fs_j exp(-(dq_j / v_s)²)) tanh(dq_j / v_0j) + off_j
 
 with fs the static friction in excess of Coulomb friction, and v_s the Stribeck speed, if requested (Armstrong-Hélouvry,
-Dupont
-and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
-Automatica 30(7), 1994).
+Dupont and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with
+friction", Automatica 30(7), 1994).
 
 A motor k that turns with several joints has the rate s_k · dq; s_k is 1 for its own joint. It adds s_k (Ia_k s_k·ddq +
 fv_k s_k·dq + fc_k tanh(s_k·dq / v_0)) to the torques of these joints.

@@ -41,8 +41,7 @@ class MotorSide:
     ratios : (nv, nv) array, R; the unit matrix for a log of the joints' side
     zero : (nv,) array, positions of the joints at the log's zero [rad or m]
     gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
-    names : tuple of str, optional, columns of the log, with coupled motors at the indices of their joints; empty:
-    joints' names
+    names : tuple of str, optional, columns of the log, coupled ones at the indices of their joints; empty: joints' names
 
     Raises
     ------

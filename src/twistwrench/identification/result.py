@@ -306,15 +306,15 @@ class IdentifiedRobot:
         return target
 
     def to_dict(self, *, essential: bool = False) -> dict[str, Any]:
-        """The findings as plain data, in SI units: what ``--json`` writes.
+        """Dictionary of plain data in SI units, as written by ``--json``.
 
         Parameters
         ----------
-        essential : bool, whether the essential groups are included
+        essential : bool, include the essential groups
 
         Returns
         -------
-        findings : dict, which ``json.dumps`` takes
+        findings : dict, compatible with ``json.dumps``
         """
         names = self.original.model.velocity_names
         speeds = dict(zip(names, self.settings.friction_speed.tolist(), strict=True))

@@ -103,7 +103,7 @@ class Filtered:
     q: Array  # (m, nv)
     dq: Array  # (m, nv)
     ddq: Array  # (m, nv)
-    tau: Array  # low-passed like q
+    tau: Array  # (m, nv), low-passed like q
 
 
 def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
@@ -282,8 +282,8 @@ class FilteredRows:
     base: BaseParameters
     cutoff: float  # [Hz]
     W: Array  # (m, nv, r)
-    time: Array  # time of each row in its own log [s]
-    log: Array  # index of the log of each row
+    time: Array  # (m,), time of each row in its own log [s]
+    log: Array  # (m,), index of the log of each row
     known: Array
     logs: list[_LogRows]
     dead: Array | None = None

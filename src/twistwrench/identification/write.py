@@ -271,8 +271,8 @@ def _difference(again: Model, found: ConsistentRobot) -> float:
 def check_written(found: ConsistentRobot) -> list[str]:
     """Sentences on changes of the robot; raises ValueRangeError if it must not be written.
 
-    Every body must be physically consistent, M positive definite, and held-out predictions no worse than the file's
-    with friction.
+    Every body must be physically consistent, M positive definite, and the held-out residual no
+    larger than that of the file's bodies with friction.
     """
     model = found.base.unknown.model
     for body, G in zip(model.bodies, found.inertias, strict=True):
