@@ -180,7 +180,7 @@ def motor_side(model: Model, source: Source) -> MotorSide:
                 R[k, place[other]] = value
         R[k] *= said.sign.get(name, 1.0)
         gain[k] = said.gain.get(name, 1.0)
-    return MotorSide(R, zero, gain, driven.drive_names if said.of_motors and said.couplings else ())
+    return MotorSide(R + 0.0, zero, gain, driven.drive_names if said.of_motors and said.couplings else ())
 
 
 def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: Any) -> MotionLog:
