@@ -499,6 +499,7 @@ def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
         "changes": i.changes,
         **{f"factor{j}": R for j, R in enumerate(i.moments.factors)},
         **({} if side is None else {"ratios": side.ratios, "zero": side.zero, "gain": side.gain}),
+        **({} if side is None or side.rates is None else {"rates": side.rates}),
         **({} if shown is None else {f"shown_{k}": getattr(shown, k) for k in _SHOWN}),
     }
 
@@ -507,7 +508,9 @@ def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str,
     """Blocks from the content of a file; raises ValueRangeError if the robot has other groups than the file."""
     side = None
     if "ratios" in arrays and not robot.model.couplings:
-        side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"], tuple(said.get("motors", ())))
+        side = MotorSide(
+            arrays["ratios"], arrays["zero"], arrays["gain"], tuple(said.get("motors", ())), arrays.get("rates")
+        )
     speed = said.get("stribeck_speed", STRIBECK_SPEED)
     base = BaseParameters.from_unknowns(
         UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)

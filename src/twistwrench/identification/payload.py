@@ -42,6 +42,7 @@ class MotorSide:
     zero : (nv,) array, positions of the joints at the log's zero [rad or m]
     gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
     names : tuple of str, optional, columns of the log, coupled ones at the indices of their joints; empty: joints' names
+    rates : (nv, nv) array, optional, A of the couplings, q̇_m = A q̇_j without gears; friction of the named motors is per q̇_m
 
     Raises
     ------
@@ -63,6 +64,7 @@ class MotorSide:
     zero: Array
     gain: Array
     names: tuple[str, ...] = ()
+    rates: Array | None = None
 
     @classmethod
     def of_couplings(cls, model: Model) -> MotorSide:
@@ -79,7 +81,7 @@ class MotorSide:
         [[1.0, 0.0], [0.0, 1.0]]
         """
         R = motor_velocities(model, np.eye(model.nv)).T
-        return cls(R, np.zeros(model.nv), np.ones(model.nv), model.drive_names)
+        return cls(R, np.zeros(model.nv), np.ones(model.nv), model.drive_names, R)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.ratios).all() or np.linalg.matrix_rank(self.ratios) < len(self.ratios):
@@ -87,7 +89,12 @@ class MotorSide:
 
     @property
     def coupled_rates(self) -> Array:
-        """(k, nv) rates of the motors that turn with several joints, per rate of each joint; 1 for their own."""
+        """(k, nv) rates of the motors that turn with several joints, per rate of each joint.
+
+        Rows of A for named motors; otherwise rows of R, scaled to 1 for their own joint.
+        """
+        if self.rates is not None:
+            return self.rates[self._together]
         rows = [self.ratios[j] / (self.ratios[j, j] or np.abs(self.ratios[j]).max()) for j in self._together]
         return np.array(rows).reshape(-1, len(self.ratios))
 
@@ -180,7 +187,9 @@ def motor_side(model: Model, source: Source) -> MotorSide:
                 R[k, place[other]] = value
         R[k] *= said.sign.get(name, 1.0)
         gain[k] = said.gain.get(name, 1.0)
-    return MotorSide(R + 0.0, zero, gain, driven.drive_names if said.of_motors and said.couplings else ())
+    if not (said.of_motors and said.couplings):
+        return MotorSide(R + 0.0, zero, gain)
+    return MotorSide(R + 0.0, zero, gain, driven.drive_names, motor_velocities(driven, np.eye(len(place))).T)
 
 
 def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: Any) -> MotionLog:
