@@ -205,7 +205,7 @@ def test_gaps_are_counted_across_portions():
     gaps = Gaps(0.5)
     for part in ([0.0, 0.1], [1.1, 1.2, 3.2], [3.3]):
         q = np.minimum(part, 1.1)[:, None]
-        gaps.add(np.array(part), q, np.zeros_like(q))
+        gaps.add(np.array(part), q, np.zeros_like(q), np.zeros_like(q))
     assert (gaps.count, gaps.longest, gaps.longest_at) == (2, pytest.approx(2.0), pytest.approx(1.2))
     assert gaps.hiding == [(pytest.approx(0.1), pytest.approx(1.0))]  # the longer one stands
 
@@ -214,9 +214,20 @@ def test_a_gap_hides_a_motion_that_comes_back_to_where_it_began():
     time = np.array([0.0, 0.1, 1.1, 1.2])
     for speed, hidden in ((1.0, 1.0), (0.0, 0.0)):
         gaps = Gaps(0.5)
-        gaps.add(time, np.zeros((4, 1)), speed * np.array([[1.0], [1.0], [-1.0], [-1.0]]))
+        v = speed * np.array([[1.0], [1.0], [-1.0], [-1.0]])
+        gaps.add(time, np.zeros((4, 1)), v, 0 * v)
         assert gaps.hidden == pytest.approx(hidden)
         assert gaps.beside(1.1, 0.01) == (hidden > 0) and not gaps.beside(0.5, 0.01)
+
+
+def test_a_gap_that_needs_more_speed_or_acceleration_than_was_logged():
+    """From rest to rest over 0.1 rad in 1 s: 0.1 rad/s on average, and 0.4 rad/s² of a constant acceleration and deceleration."""
+    time, q = np.array([0.0, 0.1, 1.1, 1.2]), np.array([[0.0], [0.0], [0.1], [0.1]])
+    for fastest, hardest, more in ((0.2, 0.5, False), (0.05, 0.5, True), (0.2, 0.3, True)):
+        gaps = Gaps(0.5)
+        gaps.add(time, q, np.zeros((4, 1)), np.zeros((4, 1)))
+        gaps.add(np.array([1.3]), np.array([[0.1]]), np.array([[fastest]]), np.array([[hardest]]))
+        assert gaps.livelier == more
 
 
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])

@@ -57,17 +57,17 @@ class Gaps:
     count: int = 0
     longest: float = 0.0
     longest_at: float = float("nan")
-    fastest: float = 0.0
-    """Largest speed of a coordinate [rad/s, m/s]."""
-    _long: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Start, length, largest change of a coordinate and largest speed beside it, for each gap with possible motion."""
-    _last: tuple[float, Array, float] | None = None
+    _long: list[tuple[float, float, float, Array, Array]] = field(default_factory=list)
+    """Start, length, largest change of a coordinate, speed beside it, and least speed and acceleration across, of long gaps."""
+    _most: Array | float = 0.0
+    """(2, nv) largest logged speed and acceleration of each coordinate."""
+    _last: tuple[Array, Array, Array] | None = None
 
     @property
     def hiding(self) -> list[tuple[float, float]]:
         """Start and length [s] of each gap with motion across it or at its ends."""
-        fast = max(_FAST * self.fastest, _MOVED)
-        return [(at, step) for at, step, moved, speed in self._long if moved > _MOVED or speed > fast]
+        fast = max(_FAST * float(np.max(self._most, initial=0.0, where=[[True], [False]])), _MOVED)
+        return [(at, step) for at, step, moved, beside, _ in self._long if moved > _MOVED or beside.max() > fast]
 
     @property
     def hidden(self) -> float:
@@ -80,24 +80,33 @@ class Gaps:
         at, step = max(self.hiding, key=lambda gap: gap[1])
         return f"the robot moves while nothing is logged for {number(step)} s after t = {seconds(at)} s"
 
+    @property
+    def livelier(self) -> bool:
+        """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged."""
+        return any(
+            (across > self._most + _MOVED * np.array([[1 / h], [4 / h**2]])).any() for _, h, _, _, across in self._long
+        )
+
     def beside(self, time: float, within: float) -> bool:
         """True if the time is at most ``within`` [s] from an end of a gap with motion."""
         return any(min(abs(time - at), abs(time - at - step)) <= within for at, step in self.hiding)
 
-    def add(self, time: Array, q: Array, dq: Array) -> None:
-        """Add consecutive times (n,), coordinates (n, nq) and velocities (n, nv)."""
-        speed = np.abs(dq).max(axis=1, initial=0.0)
-        self.fastest = max(self.fastest, float(speed.max(initial=0.0)))
+    def add(self, time: Array, q: Array, dq: Array, ddq: Array) -> None:
+        """Add consecutive times (n,), coordinates (n, nq), velocities and accelerations (n, nv)."""
+        self._most = np.maximum(self._most, np.abs([dq, ddq]).max(axis=1, initial=0.0))
         if self._last is not None:
-            before, at, fast = self._last
-            time, q, speed = np.r_[before, time], np.concatenate([at[None], q]), np.r_[fast, speed]
-        steps, moved = np.diff(time), np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0)
+            time, q, dq = (np.concatenate(pair) for pair in zip(self._last, (time, q, dq), strict=True))
+        steps, changes = np.diff(time), np.diff(q, axis=0)
         found = steps > self.threshold
         self.count += int(found.sum())
         self.longest, self.longest_at = _longest(time, np.where(found, steps, 0.0), (self.longest, self.longest_at))
         for k in np.flatnonzero(found & (steps > _LONG)):
-            self._long.append((float(time[k]), float(steps[k]), float(moved[k]), float(speed[k : k + 2].max())))
-        self._last = float(time[-1]), q[-1].copy(), float(speed[-1])
+            h, (v0, v1), across = float(steps[k]), dq[k : k + 2], np.zeros((2, dq.shape[1]))
+            if changes.shape[1] == dq.shape[1]:
+                v = changes[k] / h
+                across = np.abs([v, np.maximum(np.abs(3 * v - 2 * v0 - v1), np.abs(3 * v - v0 - 2 * v1)) * 4 / 3 / h])
+            self._long.append((float(time[k]), h, float(np.abs(changes[k]).max(initial=0.0)), np.abs([v0, v1]), across))
+        self._last = time[-1:], q[-1:], dq[-1:]
 
 
 def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[float, float]:

@@ -309,7 +309,7 @@ class MotionTally:
         self.rows += len(s)
         self.rms.add(s.time, torques)
         self.envelope.add(s.time, torques)
-        self.gaps.add(s.time, s.q, s.dq)
+        self.gaps.add(s.time, s.q, s.dq, s.ddq)
         self._look_at_peaks(s, torques)
         self._look_at_limits(s)
         self.largest = np.maximum(self.largest, np.abs(s.measured).max(axis=0))
