@@ -303,6 +303,7 @@ def test_finding_22_limits_in_degrees_are_found(run, tmp_path, command):
     [
         ("joint,velocity [deg/s]", "shoulder,180", math.pi),
         ("joint,velocity [rad/s]", "shoulder,180", 180.0),
+        ('joint;"velocity [deg/s, m/s]"', "shoulder;180", math.pi),
         ("joint,unit,velocity", "shoulder,deg,180", math.pi),
         ("joint,unit,velocity", "shoulder,rad,3", 3.0),
         ("joint,unit,velocity", "shoulder,,3", 3.0),
@@ -322,8 +323,16 @@ def test_the_unit_of_a_limit_is_that_of_its_head_or_row_before_that_of_the_comma
     "head, row, words",
     [
         ("joint,unit,velocity", "shoulder,banana,3", "'banana' is not a unit of this joint. Write rad or deg"),
-        ("joint,velocity [furlong]", "shoulder,3", "the unit of 'velocity [furlong]' is not known"),
-        ("joint,effort [lbf in]", "shoulder,3", "the unit of 'effort [lbf in]' is not known. Write N m or N"),
+        (
+            "joint,velocity [furlong]",
+            "shoulder,3",
+            "the unit of 'velocity [furlong]' is not one of 'velocity'. Write rad/s",
+        ),
+        ("joint,velocity [deg]", "shoulder,3", "Write rad/s, deg/s or m/s"),
+        ("joint,acceleration [deg/s]", "shoulder,3", "Write rad/s^2, deg/s^2 or m/s^2"),
+        ("joint,effort [lbf in]", "shoulder,3", "is not one of 'effort'. Write N m or N"),
+        ("joint,velocity [m/s]", "shoulder,3", "'shoulder' is a turning joint, and the header has another unit"),
+        ("joint,effort [N]", "shoulder,3", "'shoulder' is a turning joint, and the header has another unit"),
     ],
 )
 def test_unknown_units_of_limits_are_errors(head, row, words, tmp_path):

@@ -265,6 +265,10 @@ _ANGULAR = dict.fromkeys(("rad", "radian", "radians"), 1.0) | dict.fromkeys(
 )
 """Units of angles, in rad."""
 _LINEAR = ("m", "metre", "meter", "metres", "meters")
+_TIMES = dict.fromkeys(("lower", "upper"), "") | {
+    "velocity": "s", "acceleration": "s^2", "deceleration": "s^2", "jerk": "s^3",
+}  # fmt: skip
+"""Powers of time in the units of limits."""
 _UNIT_OF_HEAD = re.compile(r"(?P<name>\w+) *[\[(](?P<unit>[^\])]*)[\])]")
 """Column head with a unit: ``velocity [deg/s]``."""
 
@@ -308,11 +312,20 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
             )
         seen.add(joint)
         stated[k] = "effort" in values
-        if "acceleration" in values:
-            values.setdefault("deceleration", values["acceleration"])
-        scale = _scale(row.get("unit", ""), bool(joints.angular_velocity[k]), degrees, where)
+        if "acceleration" in values and "deceleration" not in values:
+            values["deceleration"] = values["acceleration"]
+            units |= {"deceleration": units["acceleration"]} if "acceleration" in units else {}
+        turns = bool(joints.angular_velocity[k])
+        scale = _scale(row.get("unit", ""), turns, degrees, where)
         for kind, value in values.items():
-            found[kind][k] = value * (1.0 if kind == "effort" else units.get(kind, scale))
+            if kind in units and turns not in units[kind]:
+                of = "a turning" if turns else "a sliding"
+                raise ValueRangeError(
+                    f"{where}, column {kind!r}: {joint!r} is {of} joint, and the header has another unit."
+                )
+            found[kind][k] = (
+                value * units[kind][turns] if kind in units else value * (1.0 if kind == "effort" else scale)
+            )
             what = "velocity" if kind == "velocity" else "position" if kind in ("lower", "upper") else None
             if what and kind not in units and scale == 1.0 and math.isfinite(value):
                 sizes[what][k] = max(sizes[what][k], abs(value))
@@ -380,29 +393,35 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
     return k
 
 
-def _header(file: CsvFile) -> tuple[list[str], dict[str, float]]:
-    """Column names, and factors to radians of columns with an angular unit in their heads."""
-    header, units = [], {}
-    for cell in file.header:
-        head = _UNIT_OF_HEAD.fullmatch(cell.strip())
-        name, unit = (head["name"].lower(), head["unit"].strip().lower()) if head else (cell.strip().lower(), "")
-        header.append(name)
-        angle = re.sub(r"(/s(ec)?([\^²³23*]*)| per s)$", "", unit)
-        if unit and name != "effort" and angle not in _LINEAR:
-            if angle not in _ANGULAR or name not in _KINDS:
-                raise ValueRangeError(
-                    f"{file.path}: the unit of {cell!r} is not known. Write rad or deg, with /s for a velocity."
-                )
-            units[name] = _ANGULAR[angle]
-        elif unit and name == "effort" and unit.replace("*", " ") not in ("n m", "nm", "n", "n·m"):
-            raise ValueRangeError(f"{file.path}: the unit of {cell!r} is not known. Write N m or N.")
+def _header(file: CsvFile) -> tuple[list[str], dict[str, dict[bool, float]]]:
+    """Column names, and SI units in one unit of each head that names its unit: of turning joints, True, and of sliding ones."""
+    heads = [_UNIT_OF_HEAD.fullmatch(cell.strip()) for cell in file.header]
+    header = [(head["name"] if head else cell.strip()).lower() for head, cell in zip(heads, file.header, strict=True)]
     unknown = [name for name in header if name not in COLUMNS]
     if "joint" not in header or unknown or len(set(header)) < len(header):
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
             f"{', '.join(_KINDS)}, each once, separated by commas."
         )
-    return header, units
+    named = [(name, head["unit"], cell) for name, head, cell in zip(header, heads, file.header, strict=True) if head]
+    return header, {name: _units(name, unit, f"{file.path}: the unit of {cell!r}") for name, unit, cell in named}
+
+
+def _units(kind: str, text: str, what: str) -> dict[bool, float]:
+    """SI units in one unit of a head, such as ``deg/s``, of turning joints, True, or sliding ones; ``rad/s, m/s`` of both."""
+    found = {}
+    for part in text.lower().replace("²", "^2").replace("³", "^3").replace("sec", "s").split(","):
+        unit = re.sub(r"/ *s *(?:\*\*|\^)?([23])", r"/s^\1", part.strip()).replace("/s/s", "/s^2")
+        base, _, time = unit.partition("/")
+        if kind == "effort" and re.fullmatch(r"n[ *·]?m?", unit):
+            found[unit.endswith("m")] = 1.0
+        elif time == _TIMES.get(kind) and base in (*_ANGULAR, *_LINEAR):
+            found[base in _ANGULAR] = _ANGULAR.get(base, 1.0)
+        else:
+            per = f"/{_TIMES[kind]}" if _TIMES.get(kind) else ""
+            allowed = "N m or N" if kind == "effort" else f"rad{per}, deg{per} or m{per}" if kind in _TIMES else "none"
+            raise ValueRangeError(f"{what} is not one of {kind!r}. Write {allowed}.")
+    return found
 
 
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
