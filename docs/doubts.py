@@ -76,8 +76,8 @@ _OTHER = (
      "Log velocities and accelerations, or record a slower or longer motion."),
     ("noise explains why the … limit of … is passed", "The excess is smaller than the noise of the log.", "As above."),
     ("the robot moves while nothing is logged for … s after t = … s",
-     "A pause with motion is longer than 15 % of the log, a peak is beside it, it needs a larger speed or acceleration than any logged, "
-     "or a torque is above 80 % of its limit.",
+     "A pause with motion is longer than 15 % of the log, a peak is beside it, it needs a larger speed or acceleration "
+     "than any logged, or a torque is above 80 % of its limit.",
      "Record the log without the pause."),
     ("samples that look like glitches were smoothed away; if the robot moved so, torques there are too low",
      "Positions more than 6 σ off the smooth curve.", "If the robot did not move so, remove these rows."),
