@@ -318,7 +318,7 @@ def test_a_gpu_alone_asks_for_no_kernel_of_the_processor(jax):
     assert not robot.engine._kernels
     for platforms in (("cpu",), ("cpu", "cuda")):
         assert "custom_call" in traced.lower(lowering_platforms=platforms).as_text()
-    assert len(robot.engine._kernels) == 1
+    assert len({id(kernel) for kernel in robot.engine._kernels.values()}) == 1
     np.testing.assert_array_equal(jax.jit(robot.to_jax("mass_matrix"))(q), robot.mass_matrix(q))
 
 

@@ -22,7 +22,7 @@ def prepared(robot, m=5):
     tau = np.zeros((m, robot.nv))
     own, first = np.arange(m), np.zeros(m, int)
     operands = [(q, own), (dq, first), (ddq, own[::-1].copy()), (tau, own)]
-    return bind_calls(robot.kernel("inverse_dynamics"), operands, taken=2, told=3), (q, dq, ddq, tau)
+    return bind_calls(robot.kernel("inverse_dynamics"), operands, taken=2, passed=3), (q, dq, ddq, tau)
 
 
 def test_a_call_is_the_kernel_on_its_rows_to_the_last_bit(robot):
@@ -39,7 +39,7 @@ def test_a_call_is_the_kernel_on_its_rows_to_the_last_bit(robot):
 def test_rows_of_each_operand_are_as_far_apart_as_its_own_array_says(robot):
     rng, own = np.random.default_rng(1), np.arange(5)
     q, M = rng.normal(size=(5, robot.nv)), np.zeros((5, robot.nv, robot.nv))
-    call = bind_calls(robot.kernel("mass_matrix"), [(q, own), (M, own)], taken=0, told=1)
+    call = bind_calls(robot.kernel("mass_matrix"), [(q, own), (M, own)], taken=0, passed=1)
     assert [call(k) for k in range(5)] == robot.mass_matrix(q)[:, 0, 0].tolist()
     np.testing.assert_array_equal(M, robot.mass_matrix(q))
 

@@ -348,7 +348,7 @@ def test_robots_with_actuators_and_missing_files_are_refused():
     "given", [(5, SWING, GOOD), (PENDULUM, SWING.q, GOOD), (PENDULUM, SWING, 5), (UR5, SWING, GOOD)]
 )
 def test_arguments_of_another_type_are_refused(given):
-    with pytest.raises(tw.TwistWrenchError, match=r"size_drives|motors come from|the motion is of robot"):
+    with pytest.raises(tw.TwistWrenchError, match=r"size_drives|motors come from|the motion belongs to robot"):
         tw.size_drives(*given)
 
 

@@ -50,7 +50,7 @@ def test_in_a_notebook_a_frame_holds_the_page_as_it_is(opened, monkeypatch):
     assert opened == []
     with pytest.raises(tw.ValueRangeError, match="this page has payload, push, speed"):
         motion.show(control="elbow")
-    with pytest.raises(tw.ValueRangeError, match="the motion is of robot"):
+    with pytest.raises(tw.ValueRangeError, match="the motion belongs to robot"):
         motion.show(tw.robots.ur5())
 
 
