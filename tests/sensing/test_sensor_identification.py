@@ -142,7 +142,7 @@ def test_known_noise_makes_the_regions_normal():
 def test_residuals_beyond_the_noise_given_are_remarked_on():
     assert not identify(simulate(tool(), 12), noise=NOISE).doubts
     found = identify(simulate(tool(), 12, noise=(0.03, 0.9)), noise=NOISE, outliers="keep")
-    assert "times the noise given" in " ".join(map(str, found.doubts))
+    assert "times the given noise" in " ".join(map(str, found.doubts))
     assert found.doubtful
 
 

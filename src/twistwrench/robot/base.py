@@ -15,7 +15,6 @@ from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..typing import Array
 from .engine import CachedModel, Engine
-from .quantities import OTHER_NAMES, QUANTITIES, other_name_hint
 
 if TYPE_CHECKING:
     from ..ir.program import Program
@@ -346,6 +345,8 @@ class RobotBase:
 
 def _other_call(robot: type, name: str) -> str:
     """Clause on how to evaluate what another library, or the table of quantities, calls by that name."""
+    from .quantities import OTHER_NAMES, QUANTITIES, other_name_hint
+
     hint = other_name_hint(name)
     _, quantity = OTHER_NAMES.get(name.casefold(), ("", name))
     if quantity not in QUANTITIES:

@@ -126,7 +126,7 @@ class AlongJoint(NamedTuple):
 def drive_of(found: ModelParts, joint: str, losses: Losses) -> AlongJoint:
     """Damping, Coulomb friction and armature of a joint; losses are noted."""
     law = found.friction.get(joint)
-    if law is None:  # that of what follows another is with its leader
+    if law is None:  # the drive of a mimic joint is written with its leader
         return AlongJoint()
     laws = [law, *(found.friction[motor] for motor in (f"{joint}.motor",) if motor in found.friction)]
     for one in laws:
