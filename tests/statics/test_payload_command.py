@@ -190,7 +190,7 @@ def test_a_pose_beyond_the_joint_limits_exits_1_and_says_by_how_much(run, tmp_pa
     said = " ".join(output.split())
     assert code == 1
     assert f"elbow_joint at {high + 0.25:.4g} rad is 0.25 rad above its upper position limit, {high:.4g} rad" in said
-    assert "largest payload at rest in this pose" in said
+    assert "Largest payload at rest in this pose" in said
     assert (tmp_path / "out.csv").exists()
     code, output = run("ur5", "--degrees", "--at", "elbow_joint=-200", "--at", "wrist_1_joint=400")
     said = " ".join(output.split())

@@ -90,7 +90,11 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     if hint := degrees_hint(robot, q):
         blocks += remarks([hint])
     if judged:
-        blocks.append(_verdict(found, where, robot, carried, assumed))
+        line = _verdict(found, where, robot, carried, assumed)
+        if (beyond or doubts) and found.holds:  # the first word is not OK, so this line has none
+            sentence = str(line.pieces[1]).removeprefix(": ")
+            line = Line(sentence[0].upper() + sentence[1:])
+        blocks.append(line)
     blocks += payload_view(robot, found, q, where, carried=carried, degrees=options.degrees, judged=judged)
     if judged:
         blocks += _forces(robot, q, name, limits)
