@@ -303,7 +303,7 @@ def test_finding_22_limits_in_degrees_are_found(run, tmp_path, command):
     [
         ("joint,velocity [deg/s]", "shoulder,180", math.pi),
         ("joint,velocity [rad/s]", "shoulder,180", 180.0),
-        ('joint;"velocity [deg/s, m/s]"', "shoulder;180", math.pi),
+        ("joint,velocity (rpm)", "shoulder,30", math.pi),
         ("joint,unit,velocity", "shoulder,deg,180", math.pi),
         ("joint,unit,velocity", "shoulder,rad,3", 3.0),
         ("joint,unit,velocity", "shoulder,,3", 3.0),
@@ -322,23 +322,34 @@ def test_the_unit_of_a_limit_is_that_of_its_head_or_row_before_that_of_the_comma
 @pytest.mark.parametrize(
     "head, row, words",
     [
-        ("joint,unit,velocity", "shoulder,banana,3", "'banana' is not a unit of this joint. Write rad or deg"),
         (
-            "joint,velocity [furlong]",
-            "shoulder,3",
-            "the unit of 'velocity [furlong]' is not one of 'velocity'. Write rad/s",
+            "joint,unit,velocity",
+            "shoulder,banana,3",
+            "column 'unit': 'banana' is not a unit of this limit of a turning joint",
         ),
-        ("joint,velocity [deg]", "shoulder,3", "Write rad/s, deg/s or m/s"),
-        ("joint,acceleration [deg/s]", "shoulder,3", "Write rad/s^2, deg/s^2 or m/s^2"),
-        ("joint,effort [lbf in]", "shoulder,3", "is not one of 'effort'. Write N m or N"),
-        ("joint,velocity [m/s]", "shoulder,3", "'shoulder' is a turning joint, and the header has another unit"),
-        ("joint,effort [N]", "shoulder,3", "'shoulder' is a turning joint, and the header has another unit"),
+        ("joint,velocity [furlong]", "shoulder,3", "column 'velocity': 'furlong' is not a unit of this limit"),
+        ("joint,velocity [deg]", "shoulder,3", "Write one of rad/s, deg/s, rpm"),
+        ("joint,acceleration [deg/s]", "shoulder,3", "Write one of rad/s^2, deg/s^2"),
+        ("joint,jerk [deg/s²]", "shoulder,3", "Write one of rad/s^3, deg/s^3"),
+        ("joint,effort [lbf in]", "shoulder,3", "Write one of N m, mN m, kN m"),
+        ("joint,velocity [m/s]", "shoulder,3", "'m/s' is not a unit of this limit of a turning joint"),
+        ("joint,effort [N]", "shoulder,3", "'N' is not a unit of this limit of a turning joint"),
     ],
 )
 def test_unknown_units_of_limits_are_errors(head, row, words, tmp_path):
     (tmp_path / "limits.csv").write_text(f"{head}\n{row}\n")
     with pytest.raises(tw.ValueRangeError, match=re.escape(words)):
         read_limits(tmp_path / "limits.csv", tw.load(arm()).model)
+
+
+def test_a_blank_deceleration_is_the_acceleration_and_changes_no_other_row(tmp_path):
+    rows = ("shoulder,90,", "elbow,90,2")
+    (tmp_path / "limits.csv").write_text("\n".join(["joint,acceleration [deg/s^2],deceleration [rad/s²]", *rows]))
+    limits = read_limits(tmp_path / "limits.csv", tw.load(arm()).model)
+    assert limits.acceleration.tolist() == [math.pi / 2, math.pi / 2] and limits.deceleration.tolist() == [
+        math.pi / 2,
+        2.0,
+    ]
 
 
 def test_an_ok_without_limits_of_velocity_says_so(run, tmp_path):

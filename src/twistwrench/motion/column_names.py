@@ -130,6 +130,8 @@ _FACTORS: dict[tuple[str, bool], dict[str, float]] = {
     ("dq", False): {f"{u}/s": f for u, f in _LENGTHS.items()},
     ("ddq", True): {f"{u}/s2": f for u, f in _ANGLES.items()} | {"1/s2": 1.0},
     ("ddq", False): {f"{u}/s2": f for u, f in _LENGTHS.items()},
+    ("jerk", True): {f"{u}/s3": f for u, f in _ANGLES.items()},
+    ("jerk", False): {f"{u}/s3": f for u, f in _LENGTHS.items()},
     ("tau", True): {"nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2},
     ("tau", False): {"n": 1.0, "mn": 1e-3, "kn": 1e3},
 }
@@ -140,6 +142,8 @@ _SHOWN = {
     ("dq", False): "m/s, mm/s",
     ("ddq", True): "rad/s^2, deg/s^2",
     ("ddq", False): "m/s^2, mm/s^2",
+    ("jerk", True): "rad/s^3, deg/s^3",
+    ("jerk", False): "m/s^3, mm/s^3",
     ("tau", True): "N m, mN m, kN m",
     ("tau", False): "N, mN, kN",
 }
@@ -160,13 +164,26 @@ def split_unit(text: str) -> tuple[str, str | None]:
     return found[1].strip(), unit
 
 
+def si_factor(unit: str, part: str, angular: bool) -> float | None:
+    """Factor from a unit to SI units; ``part`` is q, dq, ddq, jerk or tau; None for units of other quantities.
+
+    >>> si_factor("deg/s^2", "ddq", True) == math.radians(1.0), si_factor("m/s", "dq", True)
+    (True, None)
+    """
+    return _FACTORS[part, angular].get(_plain(unit, products=part == "tau"))
+
+
+def known_units(part: str, angular: bool) -> str:
+    """Usual units of a quantity, for error messages."""
+    return _SHOWN[part, angular]
+
+
 def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
-    """Factor from a unit to SI units; ``part`` is q, dq, ddq or tau. Errors (TrajectoryError) start with ``where``."""
-    known = _FACTORS[part, angular]
-    factor = known.get(_plain(unit, products=part == "tau"))
+    """Factor of :func:`si_factor`; errors (TrajectoryError) start with ``where``."""
+    factor = si_factor(unit, part, angular)
     if factor is None:
         raise TrajectoryError(
-            f"{where}: the unit {unit!r} is not one of this column's kind. Known: {_SHOWN[part, angular]}"
+            f"{where}: the unit {unit!r} is not one of this column's kind. Known: {known_units(part, angular)}"
             f"{', and of currents with --gain A, mA' if part == 'tau' else ''}. Convert the column, "
             "or write its unit without brackets if it means something else."
         )
@@ -219,10 +236,11 @@ def ros_nanoseconds(stamps: Array) -> bool:
     return whole and (len(stamps) == 1 or float(np.median(np.diff(stamps))) >= _STEP_NS)
 
 
+_SAME = str.maketrans({"²": "2", "³": "3", "^": "", "µ": "u", "μ": "u"})
+
+
 def _plain(unit: str, *, products: bool = False) -> str:
-    text = (
-        unit.strip().casefold().replace("²", "2").replace("^", "").replace("**", "").replace("µ", "u").replace("μ", "u")
-    )
+    text = unit.strip().casefold().translate(_SAME).replace("**", "")
     text = text.replace("deg.", "deg").replace("sec", "s") if "/" in text else text
     text = re.sub(r"[\s·*.⋅-]" if products else r"\s", "", text)
     return re.sub(r"/s/s$", "/s2", text)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -22,6 +21,7 @@ from ..joints.units import heading_unit, unit_of
 from ..model.couplings import coupled_entries, joint_effort, refuse_coupled
 from ..model.limits import Limits
 from ..model.model import BASE, Body, Model
+from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
 from ..motion.csv_reader import CsvFile, Dialect, table_errors
 from ..typing import Array
@@ -259,18 +259,9 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
 }
 """Words for numbers."""
 _TURNS, _FAST, _ENDLESS, _FAR = 4 * math.pi, 20.0, 1e4, 3.0
-"""Smallest position [rad] and velocity [rad/s] that may be degrees, placeholder value, ratio to the robot's own limit."""
-_ANGULAR = dict.fromkeys(("rad", "radian", "radians"), 1.0) | dict.fromkeys(
-    ("deg", "degree", "degrees", "°"), math.radians(1.0)
-)
-"""Units of angles, in rad."""
-_LINEAR = ("m", "metre", "meter", "metres", "meters")
-_TIMES = dict.fromkeys(("lower", "upper"), "") | {
-    "velocity": "s", "acceleration": "s^2", "deceleration": "s^2", "jerk": "s^3",
-}  # fmt: skip
-"""Powers of time in the units of limits."""
-_UNIT_OF_HEAD = re.compile(r"(?P<name>\w+) *[\[(](?P<unit>[^\])]*)[\])]")
-"""Column head with a unit: ``velocity [deg/s]``."""
+"""rad and rad/s from which numbers may be degrees; numbers that stand for no limit; multiple of the robot's own limit."""
+_PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
+"""Quantities of the kinds of limits, for their units; jerk is one by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +289,10 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
     joints = Coordinates.from_model(model)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
-    sizes, stated = {"position": np.zeros(model.nv), "velocity": np.zeros(model.nv)}, np.zeros(model.nv, bool)
+    stated, without_unit = (
+        np.zeros(model.nv, bool),
+        {kind: np.zeros(model.nv) for kind in ("lower", "upper", "velocity")},
+    )
     for line, cells in rows:
         row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
         if row.get("leader"):
@@ -312,68 +306,56 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
             )
         seen.add(joint)
         stated[k] = "effort" in values
-        if "acceleration" in values and "deceleration" not in values:
-            values["deceleration"] = values["acceleration"]
-            units |= {"deceleration": units["acceleration"]} if "acceleration" in units else {}
         turns = bool(joints.angular_velocity[k])
-        scale = _scale(row.get("unit", ""), turns, degrees, where)
+        unit = row.get("unit") or unit_of("q", turns, degrees=degrees)
+        angle = _factor(unit, "q", turns, f"{where}, column 'unit'")
         for kind, value in values.items():
-            if kind in units and turns not in units[kind]:
-                of = "a turning" if turns else "a sliding"
-                raise ValueRangeError(
-                    f"{where}, column {kind!r}: {joint!r} is {of} joint, and the header has another unit."
-                )
-            found[kind][k] = (
-                value * units[kind][turns] if kind in units else value * (1.0 if kind == "effort" else scale)
-            )
-            what = "velocity" if kind == "velocity" else "position" if kind in ("lower", "upper") else None
-            if what and kind not in units and scale == 1.0 and math.isfinite(value):
-                sizes[what][k] = max(sizes[what][k], abs(value))
+            part = _PARTS.get(kind, kind)
+            of_head = _factor(units[kind], part, turns, f"{where}, column {kind!r}") if kind in units else None
+            found[kind][k] = value * (of_head or (1.0 if kind == "effort" else angle))
+            if kind in without_unit and of_head is None and angle == 1.0 and math.isfinite(value):
+                without_unit[kind][k] = abs(value)
+        if "acceleration" in values and "deceleration" not in values:
+            found["deceleration"][k] = found["acceleration"][k]
         if found["lower"][k] > found["upper"][k]:
             raise ValueRangeError(
                 f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
                 f"{printed(found['upper'][k])}. Swap them."
             )
-    for what, size in sizes.items():
-        _check_radians(path, what, size * joints.angular_velocity, model)
+    positions = np.maximum(without_unit["lower"], without_unit["upper"])
+    own = np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
+    _check_radians(path, positions, "position", own, _TURNS, model)
+    _check_radians(path, without_unit["velocity"], "velocity", model.limits.velocity, _FAST, model)
     return StatedLimits(**found, stated=stated)
 
 
-def _check_radians(path: Path, what: str, sizes: Array, model: Model) -> None:
+def _check_radians(path: Path, sizes: Array, what: str, own: Array, usual: float, model: Model) -> None:
     """Raise ValueRangeError if limits of turning joints are degrees: more than half exceed usual and the robot's own limits.
 
-    ``sizes`` (nv,) are the largest magnitudes in the file without a unit in their heads; zero if not given.
+    ``sizes`` (nv,) are the largest magnitudes of the file in radians without a unit in the head; zero if not given.
     """
-    own = (
-        model.limits.velocity
-        if what == "velocity"
-        else np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
-    )
-    beyond = _FAST if what == "velocity" else _TURNS
-    far = (sizes > beyond) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
+    sizes = sizes * Coordinates.from_model(model).angular_velocity
+    far = (sizes > usual) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
     if not 2 * int(far.sum()) > int((sizes > 0).sum()):
         return
     k = int(np.argmax(far))
-    turns, unit = f"{printed(sizes[k] / math.tau, 3)} turns", "/s" if what == "velocity" else ""
-    head = "velocity" if what == "velocity" else "lower"
+    head, per, a_second = ("velocity", "/s", " a second") if what == "velocity" else ("lower", "", "")
     raise ValueRangeError(
         f"{path}: the limits of {what} look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
-        f"{turns}{' a second' if unit else ''} in radians. Add --degrees, or name the unit in the header "
-        f"('{head} [deg{unit}]' or '{head} [rad{unit}]') or in a column 'unit'; inf stands for no limit."
+        f"{printed(sizes[k] / math.tau, 3)} turns{a_second} in radians. Add --degrees, or name the unit in the header "
+        f"('{head} [deg{per}]' or '{head} [rad{per}]') or in a column 'unit'; inf stands for no limit."
     )
 
 
-def _scale(unit: str, turns: bool, degrees: bool, where: str) -> float:
-    """Radians or metres per unit of a row: its column ``unit``, else degrees of a turning joint if ``degrees``."""
-    if not unit:
-        return math.radians(1.0) if turns and degrees else 1.0
-    known = _ANGULAR if turns else dict.fromkeys(_LINEAR, 1.0)
-    if (found := known.get(unit.lower())) is None:
-        allowed = "rad or deg" if turns else "m"
+def _factor(unit: str, part: str, turns: bool, where: str) -> float:
+    """Factor from a unit to SI units; raises ValueRangeError for units of other quantities."""
+    factor = si_factor(unit, part, turns)
+    if factor is None:
+        joint = "turning" if turns else "sliding"
         raise ValueRangeError(
-            f"{where}, column 'unit': {unit!r} is not a unit of this joint. Write {allowed}, or leave it blank."
+            f"{where}: {unit!r} is not a unit of this limit of a {joint} joint. Write one of {known_units(part, turns)}."
         )
-    return found
+    return factor
 
 
 def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
@@ -393,35 +375,17 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
     return k
 
 
-def _header(file: CsvFile) -> tuple[list[str], dict[str, dict[bool, float]]]:
-    """Column names, and SI units in one unit of each head that names its unit: of turning joints, True, and of sliding ones."""
-    heads = [_UNIT_OF_HEAD.fullmatch(cell.strip()) for cell in file.header]
-    header = [(head["name"] if head else cell.strip()).lower() for head, cell in zip(heads, file.header, strict=True)]
+def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
+    """Column names, and the units of heads that name one, ``velocity [deg/s]``."""
+    heads = [(name.lower(), unit) for name, unit in map(split_unit, file.header)]
+    header = [name for name, _ in heads]
     unknown = [name for name in header if name not in COLUMNS]
     if "joint" not in header or unknown or len(set(header)) < len(header):
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
             f"{', '.join(_KINDS)}, each once, separated by commas."
         )
-    named = [(name, head["unit"], cell) for name, head, cell in zip(header, heads, file.header, strict=True) if head]
-    return header, {name: _units(name, unit, f"{file.path}: the unit of {cell!r}") for name, unit, cell in named}
-
-
-def _units(kind: str, text: str, what: str) -> dict[bool, float]:
-    """SI units in one unit of a head, such as ``deg/s``, of turning joints, True, or sliding ones; ``rad/s, m/s`` of both."""
-    found = {}
-    for part in text.lower().replace("²", "^2").replace("³", "^3").replace("sec", "s").split(","):
-        unit = re.sub(r"/ *s *(?:\*\*|\^)?([23])", r"/s^\1", part.strip()).replace("/s/s", "/s^2")
-        base, _, time = unit.partition("/")
-        if kind == "effort" and re.fullmatch(r"n[ *·]?m?", unit):
-            found[unit.endswith("m")] = 1.0
-        elif time == _TIMES.get(kind) and base in (*_ANGULAR, *_LINEAR):
-            found[base in _ANGULAR] = _ANGULAR.get(base, 1.0)
-        else:
-            per = f"/{_TIMES[kind]}" if _TIMES.get(kind) else ""
-            allowed = "N m or N" if kind == "effort" else f"rad{per}, deg{per} or m{per}" if kind in _TIMES else "none"
-            raise ValueRangeError(f"{what} is not one of {kind!r}. Write {allowed}.")
-    return found
+    return header, {name: unit for name, unit in heads if unit and name in _KINDS}
 
 
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
