@@ -227,7 +227,7 @@ def test_a_gap_that_needs_more_speed_or_acceleration_than_was_logged():
         gaps = Gaps(0.5)
         gaps.add(time, q, np.zeros((4, 1)), np.zeros((4, 1)))
         gaps.add(np.array([1.3]), np.array([[0.1]]), np.array([[fastest]]), np.array([[hardest]]))
-        assert gaps.livelier == more
+        assert gaps.exceeds_logged_motion == more
 
 
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])

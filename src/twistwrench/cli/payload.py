@@ -90,11 +90,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     if hint := degrees_hint(robot, q):
         blocks += remarks([hint])
     if judged:
-        line = _verdict(found, where, robot, carried, assumed)
-        if (beyond or doubts) and found.holds:  # the first word is not OK, so this line has none
-            sentence = str(line.pieces[1]).removeprefix(": ")
-            line = Line(sentence[0].upper() + sentence[1:])
-        blocks.append(line)
+        blocks.append(_verdict(found, where, carried, assumed, first=not (beyond or doubts)))
     blocks += payload_view(robot, found, q, where, carried=carried, degrees=options.degrees, judged=judged)
     if judged:
         blocks += _forces(robot, q, name, limits)
@@ -227,26 +223,22 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> Ite
     yield ""
 
 
-def _verdict(found: LargestPayload, where: str, robot: Robot, carried: str, assumed: str) -> Line:
+def _verdict(found: LargestPayload, where: str, carried: str, assumed: str, *, first: bool) -> Line:
+    """Largest payload and the joint that limits it; OK is its word only if it comes ``first``."""
     itself = "the robot and what it carries" if carried else "the robot itself"
     if not found.holds:
         why = str(found).removeprefix("no payload: ")
         return verdict(Word.OVER_LIMIT, f": no payload. {why.replace('the robot alone', itself) if carried else why}.")
-    if found.joint < 0:
-        unlimited = "the payload is not limited at this pose: no joint torque depends on it"
-        return verdict(Word.OK, f": {unlimited}{assumed}.")
-    k = int(found.joint)
-    side = "upper" if found.side > 0 else "lower"
-    c, name = Coordinates.from_model(robot.model), found.joint_names[k]
-    units = {b.joint.name: unit_of("tau", bool(b.joint.turning[0])) for b in robot.model.bodies if b.joint.nv}
-    unit = {**units, **dict(zip(c.velocity_names, c.torque_units, strict=True))}.get(
-        name, unit_of("tau", True)
-    )  # of coupled motors
-    return verdict(
-        Word.OK,
-        f": largest payload at rest in this pose: {rounded_down(found.mass)} kg at {where}. Limited by {name}, "
-        f"{side} limit: {torque(found.torques[k])} {unit}, of which {torque(found.unloaded[k])} carry {itself}{assumed}.",
-    )
+    k, side = int(found.joint), "upper" if found.side > 0 else "lower"
+    if k < 0:
+        sentence = f"the payload is not limited at this pose: no joint torque depends on it{assumed}."
+    else:
+        sentence = (
+            f"largest payload at rest in this pose: {rounded_down(found.mass)} kg at {where}. Limited by "
+            f"{found.joint_names[k]}, {side} limit: {torque(found.torques[k])} {found.units[k]}, of which "
+            f"{torque(found.unloaded[k])} carry {itself}{assumed}."
+        )
+    return verdict(Word.OK, f": {sentence}") if first else Line(sentence[0].upper() + sentence[1:])
 
 
 def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Line:

@@ -30,6 +30,7 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..estimation.filters import UniformSpline, lagged, low_pass
+from ..lie import so3
 from ..model.model import BASE
 from ..typing import Array
 from .parameters import BaseParameters
@@ -256,9 +257,8 @@ def exchanged_torques(s: LogStates, order: Array) -> LogStates:
 
 def tilt(s: LogStates, beta: Array) -> LogStates:
     """Turn the base by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
-    turn = np.linalg.svd(s.gravity[None])[2][1:].T @ beta  # perpendicular to gravity
-    angle = float(np.linalg.norm(turn))
-    return s.changed(gravity=np.cos(angle) * s.gravity + np.sinc(angle / np.pi) * np.cross(turn, s.gravity))
+    level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes perpendicular to gravity
+    return s.changed(gravity=so3.exp(level.T @ beta) @ s.gravity)
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:

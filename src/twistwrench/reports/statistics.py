@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,16 +50,39 @@ _LONG, _MOVED, _FAST = 0.1, 1e-3, 0.1
 largest speed. In a shorter gap no joint with mass accelerates and brakes again."""
 
 
+class _Gap(NamedTuple):
+    """Gap in time that is long enough for a motion."""
+
+    begin: float
+    length: float
+    change: float
+    """Largest change of a coordinate across the gap [rad, m]."""
+    beside: Array
+    """(2, nv) speeds at its ends."""
+    across: Array
+    """(2, nv) least speed and acceleration of each coordinate within the gap; zero if unknown."""
+
+
+def _least_across(change: Array, v0: Array, v1: Array, h: float) -> Array:
+    """(2, nv) speed and acceleration that a change over the time h takes, from the speed v0 to v1.
+
+    A constant acceleration and deceleration: 2/3 of the largest acceleration of the cubic between the ends.
+    """
+    v = change / h
+    a = np.maximum(np.abs(3 * v - 2 * v0 - v1), np.abs(3 * v - v0 - 2 * v1)) * 4 / (3 * h)
+    return np.abs([v, a])
+
+
 @dataclass
 class Gaps:
-    """Time steps longer than ``threshold``."""
+    """Time steps longer than ``threshold``; ``rates`` is true if velocities are the rates of the coordinates."""
 
     threshold: float
+    rates: bool = True
     count: int = 0
     longest: float = 0.0
     longest_at: float = float("nan")
-    _long: list[tuple[float, float, float, Array, Array]] = field(default_factory=list)
-    """Start, length, largest change of a coordinate, speed beside it, and least speed and acceleration across, of long gaps."""
+    _long: list[_Gap] = field(default_factory=list)
     _most: Array | float = 0.0
     """(2, nv) largest logged speed and acceleration of each coordinate."""
     _last: tuple[Array, Array, Array] | None = None
@@ -67,7 +91,9 @@ class Gaps:
     def hiding(self) -> list[tuple[float, float]]:
         """Start and length [s] of each gap with motion across it or at its ends."""
         fast = max(_FAST * float(np.max(self._most, initial=0.0, where=[[True], [False]])), _MOVED)
-        return [(at, step) for at, step, moved, beside, _ in self._long if moved > _MOVED or beside.max() > fast]
+        return [
+            (gap.begin, gap.length) for gap in self._long if gap.change > _MOVED or gap.beside.max(initial=0.0) > fast
+        ]
 
     @property
     def hidden(self) -> float:
@@ -81,11 +107,10 @@ class Gaps:
         return f"the robot moves while nothing is logged for {number(step)} s after t = {seconds(at)} s"
 
     @property
-    def livelier(self) -> bool:
+    def exceeds_logged_motion(self) -> bool:
         """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged."""
-        return any(
-            (across > self._most + _MOVED * np.array([[1 / h], [4 / h**2]])).any() for _, h, _, _, across in self._long
-        )
+        slack = (_MOVED * np.array([[1 / gap.length], [4 / gap.length**2]]) for gap in self._long)
+        return any((gap.across > self._most + more).any() for gap, more in zip(self._long, slack, strict=True))
 
     def beside(self, time: float, within: float) -> bool:
         """True if the time is at most ``within`` [s] from an end of a gap with motion."""
@@ -101,11 +126,10 @@ class Gaps:
         self.count += int(found.sum())
         self.longest, self.longest_at = _longest(time, np.where(found, steps, 0.0), (self.longest, self.longest_at))
         for k in np.flatnonzero(found & (steps > _LONG)):
-            h, (v0, v1), across = float(steps[k]), dq[k : k + 2], np.zeros((2, dq.shape[1]))
-            if changes.shape[1] == dq.shape[1]:
-                v = changes[k] / h
-                across = np.abs([v, np.maximum(np.abs(3 * v - 2 * v0 - v1), np.abs(3 * v - v0 - 2 * v1)) * 4 / 3 / h])
-            self._long.append((float(time[k]), h, float(np.abs(changes[k]).max(initial=0.0)), np.abs([v0, v1]), across))
+            h, change, (v0, v1) = float(steps[k]), changes[k], dq[k : k + 2]
+            across = _least_across(change, v0, v1, h) if self.rates else np.zeros((2, dq.shape[1]))
+            size = float(np.abs(change).max(initial=0.0))
+            self._long.append(_Gap(float(time[k]), h, size, np.abs([v0, v1]), across))
         self._last = time[-1:], q[-1:], dq[-1:]
 
 

@@ -198,7 +198,7 @@ def most_hidden(report: TorqueReport) -> float:
     """Longest gap [s] with motion that leaves the verdict sure; 0 if a peak may continue in a gap, or be in it."""
     peaks = [j for j in report.joints if not report.is_zero(j.largest)]
     beside = any(report.gaps.beside(j.time, _BESIDE * report.quality.step) for j in peaks)
-    return 0.0 if beside or report.gaps.livelier else HIDDEN * (report.end - report.begin)
+    return 0.0 if beside or report.gaps.exceeds_logged_motion else HIDDEN * (report.end - report.begin)
 
 
 def contradictions(report: TorqueReport) -> list[str]:

@@ -214,8 +214,8 @@ def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str,
     try:
         with np.errstate(all="ignore"):  # non-finite states end as unstable motions
             M = inertia(*(np.asarray(x, float) for x in inputs))
-            for _ in range(2):  # A⁻ᵀ M A⁻¹, of the drives
-                M = np.swapaxes(motor_torques(robot.model, M), -1, -2) if robot.model.couplings else M
+            if robot.model.couplings:  # of the drives, A⁻ᵀ M A⁻¹
+                M = motor_torques(robot.model, np.swapaxes(motor_torques(robot.model, M), -1, -2))
             return creep_speeds(M, _dry_friction(robot, parameters), h)
     except np.linalg.LinAlgError:
         robot.engine.require_invertible()
