@@ -281,7 +281,7 @@ def test_each_entry_of_a_rotation_is_looked_at(place, batch):
 )
 def test_frames_of_jacobians_by_their_names_in_pinocchio_are_translated(name, kind):
     arm = tw.robots.planar_2r()
-    with pytest.raises(tw.UnknownNameError, match=f"what Pinocchio calls so is kind='{kind}', with angular rows first"):
+    with pytest.raises(tw.UnknownNameError, match=f"Pinocchio's name for kind='{kind}', which has angular rows first"):
         arm.jacobian([0, 0], kind=name)
 
 
@@ -298,7 +298,7 @@ OTHERS = {
 def test_names_of_other_libraries_lead_to_ours(name):
     robot, (quantity, call) = tw.robots.planar_2r(), OTHERS[name]
     for ask in (robot.kernel, robot.to_jax):
-        with pytest.raises(tw.UnknownNameError, match=f"calls so is '{quantity}'"):
+        with pytest.raises(tw.UnknownNameError, match=f"name for '{quantity}'"):
             ask(name)
     with pytest.raises(AttributeError) as caught:
         getattr(robot, name)

@@ -19,7 +19,6 @@ from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, moves, new_
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
-from ..model.couplings import without_couplings
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
 from ..robot import Robot
@@ -30,7 +29,7 @@ from .cause_fit import log_fit
 from .chunks import gap_notes
 from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
-from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
+from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed, uncoupled
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
 from .rows import MOST_ROWS, PAUSE, ROW_RATE, SteadySamples
@@ -213,7 +212,7 @@ def identified(
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(
-        original=Robot(without_couplings(robot.model)) if robot.model.couplings else robot,
+        original=uncoupled(robot),
         base=base,
         values=x,
         covariance=covariance,

@@ -30,12 +30,11 @@ from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import left_unexplained
-from ..model.couplings import without_couplings
 from ..robot import Robot
 from ..typing import Array
 from .chunks import FASTER, RowFrame
 from .hyperparameters import FitSettings
-from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters
+from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters, uncoupled
 from .payload import MotorSide
 from .result import IdentifiedRobot
 
@@ -238,7 +237,7 @@ class NormalEquationBlocks:
             held_out = replace(held_out, rows=(self.shown,))
         folds = tuple(_of_groups(self.moments.equations(self.frame, 1, b), base.count, x, sigma) for b in _folds(self))
         return IdentifiedRobot(
-            original=Robot(without_couplings(self.robot.model)) if self.robot.model.couplings else self.robot,
+            original=uncoupled(self.robot),
             base=base,
             values=x[: base.count],
             covariance=_block_covariance(self, x, sigma),

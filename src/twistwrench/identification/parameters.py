@@ -56,6 +56,11 @@ PARAMETER_UNITS = {
 """SI units of each kind of parameter: revolute joints first, then prismatic joints."""
 
 
+def uncoupled(robot: Robot) -> Robot:
+    """Robot without its coupled motors; the same robot if no motors are coupled."""
+    return Robot(without_couplings(robot.model)) if robot.model.couplings else robot
+
+
 def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
     """SI units of groups of parameters: those of their first parameters."""
     kinds = [name.split(" ")[0].rpartition(".") for name in groups]

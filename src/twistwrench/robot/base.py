@@ -353,7 +353,7 @@ def _other_call(robot: type, name: str) -> str:
         return ""
     call = f"robot.{quantity}(…)" if hasattr(robot, quantity) else f"robot.kernel({quantity!r})"
     call = "robot.momentum(q, dq, frame='com')" if quantity == "momentum_about_com" else call
-    return f": {hint}, {call}" if hint else f": use {call}"
+    return f": {hint}; use {call}" if hint else f": use {call}"
 
 
 complete(globals())

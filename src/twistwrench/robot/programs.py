@@ -102,7 +102,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         if full["kind"] not in kinematics.KINDS:
             if meant := kinematics.PINOCCHIO.get(str(full["kind"]).upper()):
                 raise UnknownNameError(
-                    f"no kind named {str(full['kind'])!r}: what Pinocchio calls so is kind={meant!r}, with angular rows first."
+                    f"no kind named {str(full['kind'])!r}: Pinocchio's name for kind={meant!r}, which has angular rows first."
                 )
             raise UnknownNameError.from_choices("kind", full["kind"], kinematics.KINDS)
     if "rows" in allowed:

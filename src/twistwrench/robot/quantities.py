@@ -286,7 +286,7 @@ def other_name_hint(name: str) -> str:
     """Clause on a name that another library has for a quantity; empty for other names.
 
     >>> other_name_hint("rnea"), other_name_hint("elbow")
-    ("what Pinocchio calls so is 'inverse_dynamics'", '')
+    ("Pinocchio's name for 'inverse_dynamics'", '')
     """
     library, quantity = OTHER_NAMES.get(name.casefold(), ("", ""))
-    return f"what {library} calls so is {quantity!r}" if quantity else ""
+    return f"{library}'s name for {quantity!r}" if quantity else ""
