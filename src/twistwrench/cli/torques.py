@@ -19,6 +19,7 @@ from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt
+from ..model.couplings import refuse_couplings
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts
@@ -27,7 +28,6 @@ from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share
 from ..reports.load_case import TERMS, cause_label
 from ..reports.log_quality import MeasuredTorque
 from ..reports.motors import Demand, MotorUse, Steps
-from ..reports.recording import require_mcap, require_rerun
 from ..reports.robot_summary import read_limits
 from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
@@ -103,15 +103,21 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         raise ValueRangeError("--joint selects panels of --plot causes=… and phase=…. Add one of them.")
     files = {"--trajectory": path, "--limits": given.limits, "--srdf": given.srdf, **options.files}
     given.check_files(files, **{f"plot {kind}": picture for kind, picture in plots.items()})
-    if given.mcap is not None:
-        require_mcap()
-    if given.rerun is not None:
-        require_rerun()
+    if given.mcap is not None or given.rerun is not None:
+        from ..reports.recording import require_mcap, require_rerun
+
+        for out, require in ((given.mcap, require_mcap), (given.rerun, require_rerun)):
+            if out is not None:
+                require()
     with progress_bar(path.name) as progress:
         steps = Steps(progress, (_PLANNING_AND_SMOOTHING if given.smooth else _PLANNING, 1.0))
         report = analysis(options, given, path, steps, csv=given.csv, split=given.split)
     if given.smooth and not report.differentiation.derives:
         note("--smooth changes nothing: the file gives velocities and accelerations.")
+    if "motors" in plots and not report.motors:
+        raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
+    if given.html is not None:
+        refuse_couplings(report.load.robot.model, "a page")
     blocks = list(report_view(report, degrees=options.degrees, why=given.why))
     show(*blocks)
     link, motion = "", None
@@ -154,8 +160,6 @@ def _plot(report: TorqueReport, motion: DrawnMotion | None, kind: str, path: str
     from ..plotting import motion as of_motion
     from ..plotting.torques import plot_motors, plot_report
 
-    if kind == "motors" and not report.motors:
-        raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
     if motion is None or kind in ("torques", "motors"):
         (plot_motors if kind == "motors" else plot_report)(report, path)
     elif kind == "power":
