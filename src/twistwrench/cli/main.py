@@ -355,6 +355,7 @@ class Given(SimpleNamespace):
     wrenches: tuple[str, ...] = ()
     no_friction = False
     overwrite = False
+    html: str | None = None
     json: str | None = None
     results: str | None = None
     """Text of --json that replaces the report as data."""
@@ -594,7 +595,6 @@ def help_command(topic: str | None) -> None:
         for path in (package / "guides" / name, package.parent.parent / "docs" / name)  # installed, source tree
         if path.exists()
     )
-    text = re.sub(r"\A---\n.*?\n---\n+", "", text, flags=re.DOTALL)
-    click.echo(
-        re.sub(r"\[([^\]]+)\]\((?!https?:)[^)]*\)", r"\1", re.sub(r"^(```\w+) .*$", r"\1", text, flags=re.MULTILINE))
-    )
+    text = re.sub(r"\A---\n.*?\n---\n+", "", text, flags=re.DOTALL)  # front matter
+    text = re.sub(r"^(```\w+) .*$", r"\1", text, flags=re.MULTILINE)
+    click.echo(re.sub(r"\[([^\]]+)\]\((?!https?:)[^)]*\)", r"\1", text))

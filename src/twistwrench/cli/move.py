@@ -100,21 +100,12 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     given.check_files(files)
     load = load_case(options.load(), options, given)
     robot = load.with_load
-    bounds = read_limits(given.limits, robot.model, degrees=options.degrees)
-    asked = bounds_of(robot, acceleration=given.acceleration, jerk=given.jerk)
-    if given.acceleration is not None:
-        bounds = replace(bounds, acceleration=asked.acceleration, deceleration=asked.deceleration)
-    if given.jerk is not None:
-        bounds = replace(bounds, jerk=asked.jerk)
+    bounds = _bounds(robot, given, degrees=options.degrees)
     if given.fastest and given.duration is not None:
         raise ValueRangeError("--fastest computes the duration, and --duration sets it. Leave one of them out.")
     if not given.step > 0:
         raise ValueRangeError(f"--step {printed(given.step)}: give seconds above zero.")
-    begin = parse_configuration(robot, given.begin, degrees=options.degrees, option="--from")
-    end = parse_configuration(robot, given.to, degrees=options.degrees, option="--to", start=begin)
-    for what, q in (("--from", begin), ("--to", end)):
-        if (given.begin if what == "--from" else given.to) and (hint := degrees_hint(robot, q)):
-            show(*remarks([f"{what}: {hint}"]))
+    begin, end = _ends(robot, given, degrees=options.degrees)
 
     def report(subject: str, blocks: list[Block], **shown: Any) -> None:
         write_report(
@@ -168,6 +159,25 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         facts = [("duration", f"{number(moving.duration, 6)} s")]
         report(f"{robot.name} · {moving.path.name}", blocks, facts=facts, pictures=pictures)
     return ExitCode.FINE if not (over or doubts or collides) and trouble is None else ExitCode.NO
+
+
+def _bounds(robot: Robot, given: Given, *, degrees: bool) -> Limits:
+    """Limits of the robot or of --limits, with those of --acceleration and --jerk."""
+    bounds = read_limits(given.limits, robot.model, degrees=degrees)
+    asked = bounds_of(robot, acceleration=given.acceleration, jerk=given.jerk)
+    if given.acceleration is not None:
+        bounds = replace(bounds, acceleration=asked.acceleration, deceleration=asked.deceleration)
+    return bounds if given.jerk is None else replace(bounds, jerk=asked.jerk)
+
+
+def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array]:
+    """Configurations of --from and --to; prints a hint if they are plainly in degrees."""
+    begin = parse_configuration(robot, given.begin, degrees=degrees, option="--from")
+    end = parse_configuration(robot, given.to, degrees=degrees, option="--to", start=begin)
+    for option_, texts, q in (("--from", given.begin, begin), ("--to", given.to, end)):
+        if texts and (hint := degrees_hint(robot, q)):
+            show(*remarks([f"{option_}: {hint}"]))
+    return begin, end
 
 
 def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:

@@ -20,6 +20,7 @@ from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
 from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
+from ..model.couplings import refuse_couplings
 from ..reports.blocks import Block, verdict
 from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.robot_summary import assignments, parse_numbers
@@ -372,7 +373,9 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
 
 
 def load_case(robot: Robot, options: RobotOptions, given: Given) -> LoadCase:
-    """Robot with the payloads and wrenches of the options."""
+    """Robot with the payloads and wrenches of the options; raises ModelError if --html cannot show its drives."""
+    if given.html is not None:
+        refuse_couplings(robot.model, "--html")
     payloads = tuple(parse_payload(text, options.tip) for text in given.payloads)
     return LoadCase(robot, payloads, parse_wrenches(given.wrenches), friction=not given.no_friction)
 

@@ -19,7 +19,6 @@ from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt
-from ..model.couplings import refuse_couplings
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts
@@ -116,8 +115,6 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         note("--smooth changes nothing: the file gives velocities and accelerations.")
     if "motors" in plots and not report.motors:
         raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
-    if given.html is not None:
-        refuse_couplings(report.load.robot.model, "a page")
     blocks = list(report_view(report, degrees=options.degrees, why=given.why))
     show(*blocks)
     link, motion = "", None
