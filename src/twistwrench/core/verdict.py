@@ -36,6 +36,8 @@ class Word(StrEnum):
     """First word of a report."""
 
     OK = "OK"
+    DONE = "DONE"
+    """Done; no question was asked, so nothing was judged."""
     UNSURE = "UNSURE"
     OVER_LIMIT = "OVER LIMIT"
     COLLISION = "COLLISION"
@@ -44,7 +46,8 @@ class Word(StrEnum):
     LOOK_AGAIN = "LOOK AGAIN"
 
 
-_SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK
+_POSITIVE = Word.OK, Word.DONE
+_SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK, Word.DONE
 
 
 @dataclass(frozen=True)
@@ -54,17 +57,17 @@ class Verdict:
     Parameters
     ----------
     word
-        OK only without any reason against it. UNSURE if the data do not determine the answer. OVER LIMIT if a limit is
-        certainly exceeded. COLLISION if two links touch, by the distance of their shapes. CONTACT if a sensor measures more
-        than its load. STOPPED if a motion ended early. LOOK AGAIN if the input contradicts itself, so that no number of the
-        report is reliable.
+        OK only without any reason against it. DONE if nothing was judged. UNSURE if the data do not determine the answer.
+        OVER LIMIT if a limit is certainly exceeded. COLLISION if two links touch, by the distance of their shapes. CONTACT
+        if a sensor measures more than its load. STOPPED if a motion ended early. LOOK AGAIN if the input contradicts
+        itself, so that no number of the report is reliable.
     reasons
-        A sentence for each reason against OK. Only OK may have none.
+        A sentence for each reason against OK. Only OK and DONE may have none.
 
     Raises
     ------
     ValueError
-        For a verdict other than OK without a reason.
+        For a verdict other than OK and DONE without a reason.
 
     Examples
     --------
@@ -79,7 +82,7 @@ class Verdict:
     reasons: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.word is not Word.OK and not self.reasons:
+        if self.word not in _POSITIVE and not self.reasons:
             raise ValueError(f"the verdict {self.word} needs a reason")
 
     @classmethod
@@ -134,8 +137,8 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
-        """True if the answer is OK."""
-        return self.word is Word.OK
+        """True if the answer is OK, or the work is done and nothing was judged."""
+        return self.word in _POSITIVE
 
     @property
     def exit_code(self) -> ExitCode:
