@@ -13,7 +13,7 @@ import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
 from twistwrench.viz import write_page
-from twistwrench.viz.page_loops import contacts_of
+from twistwrench.viz.page_loops import closed_by_file, contacts_of
 
 pytest_plugins = ("page_fixtures",)
 
@@ -331,3 +331,28 @@ def test_the_command_closes_the_loops_of_a_file(tmp_path):
     header = read_page(tmp_path / "page.html")[0]
     assert sum(header["loops"]["dependent"]) == 2
     assert not any("left open" in note for note in header["notes"])
+
+
+GRIPPER = """<mujoco model="gripper"><worldbody><body name="palm"><geom type="box" size=".05 .03 .02" mass=".5"/>
+<body name="crank" pos=".03 0 0"><joint name="crank" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.1" size=".005" mass=".05"/>
+<body name="coupler" pos="0 0 -.1"><joint name="coupler" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .08 0 0" size=".005" mass=".05"/>
+</body></body><body name="rocker" pos=".1 0 0"><joint name="rocker" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 .01 0 -.1" size=".005" mass=".05"/></body></body></worldbody>
+<equality><connect name="pin" body1="coupler" body2="rocker" anchor=".08 0 0"/></equality>
+<tendon><fixed name="split"><joint joint="rocker" coef=".5"/></fixed></tendon>
+<actuator>{}</actuator></mujoco>"""
+
+
+def test_joints_of_tendon_actuators_are_the_motors_of_a_page(tmp_path):
+    """The page moves and loads the joint that the tendon drives; without actuators it names the motors that it assumes."""
+    texts = {"driven": GRIPPER.format('<general tendon="split" ctrlrange="0 1"/>'), "plain": GRIPPER.format("")}
+    headers = {}
+    for name, text in texts.items():
+        closed = closed_by_file(tw.load(text))
+        headers[name] = read_page(write_page(closed, tmp_path / f"{name}.html"))[0]
+    loops = headers["driven"]["loops"]
+    assert [bool(x) for x in loops["actuated"]] == [False, False, True]
+    assert [bool(x) for x in loops["dependent"]] == [True, True, False]
+    assert not any("assumed" in note for note in headers["driven"]["notes"])
+    assert any(note.startswith("The file names no motors; assumed: crank.") for note in headers["plain"]["notes"])
+    assert all(header["subtitle"].startswith("1 degree of freedom,") for header in headers.values())

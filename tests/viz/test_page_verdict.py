@@ -225,6 +225,23 @@ def test_mimic_joints_with_limits_are_judged_at_every_load_and_tip(tmp_path):
     assert any("Maximum payload" in text for text in found)
 
 
+def test_the_assumption_of_a_tip_is_said_at_every_payload_of_the_slider(tmp_path):
+    """Three tips on the last body: a page made without a payload, and one made with another, say what the command says."""
+    ends = "".join(
+        f'<link name="{x}"/><joint name="to_{x}" type="fixed"><parent link="hand"/><child link="{x}"/><origin xyz="0 {y} 0"/></joint>'
+        for x, y in (("a", 0.1), ("b", 0.0), ("c", -0.1))
+    )
+    arm = HAND.partition('<joint name="left"')[0].replace('"arm"', '"hand"')
+    robot = tw.load(arm.format(links=LINK.format("hand")) + ends + "</robot>")
+    log = log_of(robot, tmp_path / "log.csv")
+    masses = (0.0, 0.3, 1.25, 4.0)
+    expected = [said(report_of(robot, log, *([Payload(mass)] if mass else []))) for mass in masses]
+    for payloads in ((), (Payload(2.0),)):
+        page = page_of(report_of(robot, log, *payloads), tmp_path / f"page{len(payloads)}.html")
+        assert under_node(page, SAY, [under(mass) for mass in masses]) == expected
+    assert "Assumption: 1.25 kg at c (one of 3 tips; --tip)" in expected[2]
+
+
 @pytest.mark.slow
 def test_a_floating_base_is_judged_at_every_load(tmp_path):
     robot = tw.robots.quadruped()

@@ -19,7 +19,7 @@ ENTRIES: Mapping[str, str] = {
     "T": "(..., 4, 4) array_like, pose",
     "Tf": "float, duration, above 0 [s]",
     "V": "(..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]",
-    "actuated": "iterable of str, optional, joints with a motor; None: all",
+    "actuated": "iterable of str, optional, joints with a motor; None: all that the file drives, never a free or planar base",
     "angle": "float, tolerance [rad]",
     "bounds": "Limits, optional; None: the robot's own",
     "dV": "(..., 6) array_like or Twist, optional, rate of the twist [rad/s², m/s²]",

@@ -29,6 +29,7 @@ _EQUALITIES = dict(enumerate(("connect", "weld", "joint", "tendon")))
 _DCMOTOR = 3
 """Gain type of DC motors, since version 4."""
 _ON_JOINTS = (0, 1)
+_SLIDER_CRANK, _ON_TENDON = 2, 3
 """Values of ``mjtTrn``: at a joint, and at a joint in the parent's frame."""
 _BODY, _WRAP_JOINT = 1, 1
 """Values of ``mjtObj`` and ``mjtWrap``."""
@@ -130,6 +131,7 @@ class _File:
             j, name = int(model.actuator_trnid[k, 0]), model.actuator(k).name or str(k)
             if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
                 self.notes.append(ModelNote(f"actuator {name} of MuJoCo's model", LEFT_OUT["actuator/joint"]))
+                self._add_other_drive(section, k, name)
                 continue
             # Actuators with several outputs or controls have several rows of gears and ranges.
             gear, control = (int(_field(model, field, k, k)) for field in ("actuator_outadr", "actuator_ctrladr"))
@@ -147,6 +149,15 @@ class _File:
                 forcelimited=_flag(model.actuator_forcelimited[k]), forcerange=model.actuator_forcerange[k],
                 armature=_field(model, "actuator_armature", k), damping=_polynomial(model, "actuator_damping", k),
             )  # fmt: skip
+
+    def _add_other_drive(self, section: Element, k: int, name: str) -> None:
+        """Add an actuator of a tendon or slider-crank, of which only the driven joints are read."""
+        model = self.model
+        kind, t = int(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
+        if kind == _ON_TENDON:
+            _add(section, "general", name=name, tendon=model.tendon(t).name or str(t))
+        elif kind == _SLIDER_CRANK:
+            _add(section, "general", name=name, cranksite=str(t))
 
     def _motor(self, k: int) -> dict[str, ArrayLike]:
         """Attributes of a ``dcmotor`` from its compiled values, which do not include the nominal voltage."""

@@ -354,6 +354,10 @@ class Additions:
     springs: list[Spring] = field(default_factory=list)
     configurations: dict[str, dict[str, ArrayLike]] = field(default_factory=dict)
     closures: dict[str, OfferedClosure] = field(default_factory=dict)
+    motor_joints: set[str] = field(default_factory=set)
+    """Joints that the file's actuators drive."""
+    mounted: bool = False
+    """True if something is stated to hold the fixed root."""
 
 
 def assemble(
@@ -407,7 +411,8 @@ def assemble(
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         limits=_stacked([shared for shared, _ in limits]), friction=friction, armature=armature,
         springs=tuple(s for s in (_led(s, drives, columns) for s in additions.springs) if s.terms),
-        closures=additions.closures, mounts={entry.child: (entry.parent, entry.name) for entry in joints},
+        closures=additions.closures, motor_joints=frozenset(additions.motor_joints), mounted=additions.mounted,
+        mounts={entry.child: (entry.parent, entry.name) for entry in joints},
         defects=tuple(text for _, remarks in limits for text in remarks),
     )  # fmt: skip
     configurations = {  # mimic joints follow

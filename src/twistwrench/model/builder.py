@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
@@ -303,6 +303,38 @@ class ModelBuilder:
         closure : OfferedClosure
         """
         self._additions.closures[name] = closure
+
+    def add_motors(self, joints: Iterable[str]) -> None:
+        """Add joints that the file's actuators drive; joints without a motor are then passive.
+
+        Parameters
+        ----------
+        joints : iterable of str
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("slider")
+        >>> builder.add_link("rail")
+        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
+        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
+        >>> builder.add_motors(["slide"])
+        >>> sorted(builder.build().motor_joints)
+        ['slide']
+        """
+        self._additions.motor_joints |= set(joints)
+
+    def mount(self) -> None:
+        """State that something holds the fixed root, so that a robot with legs hangs or is bolted to the world.
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("point")
+        >>> builder.add_link("base")
+        >>> builder.mount()
+        >>> builder.build().mounted
+        True
+        """
+        self._additions.mounted = True
 
     def build(
         self,

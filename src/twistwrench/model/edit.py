@@ -178,9 +178,10 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     refuse_coupled(replace(model, couplings=couplings), at, "cannot be locked alone. Lock all of them, or none")
     motors = {motor for c in model.couplings if c not in couplings for motor in c.motors}
     fused = fuse(model, held)
+    mounted = model.mounted or any(model.bodies[i].parent == BASE and not model.bodies[i].joint.driven for i in held)
     springs = tuple(s for s in (spring.with_fixed(at) for spring in model.springs) if s.terms)
     actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in {*at} | motors}
-    fused = replace(fused, springs=springs, actuators=actuators, couplings=couplings)
+    fused = replace(fused, springs=springs, actuators=actuators, couplings=couplings, mounted=mounted)
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
 
 

@@ -35,6 +35,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
         site = whole.additions.sites[link]
         link, T = site.link, np.asarray(site.pose @ pose)
     _check_names(whole, part, prefix)
+    whole.additions.motor_joints = _motors_of_both(whole, part)
     whole.links |= part.links
     name = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
     whole.joints += [fixed_entry(name, link, part.root, T), *part.joints]
@@ -56,6 +57,17 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     return replace(found, defects=(*model.defects, *other.defects))
 
 
+def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
+    """Joints with motors of two joined robots; a file without actuators drives all its joints."""
+    if not (whole.additions.motor_joints or part.additions.motor_joints):
+        return set()
+    driven: set[str] = set()
+    for parts in (whole, part):
+        every = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
+        driven |= parts.additions.motor_joints or every
+    return driven
+
+
 def chain(model: Model, base: str | None, tip: str | None) -> Model:
     """Part of the model with a fixed base: the subtree of a link, or only the joints between it and a tip.
 
@@ -74,6 +86,7 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
     if base is not None:
         found.gravity = _rotation(model, root).T @ found.gravity if root in model.frames else found.gravity
         found.floating = False
+        found.additions.mounted = True
     part = _restricted(found, kept)
     part.root = root
     cut = reassemble(part)
@@ -121,6 +134,7 @@ def _renamed(part: ModelParts, prefix: str) -> ModelParts:
         closures={
             called(name): OfferedClosure(frame(c.frame_a), frame(c.frame_b), c.rows) for name, c in more.closures.items()
         },
+        motor_joints={called(name) for name in more.motor_joints},
     )  # fmt: skip
     return replace(
         part, root=called(part.root), additions=additions,
@@ -214,6 +228,7 @@ def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
     additions = replace(
         more, sites=sites, springs=[s for s in more.springs if all(joint in names for joint, _ in s.terms)],
         configurations=configurations, closures={k: c for k, c in more.closures.items() if {c.frame_a, c.frame_b} <= frames},
+        motor_joints=more.motor_joints & names,
     )  # fmt: skip
     return replace(
         found, links={name: link for name, link in found.links.items() if name in kept}, joints=joints, actuators=actuators,

@@ -242,6 +242,10 @@ class Model:
     """Motors that move several joints together. Armature, friction and effort at their joints' indices are the motors'."""
     closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
     """Loops that the file describes; the tree leaves them open."""
+    motor_joints: frozenset[str] = frozenset()
+    """Joints that the file's actuators drive, directly or by a tendon; empty if the file describes no actuators."""
+    mounted: bool = False
+    """True if something is stated to hold the fixed root: ``floating_base=False``, or a joint of the file to the world."""
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Parent link and joint of each link except the root, as described, including fixed joints. The parent of a floating
     base is the link ``""``."""

@@ -53,7 +53,7 @@ class ModelParts:
     """Coupled drives; friction, armature and effort of their joints are those of the motors at the same indices."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     additions: Additions = field(default_factory=Additions)
-    """Sites, springs, configurations, closures."""
+    """Sites, springs, configurations, closures, joints with motors, and what is stated about the base."""
 
 
 def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
@@ -203,6 +203,7 @@ class _Disassembly:
         for name, q in model.configurations.items():
             more.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
         more.closures = dict(model.closures)
+        more.motor_joints, more.mounted = set(model.motor_joints), model.mounted
 
 
 _NO_LIMITS = Limits(*(np.zeros(0),) * 4)

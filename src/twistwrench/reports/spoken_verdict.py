@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -135,10 +136,12 @@ def verdict_data(
     Without a ``report``, as for arrays, the motion has no noise; its contradictions and exceeded position limits are
     arguments.
     """
-    model, payload = load.robot.model, load.payloads[:1] or (Payload(1.0, frame=load.robot.model.tip),)
+    model, payload = load.robot.model, load.payloads[0] if load.payloads else Payload(1.0)
     coordinates, held = Coordinates.from_model(model), () if report is None else report.differentiation.trajectory.held
+    carried = replace(payload, mass=1.0)  # whose mass the page sets
     assumed = [
-        assumed_words(assumptions(model, p, held=held, friction=load.friction, unjudged=limits)) for p in ((), payload)
+        assumed_words(assumptions(model, p, held=held, friction=load.friction, unjudged=limits, mass="{mass}"))
+        for p in ((), (carried,))
     ]
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)
@@ -160,7 +163,7 @@ def verdict_data(
         "lookAgain": list(refused) if report is None else contradictions(report),
         "doubts": {"before": before, "after": after},
         "placeholders": {"words": load_case.placeholder_limits(load.robot), "stated": stated.tolist()},
-        "assumed": {"empty": assumed[0], "loaded": assumed[1]},
+        "assumed": {"empty": assumed[0], "loaded": assumed[1], "tip": model.tip},
         "velocities": velocities.tolist(),
         "turns": coordinates.angular_velocity.tolist(),
         "leastPerKilogram": load_case.least_torque_per_kilogram(model),

@@ -101,11 +101,12 @@ def assumptions(
     held: Sequence[str] = (),
     friction: bool = True,
     unjudged: Limits | None = None,
+    mass: str | None = None,
 ) -> list[str]:
     """Assumptions of a verdict as clauses, the most consequential first.
 
     ``held`` joints have no column in the log; ``friction`` is False if left out on request. Acceleration and jerk limits in
-    ``unjudged`` are listed.
+    ``unjudged`` are listed. ``mass`` is the text of the payload's mass, for a page that sets it; default its number.
     """
     clauses = []
     if unjudged and (unknown := without_velocity_limit(model, unjudged)):
@@ -122,7 +123,7 @@ def assumptions(
         ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
         apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
         if apart:
-            mass = number(sum(p.mass for p in payloads if p.frame is None))
+            mass = mass or number(sum(p.mass for p in payloads if p.frame is None))
             clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; --tip)")
     weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
     if weightless:

@@ -31,9 +31,10 @@ from ..core import arguments, third_party
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ..joints import Planar
 from ..lie.labelled import TWIST
 from ..model.couplings import refuse_couplings
-from ..model.model import BASE, Model
+from ..model.model import BASE, Body, Model
 from ..typing import Array
 from .arguments import Rows, finite_states
 
@@ -536,11 +537,18 @@ def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> N
     if (rest <= allowed).all():
         return
     worst = int((rest - allowed).argmax())
-    idle, moving = (", ".join(joints(closed.robot, which)) for which in (~driven, driven))
+    idle, moving = (joints(closed.robot, which) for which in (~driven, driven))
+    bases = {b.joint.name for b in closed.robot.model.leaders if b.parent == BASE and not b.joint.driven}
+    loose = [name for name in idle if name in bases]
+    remedy = (
+        f"Nothing drives {', '.join(loose)}, and the closures cannot hold it: close with the ground what else holds it, such "
+        "as another foot, or give the missing force as wrench_on_robot."
+        if loose
+        else f"Degrees of freedom: {closed.nv - len(closed.independent)}; name as many joints that move them."
+    )
     raise ConstraintError(
-        f"joints {idle} have no motor, and no torques at {moving or 'no joint'} make this motion: "
-        f"{printed(rest.flat[worst], 3)} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
-        f"{closed.nv - len(closed.independent)}; name as many joints that move them."
+        f"joints {', '.join(idle)} have no motor, and no torques at {', '.join(moving) or 'no joint'} make this motion: "
+        f"{printed(rest.flat[worst], 3)} N m or N is left over{_place(worst, rest.shape)}. {remedy}"
     )
 
 
@@ -568,15 +576,38 @@ def require_independent(closed: ClosedRobot, q: Array, driven: Array) -> None:
 
 
 def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
-    """Mask of the velocities of the named joints (None: all); (nv,)."""
+    """Mask of the velocities of the named joints (None: all with a motor, see :func:`motor_joints`); (nv,)."""
     leaders = {b.joint.name: b for b in robot.model.leaders}
-    names = list(leaders) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
+    names = motor_joints(robot) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
     found = np.zeros(robot.nv, bool)
     for name in names:
         if name not in leaders:
             raise UnknownNameError.from_choices("joint", name, leaders)
         found[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
     return found
+
+
+def motor_joints(robot: Robot) -> list[str]:
+    """Joints that a motor may drive: those of the file's actuators, or all except free joints and a planar base.
+
+    Joints with an actuator of their own are driven in any case. If a follower of a mimic joint is driven, its leader is.
+    """
+    model = robot.model
+    if not model.motor_joints:
+        return [b.joint.name for b in model.leaders if b.joint.driven and not _is_planar_base(b)]
+    return named_motors(robot)
+
+
+def named_motors(robot: Robot) -> list[str]:
+    """Joints driven by the actuators of the robot's own file or of an actuator file; empty without both."""
+    model = robot.model
+    at = {b.v_index for b in model.bodies if b.joint.name in model.motor_joints}
+    return [b.joint.name for b in model.leaders if b.v_index in at or b.joint.name in robot.actuators]
+
+
+def _is_planar_base(body: Body) -> bool:
+    """True for a base that glides in a plane, such as a cart's: nothing drives it."""
+    return body.parent == BASE and isinstance(body.joint, Planar)
 
 
 def joints(robot: Robot, which: Array) -> list[str]:

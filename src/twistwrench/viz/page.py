@@ -210,10 +210,12 @@ def page_text(
     of_scene = scene.notes if book is None else scene.remarks
     data["notes"] = [
         *_left_open(robot, closed=closed is not None),
+        *(() if loops is None else loops.remarks),
         *of_scene,
         *(notes_of_motion(motion) if motion is not None else ()),
     ]
-    data["subtitle"] = _subtitle(robot, motion, payload)
+    free = robot.nv if closed is None else closed.nv - len(closed.independent)
+    data["subtitle"] = _subtitle(robot, free, motion, payload)
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
     names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
@@ -390,9 +392,10 @@ def _left_open(robot: Robot, *, closed: bool) -> list[str]:
     return [f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."]
 
 
-def _subtitle(robot: Robot, motion: DrawnMotion | None, payload: Payload | None) -> str:
+def _subtitle(robot: Robot, free: int, motion: DrawnMotion | None, payload: Payload | None) -> str:
+    """Degrees of freedom (``free``, with loops closed), mass, and length of the motion."""
     mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
-    text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {number(mass)} kg moving"
+    text = f"{free} degree{'s' if free != 1 else ''} of freedom, {number(mass)} kg moving"
     if motion is None:
         return text
     carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads if payload is None)

@@ -13,7 +13,7 @@ from ..errors import ConstraintError, ValueRangeError
 from ..lie import se3
 from ..model.model import BASE, Frame, Model
 from ..robot import Robot
-from ..robot.constraints import driven, some_configurations
+from ..robot.constraints import driven, joints, named_motors, some_configurations
 from ..statics.contacts import Contact, pyramid_facets
 from ..statics.torque_limits import effort_limits
 from ..typing import Array
@@ -44,6 +44,8 @@ class PageLoops:
     """Frames used by closures that the robot does not have."""
     feet: tuple[int, ...] = ()
     """Indices of the bodies that stand on the floor."""
+    remarks: tuple[str, ...] = ()
+    """Assumptions for the page's notes."""
 
 
 # ── Closed robots
@@ -70,12 +72,15 @@ def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | Non
     robot, free = closed.robot, closed.nv - len(closed.independent)
     start = closed.consistent(q) if q is not None else _closed_start(closed)
     able = np.array([body.joint.driven for body in robot.model.leaders for _ in range(body.joint.nv)], bool)
-    named = robot.actuators if actuated is None else actuated
+    named = named_motors(robot) if actuated is None else actuated
     motors = driven(robot, named) if named else able & (np.cumsum(able) <= free)
     A = closed.constraint_jacobian(start)[list(closed.independent)]
     dependent = _dependent(A, 1.0 * able + motors)
+    remarks: tuple[str, ...] = ()
     if not named:
         motors = able & ~dependent  # as many motors as degrees of freedom
+        assumed = ", ".join(joints(robot, motors)) or "none"
+        remarks = (f"The file names no motors; assumed: {assumed}. In Python, show(actuated=[…]) names others.",)
     rows = independent_constraints(closed.constraints, closed.independent)
     found = tuple(c for c in rows if isinstance(c, Closure))
     loops = {
@@ -85,7 +90,7 @@ def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | Non
         "legs": [],
         "base": [],
     }
-    return PageLoops(found, start, loops)
+    return PageLoops(found, start, loops, remarks=remarks)
 
 
 def _closed_start(closed: ClosedRobot) -> Array:

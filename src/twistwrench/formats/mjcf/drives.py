@@ -27,6 +27,28 @@ _POLYNOMIAL = (0.0, 0.0, 0.0)
 """Defaults of a stiffness or a damping: the linear coefficient and those of higher order."""
 
 
+_UNTOLD = ("cranksite", "slidersite")
+"""Attributes of actuators on a slider-crank, whose joints the file does not name."""
+
+
+def motor_joints_of(root: Element, joints: Mapping[str, MjcfJoint], defaults: Defaults) -> set[str]:
+    """Joints that actuators drive, directly or by a fixed tendon; empty if the joints of an actuator cannot be told."""
+    tendons = {
+        one.attributes.get("name", "").strip(): one for section in root.all("tendon") for one in section.children
+    }
+    driven: set[str] = set()
+    for child in (child for section in root.all("actuator") for child in section.children):
+        one = defaults.apply(child)
+        joint = one.attributes.get("joint", one.attributes.get("jointinparent", "")).strip()
+        tendon = tendons.get(one.attributes.get("tendon", "").strip())
+        if any(name in one.attributes for name in _UNTOLD) or (tendon is not None and tendon.tag != "fixed"):
+            return set()
+        driven |= {joint} if joint in joints else set()
+        for part in tendon.all("joint") if tendon is not None else ():
+            driven |= {part.text("joint")} if part.number("coef") else set()
+    return driven
+
+
 @dataclass(frozen=True)
 class Drives:
     """Effort, armature and damping of actuators at joints of one degree, by joint."""

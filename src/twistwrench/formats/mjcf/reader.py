@@ -27,7 +27,7 @@ from .bodies import (
     shape_of,
     survey,
 )  # fmt: skip
-from .drives import add_closures, add_tendons, constraints_of, drives_of, mimics
+from .drives import add_closures, add_tendons, constraints_of, drives_of, mimics, motor_joints_of
 from .preprocess import Defaults, Folders, Meshes, Settings, disabled_by, expand, fluid_of, gravity_of
 
 REFERENCE = "qpos0"
@@ -93,6 +93,7 @@ class _Reader:
         builder.remark(*inertias.remarks)
         self.follow = mimics(builder, constraints, self.by_name, kept)
         self.drives = drives_of(builder, root, self.by_name, self.settings, self.defaults)
+        builder.add_motors(motor_joints_of(root, self.by_name, self.defaults) & kept)
         builder.add_link(WORLD, SpatialInertia.zero(), shaped=bool(self.bodies[0].geoms))
         for k in self.kept:
             self._add_body(k, inertias.each[k])

@@ -111,6 +111,11 @@ class Verdict {
     return said.join(". ");
   }
 
+  assumed(mass) { // a payload at the default tip is an assumption, one at a chosen tip is not
+    const { empty, loaded, tip } = this.data.assumed;
+    return mass && this.motion.mechanics.robot.payloadFrame === tip ? loaded.replace("{mass}", number(mass)) : empty;
+  }
+
   // The word, its lines, the joints over their limits, and the largest payload that all limits of torque allow.
   judge() {
     const { motion, data } = this, { mass } = motion.mechanics, { bounds, gap, doubts } = data, joints = this.joints();
@@ -129,7 +134,7 @@ class Verdict {
     const stated = this.grouped([...over, ...mimics.over, ...this.passed()]);
     const ranked = [["LOOK AGAIN", data.lookAgain], ["COLLISION", []], ["OVER LIMIT", stated], ["UNSURE", unsure]];
     const [word, reasons] = ranked.map(([word, said]) => [word, [...said, ...(data.clearance[word] ?? [])]]).find(([, said]) => said.length) ?? ["OK", []];
-    const assumed = word !== "OK" ? "" : mass ? data.assumed.loaded : data.assumed.empty;
+    const assumed = word === "OK" ? this.assumed(mass) : "";
     const [first, ...others] = reasons.length ? reasons : [this.nearest(joints, scale)], lines = [`: ${first}${assumed}.`, ...others.map((reason) => `  - ${reason}.`)];
     const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== (mimics.over.length + mimics.open.length > 0 || limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit));
     if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), frame: motion.mechanics.robot.payloadFrame, joint: this.names[margin.joint], time: this.time(margin.row) }));
