@@ -19,7 +19,8 @@ from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from .core.third_party import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
 from .formats import format_of_file, load_model, usd_path
-from .formats.source import read_robot_text, xacro_in
+from .formats.source import read_robot_text
+from .formats.xacro import xacro_in
 from .lie.adjoint import ad
 from .model.assembly import ROOT_JOINT
 from .model.couplings import refuse_couplings

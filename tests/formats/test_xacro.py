@@ -1,4 +1,4 @@
-"""xacro files: expanded with the extra, without ROS, from files only; what is wrong with them, and without the extra."""
+"""xacro files: expanded with the extra, without ROS, by their ending or on request; what is wrong with them."""
 
 from __future__ import annotations
 
@@ -56,13 +56,30 @@ class TestWithExtra:
         assert given.frame_names == ("base", "rod", "hand") and given.model.moving_mass == 3.0
         assert tw.load(str(arm), xacro={"hand": "false"}).frame_names == plain.frame_names
 
-    def test_elements_of_xacro_tell_it_in_a_file_of_another_ending(self, arm):
+    def test_a_file_of_another_ending_is_expanded_on_request_only(self, arm, run):
         other = arm.with_name("arm.urdf")
         arm.rename(other)
-        before = tw.load(other).gravity_forces([0.3])
+        with pytest.raises(
+            tw.RobotFileError, match=r"<xacro:include>.*line 3.*xacro=True, in the shell --xacro"
+        ) as caught:
+            tw.load(other)
+        assert "\n" not in str(caught.value)
+        assert run("info", other)[0] == 2
+        before = tw.load(other, xacro=True).gravity_forces([0.3])
         include = other.parent / "parts" / "rod.xacro"
         include.write_text(ROD.replace("${mass}", "${7 * mass}"))  # nothing of a file that includes others is kept
-        np.testing.assert_allclose(tw.load(other).gravity_forces([0.3]), 7 * before, rtol=1e-12)
+        np.testing.assert_allclose(tw.load(other, xacro={}).gravity_forces([0.3]), 7 * before, rtol=1e-12)
+        code, said = run("info", other, "--xacro")
+        assert code == 0 and "mass 14 kg moving" in said, said
+        assert run("doctor", other, "--xacro")[0] in (0, 1)
+
+    def test_text_is_expanded_on_request_with_files_of_include_paths(self, arm):
+        text = ARM.replace("parts/", f"{arm.parent}/parts/")
+        with pytest.raises(tw.RobotFileError, match=r"the text given: .*xacro=True"):
+            tw.load(text)
+        with pytest.raises(tw.RobotFileError, match=r"reads '.*rod\.xacro', which lies outside"):
+            tw.load(text, xacro=True)
+        assert tw.load(text, xacro=True, include_paths=[arm.parent]).model.moving_mass == 2.0
 
     def test_a_file_without_macros_may_end_in_xacro(self, tmp_path):
         (tmp_path / "ur5.xacro").write_text(tw.robots.path_of("ur5").read_text())
@@ -135,12 +152,6 @@ def test_without_the_extra_its_name_and_another_way_are_said(arm, monkeypatch):
     with pytest.raises(tw.MissingExtraError, match="it is xacro"):
         arm.write_text("<robot name='r'><link name='l'/></robot>")
         tw.load(arm)
-
-
-def test_text_is_never_expanded():
-    """Its expressions are a program, and it may come from anywhere."""
-    with pytest.raises(tw.RobotFileError, match="so only files are expanded"):
-        tw.load(ARM)
 
 
 @pytest.mark.parametrize("arguments", [3, ["hand"], {3: "x"}, {"hand": None}])

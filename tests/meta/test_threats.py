@@ -30,7 +30,7 @@ WITHOUT_ROWS = {
     ("limits", "reach"), ("limits", "run"), ("limits", "unpack"), ("poses", "reach"), ("poses", "run"), ("poses", "unpack"),
     ("sensor files", "run"), ("sensor files", "reach"), ("sensor readings", "run"), ("sensor readings", "reach"),
     ("sensor readings", "unpack"), ("actuator files", "reach"), ("catalogues", "reach"), ("packages of robots", "unpack"),
-    ("xacro", "run"), ("USD", "run"), ("USD", "unpack"), ("meshes", "run"), ("meshes", "reach"), ("meshes", "unpack"),
+    ("USD", "run"), ("USD", "unpack"), ("meshes", "run"), ("meshes", "reach"), ("meshes", "unpack"),
     ("kernel cache", "reach"), ("kernel cache", "unpack"),
     *((log, kind) for kind in TABLE["kinds"] for log in TABLE["readers"] if "logs" in log or log in ("ROS bags",)),
     *((log, kind) for kind in TABLE["kinds"] for log in ("simulation results", "normal equations")),

@@ -12,10 +12,11 @@ from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..errors import ValueRangeError
 from ..reports.blocks import Block, Line, Table, numbers, verdict, words
+from ..robot import Robot, load
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
-from .shared import JSON, LIMITS, RobotOptions, robot_command, robot_source
+from .shared import JSON, LIMITS, XACRO, RobotOptions, robot_command, robot_source, xacro_arguments
 from .terminal import show
 
 
@@ -44,6 +45,7 @@ from .terminal import show
     option("--strict", "Exit with 1 also for notes, and list all of them."),
     option("--model NAME", "Model to read from an SDF world."),
     option("--floating-base", "Let the base move freely, so that its inertia is checked."),
+    XACRO,
     examples_=("doctor ur5", "doctor quadruped --report quadruped.html"),
 )
 def doctor_command(given: Given) -> ExitCode:
@@ -56,11 +58,11 @@ def doctor_command(given: Given) -> ExitCode:
             raise ValueRangeError(
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
-    found = robot_source(given.source)
+    found, arguments = robot_source(given.source), xacro_arguments(given.xacro)
     files = {"ROBOT": given.source if Path(given.source).is_file() else None, "--limits": given.limits}
     given.check_files(files)
     report = doctor(
-        found,
+        found if arguments is None else _expanded(found, arguments, given),
         only=given.only or None,
         meshes=given.meshes or True,
         metric=given.metric,
@@ -86,6 +88,12 @@ def doctor_command(given: Given) -> ExitCode:
     if given.report is not None or given.html is not None:
         write_doctor_report(report, blocks, given, files)
     return report.exit_code(strict=given.strict)
+
+
+def _expanded(source: str | Path, arguments: Mapping[str, str], given: Given) -> Robot:
+    """Robot of a file with macros, with whatever inertias it has."""
+    floating_base = given.floating_base or None
+    return load(source, xacro=arguments, inertia="accept", floating_base=floating_base, model=given.model)
 
 
 def write_doctor_report(

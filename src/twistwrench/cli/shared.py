@@ -113,7 +113,9 @@ class RobotOptions:
     model: str | None = None
     """Model to read from an SDF world."""
     xacro: Mapping[str, str] | None = None
-    """Arguments of a xacro file."""
+    """Arguments of a xacro file; None if the option is not given."""
+    include_paths: tuple[str, ...] = ()
+    """Folders from which files that the robot file names may be read, beside its own."""
 
     def load(self) -> Robot:
         """Load a bundled robot by name, or a file by path."""
@@ -143,7 +145,7 @@ class RobotOptions:
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
         if self.floating_base:  # some bundled robots have a floating base already
             options["floating_base"] = True
-        own = {"keep": self.keep, "model": self.model, "xacro": self.xacro or None}
+        own = {"keep": self.keep, "model": self.model, "xacro": self.xacro, "include_paths": self.include_paths or None}
         options |= {name: value for name, value in own.items() if value is not None}
         if not self.lock and held is None and self.chain is None:
             return self._driven(make(lock={}, **options), stiff=stiff), ()
@@ -192,6 +194,11 @@ class RobotOptions:
 
 
 _option = partial(option, cls=RobotOption)
+_XACRO = (
+    "--xacro [ARG:=VALUE]",
+    "Expand macros in a file that does not end in .xacro; ARG:=VALUE sets an argument of a xacro file; may be repeated.",
+)
+XACRO = option(*_XACRO, multiple=True, is_flag=False, flag_value="")
 
 _ROBOT = option_group(
     click.argument("source", metavar="ROBOT"),
@@ -203,7 +210,13 @@ _ROBOT = option_group(
     _option("--chain BASE TIP", "Lock all joints that are not between these two frames.", nargs=2),
     _option("--keep BODY", "Keep only this body of an MJCF scene, with its descendants."),
     _option("--model NAME", "Model to read from an SDF world."),
-    _option("--xacro ARG:=VALUE", "Argument of a xacro file; may be repeated.", multiple=True),
+    _option(*_XACRO, multiple=True, is_flag=False, flag_value=""),
+    _option(
+        "--include-path FOLDER",
+        "Further folder from which files that the robot file names may be read; may be repeated.",
+        "include_paths",
+        multiple=True,
+    ),
     _option("--tip FRAME", "Default frame for payloads, Jacobians and forces. [default: the end effector]"),
     _option(
         "--mimic", "Mimic joints follow their leader, or move independently.", choices=("follow", "independent"),
@@ -232,7 +245,7 @@ def robot_command(
         def run(given: Given) -> int | None:
             values = vars(given)
             own = {field.name: values.pop(field.name) for field in fields(RobotOptions) if field.name in values}
-            own |= {"lock": _parse_locks(own["lock"]), "xacro": _parse_arguments(own["xacro"])}
+            own |= {"lock": _parse_locks(own["lock"]), "xacro": xacro_arguments(own["xacro"])}
             return function(RobotOptions(**own), given)
 
         order = (_ROBOT, *options) if robot_first else (*options, _ROBOT)
@@ -247,13 +260,15 @@ def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
     return {joint: parse_numbers(value, f"--lock {joint}", "a number", 1)[0] for joint, value in given.items()}
 
 
-def _parse_arguments(texts: Iterable[str]) -> dict[str, str]:
-    """Arguments of a xacro file."""
-    found = dict(text.strip().partition(":=")[::2] for text in texts)
-    for text in texts:
-        if not text.strip().partition(":=")[0] or ":=" not in text:
-            raise ValueRangeError(f"--xacro {text!r} is not ARG:=VALUE, for example hand:=true.")
-    return found
+def xacro_arguments(texts: Sequence[str]) -> dict[str, str] | None:
+    """Arguments of a xacro file; empty if --xacro has no value, None without the option."""
+    given = [text.strip() for text in texts if text.strip()]
+    for text in given:
+        if not text.partition(":=")[0] or ":=" not in text:
+            raise ValueRangeError(
+                f"--xacro {text!r} is not ARG:=VALUE, for example hand:=true. Without a value, it stands after ROBOT."
+            )
+    return dict(text.partition(":=")[::2] for text in given) if texts else None
 
 
 # ── Options of several commands

@@ -21,8 +21,9 @@ from ..formats import FORMATS, load_model, usd_path
 from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
 from ..formats.robot_text import TEXTS, MjcfText, RobotText, SdfText, WrittenInertia
 from ..formats.sdf import pose, with_text, word
-from ..formats.source import EXPAND, is_text, robot_file, xacro_in
+from ..formats.source import is_text, robot_file
 from ..formats.urdf import add_joint, add_link, origin_of
+from ..formats.xacro import EXPAND, xacro_in
 from ..formats.xml import Element, parse
 from ..model.builder import ModelBuilder
 from ..model.model import BASE, Model

@@ -14,7 +14,8 @@ from ..core.text import with_clipped_quotations
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.assembly import DEFAULT_SNAP
 from ..model.model import Model
-from .source import EXPAND, bytes_of, expand_xacro, is_text, read_robot_text, xacro_arguments, xacro_in
+from .source import bytes_of, is_text, read_robot_text
+from .xacro import EXPAND, expand_xacro, is_marked, xacro_arguments, xacro_in
 from .xml import MOST_BODIES, Element, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
@@ -36,7 +37,7 @@ def load_model(
     model: str | None = None,
     include_paths: Sequence[str | os.PathLike[str]] = (),
     max_bodies: int = MOST_BODIES,
-    xacro: Mapping[str, str | float | bool] | None = None,
+    xacro: Mapping[str, str | float | bool] | bool | None = None,
     lock: Mapping[str, ArrayLike] | None = None,
     tip: str | None = None,
     mimic: str = "follow",
@@ -137,16 +138,25 @@ def _format_of(root: Element) -> str:
 
 
 def _expanded(
-    source: str | os.PathLike[str], text: str, root: Element, arguments: Mapping[str, Any], folders: Sequence[Path]
+    source: str | os.PathLike[str],
+    text: str,
+    root: Element,
+    arguments: Mapping[str, Any] | None,
+    folders: Sequence[Path],
 ) -> str | None:
-    """Text of a file after xacro expansion; None without xacro. Text that is not from a file is never expanded."""
+    """Text after xacro expansion; None if there is nothing to expand.
+
+    A file that ends in ``.xacro`` is expanded, and any other file or text if ``arguments`` are given, even without entries.
+    Raises RobotFileError for xacro in other files.
+    """
     path = None if is_text(source) else Path(source)
-    found = xacro_in(text, root)
-    if path is not None and (found or path.suffix.lower() == ".xacro"):
-        return expand_xacro(path, arguments, folders, found)
+    found, ending = xacro_in(text, root), path is not None and path.suffix.lower() == ".xacro"
+    if ending or (arguments is not None and is_marked(text)):
+        return expand_xacro(text, path, arguments or {}, folders, found)
     if found:
         raise RobotFileError(
-            f"{found}. Its expressions run as Python, so only files are expanded: load a path, or run {EXPAND}."
+            f"{found}, which is expanded only on request in files that do not end in .xacro: xacro=True, in the "
+            f"shell --xacro. Or run {EXPAND}, and load robot.urdf."
         )
     if arguments:
         raise ValueRangeError(f"xacro= is of xacro files, and this one is not: <{root.tag}>, {root.place}.")

@@ -6,17 +6,14 @@ import codecs
 import difflib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
-from ..core.text import clipped, listed
 from ..core.third_party import third_party_errors
-from ..errors import MissingExtraError, NotFoundError, RobotFileError, UnknownNameError, ValueRangeError
-from .xml import Element, parse
+from ..errors import NotFoundError, RobotFileError
 
 MAX_BYTES = 64 * 2**20
 """Largest accepted file [bytes]; the largest robot descriptions in use have a few MiB."""
@@ -187,83 +184,3 @@ def _places(uri: str, robot_file: Path) -> Iterator[Path]:
         yield Path(unquote(uri.removeprefix("file://")))
     elif "://" not in uri and uri:
         yield robot_file.parent / uri
-
-
-# ── xacro, a macro language with Python expressions for robot files
-
-_XACRO = "xacro:", "${"
-EXPAND = "`xacro file.xacro > robot.urdf`"
-"""Command for expanding a xacro file."""
-
-
-def xacro_in(text: str, root: Element | None = None) -> str:
-    """Name of the first element that xacro would expand in the text of a URDF file; empty if there is none."""
-    if not any(mark in text for mark in _XACRO):
-        return ""
-    root = parse(text) if root is None else root
-    for element in root.walk() if root.tag == "robot" else ():
-        raw = next((f'{name}="{value}"' for name, value in element.attributes.items() if "${" in value), "")
-        if element.tag.startswith("xacro:") or raw:
-            return f"{element} is unexpanded xacro{f': {clipped(raw)}' if raw else ''}"
-    return ""
-
-
-class _Arguments(dict[str, str]):
-    """Values of a xacro file's arguments, and the names declared during expansion."""
-
-    def __init__(self, given: Mapping[str, Any]) -> None:
-        super().__init__(
-            {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in given.items()}
-        )
-        self.declared: list[str] = []
-
-    def __contains__(self, name: object) -> bool:
-        self.declared.append(str(name))
-        return super().__contains__(name)
-
-
-def expand_xacro(path: Path, arguments: Mapping[str, Any], folders: Sequence[Path], found: str) -> str:
-    """URDF text of a xacro file. Packages are searched above the file, in the folders, and in ``ROS_PACKAGE_PATH``.
-
-    The file's expressions are evaluated as Python, so use this only for files that the user names. Raises
-    MissingExtraError with the text ``found``, UnknownNameError for undeclared arguments, and RobotFileError.
-    """
-    try:
-        import xacro
-        from xacrodoc import XacroDoc, packages
-    except ImportError:
-        advice = MissingExtraError.advice("xacro")
-        raise MissingExtraError(
-            f"{path}: {found or 'it is xacro'}. Reading it needs 'xacrodoc', which is not installed: {advice}. Or run "
-            f"{EXPAND} first, and load robot.urdf."
-        ) from None
-    values = _Arguments(arguments)
-    packages.reset()
-    if folders:
-        packages.look_in([str(folder) for folder in folders])
-    xacro.init_stacks(str(path))  # start of relative includes
-    known = "Folders of packages that are not above the file go into include_paths or ROS_PACKAGE_PATH"
-
-    def failed(reason: str) -> RobotFileError:
-        declared = f" It declares the arguments {listed(dict.fromkeys(values.declared))}." if values.declared else ""
-        return RobotFileError(f"xacro cannot expand it: {reason}.{declared} {known}.")
-
-    with third_party_errors(failed):
-        text: str = XacroDoc.from_file(path, subargs=values, resolve_packages=False).to_urdf_string()
-    for name in arguments:
-        if name not in values.declared:
-            raise UnknownNameError.from_choices(f"xacro argument of {path.name}", name, dict.fromkeys(values.declared))
-    return text
-
-
-def xacro_arguments(arguments: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Check the arguments of a xacro file. Raises :class:`~twistwrench.ValueRangeError`."""
-    given = {} if arguments is None else arguments
-    plain = isinstance(given, Mapping) and all(
-        isinstance(name, str) and isinstance(value, str | int | float) for name, value in given.items()
-    )
-    if not plain:
-        raise ValueRangeError(
-            f"xacro={clipped(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}."
-        )
-    return given

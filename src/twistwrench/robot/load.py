@@ -45,7 +45,7 @@ class LoadOptions(BuildOptions, total=False):
     model: str | None
     include_paths: Sequence[str | Path]
     max_bodies: int
-    xacro: Mapping[str, str | float | bool] | None
+    xacro: Mapping[str, str | float | bool] | bool | None
 
 
 def load(
@@ -57,7 +57,7 @@ def load(
     model: str | None = None,
     include_paths: Sequence[str | Path] = (),
     max_bodies: int = 20_000,
-    xacro: Mapping[str, str | float | bool] | None = None,
+    xacro: Mapping[str, str | float | bool] | bool | None = None,
     lock: Mapping[str, ArrayLike] | None = None,
     tip: str | None = None,
     mimic: Mimic = "follow",
@@ -77,7 +77,7 @@ def load(
     model : str, optional, read one model of an SDF world, or one articulation of a USD stage
     include_paths : folders, in addition to the file's, from which included files, layers and meshes may be read
     max_bodies : int, largest number of bodies accepted
-    xacro : {argument: value}, optional, arguments of a xacro file, which is expanded; its expressions run as Python
+    xacro : True or {argument: value}, optional, expand the macros of a file that does not end in ``.xacro``; arguments
     mimic : "follow" or "independent", treat mimic joints as followers of their leaders or as independent joints
     snap : float, entries of fixed rotations within this distance of 0 or ±1 are set to it exactly; 0 disables
     gravity : (3,) array_like, optional, in the base frame [m/s²]; None: from the file, else (0, 0, -9.81)

@@ -26,7 +26,9 @@ from ..core.numbers import quantity, seconds
 from ..core.text import listed, with_clipped_quotations
 from ..core.verdict import Verdict
 from ..errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
-from ..formats.source import EXPAND, read_robot_text, xacro_in
+from ..formats.known_elements import READ
+from ..formats.source import read_robot_text
+from ..formats.xacro import EXPAND, xacro_in
 from ..formats.xml import parse
 from ..model.description import frames_to_user
 from ..robot import Robot
@@ -250,6 +252,9 @@ def _geometries(solids: Sequence[Solid]) -> list[tuple[Any, Array]]:
 
 # ── Pairs disabled by an SRDF file
 
+_SRDF = {"robot": {"<disable_collisions>": READ}, "disable_collisions": {"link1": READ, "link2": READ}}
+"""Elements and attributes of SRDF that are read."""
+
 
 def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
     """Link pairs of ``<disable_collisions>`` in an SRDF file, given as a path or as its text.
@@ -260,7 +265,7 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
     text, name = read_robot_text(srdf)
     try:
         root = parse(text)
-        xacro = xacro_in(text, root)
+        xacro = xacro_in(text, root, _SRDF)
         pairs = [(e.text("link1"), e.text("link2")) for e in root.all("disable_collisions")] if not xacro else []
     except RobotFileError as error:
         raise RobotFileError(f"{name}: {with_clipped_quotations(str(error))}") from None

@@ -1,0 +1,175 @@
+"""xacro, a macro language for robot files: detection of macros, and expansion in a process of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.text import clipped, listed
+from ...errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
+from ..known_elements import KNOWN, READ, Entry, Rows
+from ..xml import Element, parse
+
+__all__ = ["EXPAND", "expand_xacro", "is_marked", "xacro_arguments", "xacro_in"]
+
+EXPAND = "`xacro file.xacro > robot.urdf`"
+"""Command for expanding a xacro file."""
+SECONDS = 20.0
+"""Longest time of an expansion [s]."""
+MEMORY = 2**30
+"""Largest memory of an expansion [bytes]."""
+MOST_BYTES = 64 * 2**20
+"""Largest size of all included files, and of the expanded text [bytes]."""
+
+_ELEMENT, _EXPRESSIONS = "xacro:", ("${", "$(")
+_ENVIRONMENT = ("AMENT_PREFIX_PATH", "ROS_DISTRO", "ROS_PACKAGE_PATH", "ROS_ROOT", "SYSTEMROOT")
+"""Environment variables of the process that expands; a file cannot read them."""
+_ROOM = (
+    "import sys, types; room = types.ModuleType('room'); room.__path__ = [sys.argv[1]]; sys.modules['room'] = room; "
+)
+_PROGRAM = f"{_ROOM}from room.expander import main; main()"
+
+
+def is_marked(text: str) -> bool:
+    """True if a text could have elements or expressions of xacro."""
+    return any(mark in text for mark in (_ELEMENT, *_EXPRESSIONS))
+
+
+def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"]) -> str:
+    """Name of the first element of a ``<robot>`` that only xacro can read; empty if there is none.
+
+    Such an element has the prefix ``xacro:``, or an expression in an attribute that is read. Declarations, comments and
+    elements that are ignored do not count. ``rows``: names that are read, in place of those of URDF.
+    """
+    if not is_marked(text):
+        return ""
+    root = parse(text) if root is None else root
+    stack = [(root, rows.get(root.tag, {}))] if root.tag == "robot" else []
+    while stack:
+        element, row = stack.pop()
+        if element.tag.startswith(_ELEMENT):
+            return f"{element} is unexpanded xacro"
+        for name, value in element.attributes.items():
+            if row.get(name) is READ and any(mark in value for mark in _EXPRESSIONS):
+                return f"{element} is unexpanded xacro: {clipped(f'{name}={value!r}')}"
+        stack.extend(
+            (child, _row_of(child, element, rows)) for child in reversed(element.children) if _is_read(child, row)
+        )
+    return ""
+
+
+def _is_read(child: Element, row: Mapping[str, Entry]) -> bool:
+    return child.tag.startswith(_ELEMENT) or row.get(f"<{child.tag}>") is READ
+
+
+def _row_of(element: Element, parent: Element, rows: Rows) -> Mapping[str, Entry]:
+    return rows.get(f"{parent.tag}/{element.tag}") or rows.get(element.tag) or {}
+
+
+def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, Any] | None:
+    """Arguments of a xacro file; empty for True, None if expansion is not asked for. Raises ValueRangeError."""
+    if arguments is None or arguments is False:
+        return None
+    given = {} if arguments is True else arguments
+    plain = isinstance(given, Mapping) and all(
+        isinstance(name, str) and isinstance(value, str | int | float) for name, value in given.items()
+    )
+    if not plain:
+        raise ValueRangeError(
+            f"xacro={clipped(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}, or xacro=True."
+        )
+    return {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in given.items()}
+
+
+def expand_xacro(
+    text: str, path: Path | None, arguments: Mapping[str, Any], folders: Sequence[Path], found: str
+) -> str:
+    """URDF text of a xacro file, expanded in another process with limits of time and memory.
+
+    Files are read only below the file's folder and package, ``folders``, and the packages of ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``. Raises MissingExtraError with the text ``found``, UnknownNameError for undeclared arguments, and
+    RobotFileError.
+    """
+    if importlib.util.find_spec("xacrodoc") is None or importlib.util.find_spec("xacro") is None:
+        advice = MissingExtraError.advice("xacro")
+        raise MissingExtraError(
+            f"{path or 'the text given'}: {found or 'it is xacro'}. Reading it needs 'xacrodoc', which is not installed: "
+            f"{advice}. Or run {EXPAND} first, and load robot.urdf."
+        )
+    answer = _answer(_request(text, path, arguments, folders))
+    declared = dict.fromkeys(answer.get("declared", ()))
+    if "text" not in answer:
+        known = f" It declares the arguments {listed(declared)}." if declared else ""
+        raise RobotFileError(
+            f"xacro cannot expand it: {answer.get('reason', 'its process ended early')}.{known} Folders of packages that are "
+            "not above the file, and of other files that it reads, go into include_paths or ROS_PACKAGE_PATH."
+        )
+    for name in arguments:
+        if name not in declared:
+            raise UnknownNameError.from_choices(
+                f"xacro argument of {path.name if path else 'the text'}", name, declared
+            )
+    return str(answer["text"])
+
+
+def _request(text: str, path: Path | None, arguments: Mapping[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
+    home = [] if path is None else [path.resolve().parent, *_package_around(path)]
+    of_ros = [
+        Path(folder)
+        for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+        for folder in os.environ.get(name, "").split(os.pathsep)
+        if folder
+    ]
+    return {
+        "text": text,
+        "file": None if path is None else str(path),
+        "arguments": dict(arguments),
+        "include_paths": [str(folder) for folder in folders],
+        "folders": [str(folder.resolve()) for folder in (*home, *folders, *of_ros)],
+        "path": [folder for folder in sys.path if folder],
+        "seconds": math.ceil(SECONDS),
+        "memory": MEMORY,
+        "bytes": MOST_BYTES,
+    }
+
+
+def _package_around(path: Path) -> list[Path]:
+    """The nearest folder above a file that is a package of ROS, if any."""
+    around = path.resolve().parents
+    return [folder for folder in around if any((folder / name).is_file() for name in ("package.xml", "manifest.xml"))][
+        :1
+    ]
+
+
+def _answer(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Answer of the process that expands. Its text counts as untrusted, like the file."""
+    command = [sys.executable, "-I", "-X", "utf8", "-c", _PROGRAM, str(Path(__file__).parent)]
+    variables = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
+    with tempfile.TemporaryFile() as output:
+        try:
+            done = subprocess.run(
+                command, input=json.dumps(request).encode(), stdout=output, stderr=subprocess.DEVNULL, timeout=SECONDS,
+                env=variables, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return {"reason": f"it takes more than {SECONDS:g} s; its macros may expand without end"}
+        except OSError as problem:
+            raise RobotFileError(
+                f"cannot start Python to expand xacro: {problem.strerror}. Run {EXPAND} first, and load robot.urdf."
+            ) from None
+        output.seek(0)
+        data = output.read(4 * MOST_BYTES)
+    if done.returncode != 0:
+        return {
+            "reason": f"its process ended with status {done.returncode}; it takes more than {SECONDS:g} s, or too much memory"
+        }
+    answer: dict[str, Any] = json.loads(data)
+    return answer

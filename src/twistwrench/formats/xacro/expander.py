@@ -1,0 +1,284 @@
+"""Process that expands one xacro file: reads a request from standard input, and writes the expanded text to standard output.
+
+The library ``xacro`` runs here behind three walls. Its expressions are evaluated by :mod:`.expressions` in place of Python's
+``eval``. An audit hook ends everything but reading files below the allowed folders: no code is compiled to run, no module is
+imported, no process, connection or file for writing is opened. The system limits memory, processor time and the size of output.
+This file imports nothing of the package but its neighbour.
+"""
+
+from __future__ import annotations
+
+import builtins
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .expressions import Refused, evaluate
+
+_PACKAGE_FILES = ("package.xml", "manifest.xml")
+_HARMLESS = (
+    "builtins.id", "compile", "glob.glob", "glob.glob/2", "sys._getframe", "sys._getframemodulename", "os.fwalk", "os.walk",
+)  # fmt: skip
+"""Audit events without an effect outside the process; ``compile`` alone runs nothing."""
+_FOLDERS = ("os.listdir", "os.scandir")
+_WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_NOT_FUNCTIONS = ("type", "vars")
+"""Functions of xacro that reach into objects of Python."""
+
+
+def main() -> None:
+    """Answer one request: ``{"text": …}`` or ``{"reason": …}``, with the arguments that the file declares."""
+    request = json.loads(sys.stdin.buffer.read())
+    sys.path[:] = request["path"]
+    try:
+        arguments = raise_walls(request)
+        answer = expanded(request, arguments)
+    except ImportError as problem:
+        answer = {"missing": str(problem)}
+    sys.stdout.buffer.write(json.dumps(answer, ensure_ascii=False).encode("utf-8", "replace"))
+    sys.stdout.buffer.flush()
+    os._exit(0)  # the audit hook would refuse what the interpreter does at its end
+
+
+def limit_resources(memory: int, seconds: int, most: int) -> None:
+    """Limit memory [bytes], time [s] and written files [bytes] of this process, where the system has such limits."""
+    try:
+        import resource
+        import signal
+    except ImportError:  # Windows
+        return
+    signal.alarm(2 * seconds)  # ends a process whose parent was killed while it waits, for example for a named pipe
+    # JSON has at most four bytes a character of UTF-8, or two a character that is escaped.
+    wanted = {"RLIMIT_AS": memory, "RLIMIT_CPU": seconds, "RLIMIT_FSIZE": 4 * most, "RLIMIT_CORE": 0}
+    for name, value in wanted.items():
+        kind = getattr(resource, name)
+        hard = resource.getrlimit(kind)[1]
+        limit = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(kind, (limit, limit))
+
+
+def raise_walls(request: Mapping[str, Any]) -> Arguments:
+    """Replace the evaluation of xacro, set limits and the audit hook; returns the arguments of the file.
+
+    Raises ImportError if a library is missing, and Refused for a version of xacro that evaluates in another way.
+    """
+    import xml.dom.expatbuilder  # here, as nothing is imported once the audit hook is set
+    import xml.dom.minidom
+    import xml.parsers.expat  # noqa: F401
+
+    import xacro
+    import xacro.substitution_args as substitution
+    import yaml  # noqa: F401
+    from xacrodoc import packages
+
+    for encoding in ("ascii", "utf-8", "utf-16", "latin-1", "cp1252", "iso8859-15"):
+        "".encode(encoding)
+    limit_resources(request["memory"], request["seconds"], request["bytes"])
+    arguments = Arguments(request["arguments"])
+    bounds = Bounds(request["folders"], request["bytes"])
+    packages.reset()
+    if request["include_paths"]:
+        packages.look_in(list(request["include_paths"]))
+    finder = PackageFinder(request["file"], bounds, packages.get_path)
+    replace_evaluation(xacro, substitution, finder, arguments)
+    xacro.parse = guarded_parse
+    xacro.init_stacks(request["file"])
+    sys.addaudithook(bounds)
+    check_evaluation(xacro)
+    return arguments
+
+
+def expanded(request: Mapping[str, Any], arguments: Arguments) -> dict[str, Any]:
+    """Answer to a request, behind the walls."""
+    import xacro
+
+    answer: dict[str, Any] = {"declared": arguments.declared}
+    try:
+        document = guarded_parse(request["text"])
+        xacro.process_doc(document, mappings=arguments)
+        text = document.toxml()
+    except Exception as problem:
+        return answer | {"reason": reason_of(problem)}
+    if len(text) > request["bytes"]:
+        return answer | {"reason": f"it expands to more than {request['bytes'] // 2**20} MiB"}
+    return answer | {"text": text}
+
+
+def reason_of(problem: BaseException) -> str:
+    """Text of an error in one line, which begins with its kind unless it is a refusal."""
+    inner: Any = problem
+    while getattr(inner, "exc", None) is not None:  # the cause of an error of xacro, whose text holds it
+        inner = inner.exc
+    if isinstance(inner, RecursionError):
+        return "its macros, elements or expressions are nested too deeply"
+    if isinstance(inner, MemoryError):
+        return "it needs more memory than is allowed"
+    text = " ".join(str(problem).split()).rstrip(".")
+    text = text if isinstance(inner, Refused) else f"{type(problem).__name__}: {text}"
+    return f"{text[:300]}{'…' * (len(text) > 300)}"
+
+
+class Arguments(dict[str, str]):
+    """Values of a xacro file's arguments, and the names declared during expansion."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.declared: list[str] = []
+
+    def __contains__(self, name: object) -> bool:
+        self.declared.append(str(name))
+        return super().__contains__(name)
+
+
+class Bounds:
+    """Audit hook: files below the allowed folders are read, up to a total size; everything else raises Refused."""
+
+    def __init__(self, folders: Sequence[str], most: int) -> None:
+        self.folders = [Path(folder).resolve() for folder in folders]
+        self.most, self.total = most, 0
+        self.finding = False
+        """True while a package is searched: folders are listed, and files that name packages are read, anywhere."""
+
+    def __call__(self, event: str, args: tuple[Any, ...]) -> None:
+        """Check one event of the interpreter."""
+        if event in _HARMLESS:
+            return
+        if event == "open":
+            self._check_file(*args)
+        elif event in _FOLDERS:
+            self._check_folder(args[0])
+        else:
+            raise Refused(f"a robot file may not use {event!r}")
+
+    def allows(self, path: Path) -> bool:
+        """True for a path below an allowed folder, after links are resolved."""
+        place = path.resolve()
+        return any(place.is_relative_to(folder) for folder in self.folders)
+
+    def _check_file(self, name: Any, mode: str | None, flags: int) -> None:
+        if not isinstance(name, str | os.PathLike) or flags & _WRITES or set(mode or "r") & set("wxa+"):
+            raise Refused("a robot file may not write files")
+        path = Path(name)
+        if self.finding and path.name in _PACKAGE_FILES:
+            return
+        if not self.allows(path):
+            raise Refused(f"it reads {str(path)[:200]!r}, which lies outside its folder and its package")
+        if path.exists():
+            self.total += path.stat().st_size
+        if self.total > self.most:
+            raise Refused(f"the files it includes have more than {self.most // 2**20} MiB together")
+
+    def _check_folder(self, name: Any) -> None:
+        if not self.finding and not self.allows(Path(name)):
+            raise Refused(f"it lists {str(name)[:200]!r}, which lies outside its folder and its package")
+
+
+class PackageFinder:
+    """Folders of packages: those around the file, then those of ``include_paths`` and of the environment of ROS."""
+
+    def __init__(self, file: str | None, bounds: Bounds, elsewhere: Callable[[str], str]) -> None:
+        self.file, self.bounds, self.elsewhere = file, bounds, elsewhere
+
+    def __call__(self, name: str) -> str:
+        """Folder of the package ``name``; raises Refused for one outside the folders that are searched."""
+        self.bounds.finding = True
+        try:
+            folder = self._around(name) or Path(self.elsewhere(name))
+        finally:
+            self.bounds.finding = False
+        if not self.bounds.allows(folder):
+            raise Refused(f"the package {name!r} lies outside the folders that are searched")
+        return str(folder)
+
+    def _around(self, name: str) -> Path | None:
+        """Folder above the file whose package file has the name; None without one."""
+        folders = Path(self.file).resolve().parents if self.file else ()
+        found = next((folder for folder in folders if package_name(folder) == name), None)
+        if found is not None:
+            self.bounds.folders.append(found)
+        return found
+
+
+def package_name(folder: Path) -> str | None:
+    """Name of the package in a folder; None if it is not a package."""
+    path = folder / "package.xml"
+    if not path.is_file():
+        return folder.name if (folder / "manifest.xml").is_file() else None
+    names = guarded_parse(None, str(path)).getElementsByTagName("name")
+    return str(names[0].firstChild.data).strip() if names and names[0].firstChild is not None else None
+
+
+def guarded_parse(source: str | None, filename: str | None = None) -> Any:
+    """Document of a text or file without entities, in place of ``xacro.parse``."""
+    import xml.dom.minidom
+    import xml.parsers.expat
+
+    import xacro
+
+    def refuse(*_: Any) -> None:
+        raise Refused("it declares an entity, which can exhaust memory or read other files")
+
+    data: str | bytes = source or ""
+    if source is None:
+        try:
+            data = Path(xacro.root_dir, str(filename)).read_bytes()
+        except OSError as problem:
+            xacro.filestack.pop()  # as xacro does, whose messages name the file that includes
+            raise xacro.XacroException(f"{problem.strerror}: {filename}", exc=problem) from None
+    guard = xml.parsers.expat.ParserCreate()
+    guard.EntityDeclHandler = guard.UnparsedEntityDeclHandler = refuse
+    guard.Parse(data, True)
+    return xml.dom.minidom.parseString(data)
+
+
+_seen: list[str] = []
+"""Expressions evaluated so far, by which :func:`check_evaluation` knows that its replacements are in use."""
+
+
+def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arguments: Arguments) -> None:
+    """Replace the functions of xacro that evaluate expressions, read the environment, and find packages."""
+    symbols = xacro._global_symbols
+    spaces = [symbols, *(space for space in symbols.values() if isinstance(space, dict))]
+    for space in spaces:
+        for name in _NOT_FUNCTIONS:
+            dict.pop(space, name, None)
+    functions = {id(value) for space in spaces for value in dict.values(space) if callable(value)}
+
+    def safe_eval(text: str, names: Mapping[str, Any], _locals: Any = None) -> Any:
+        _seen.append(text)
+        return evaluate(text, names, functions)
+
+    def environment(name: str, *_: Any) -> str:
+        raise Refused(
+            f"it reads the environment variable {str(name)[:40]!r}; declare an argument, <xacro:arg>, and give its value"
+        )
+
+    def argument(name: str) -> Any:
+        return substitution.convert_value(substitution._eval_arg(name, args=arguments), "auto")
+
+    of_eval = {"arg": argument, "find": finder, "env": environment, "optenv": lambda _name, default="": default}
+    of_eval |= {name: getattr(builtins, name) for name in ("list", "dict", "map", "str", "float", "int")}
+    of_eval |= {name: value for name, value in symbols["math"].items() if not name.startswith("_")}
+    functions_of_eval = {id(value) for value in of_eval.values() if callable(value)}
+
+    def eval_substitution(text: str, _context: Any) -> str:
+        _seen.append(text)
+        given = {name: substitution.convert_value(value, "auto") for name, value in arguments.items()}
+        return str(evaluate(text, {"true": True, "false": False, **given, **of_eval}, functions_of_eval))
+
+    xacro.safe_eval = safe_eval
+    substitution._eval = eval_substitution
+    substitution._eval_env = environment
+    substitution._eval_optenv = lambda _name, default="": default
+    substitution._eval_find = finder
+
+
+def check_evaluation(xacro: Any) -> None:
+    """Raise Refused if this version of xacro evaluates expressions by another function than those replaced."""
+    table = xacro.Table(xacro._global_symbols)
+    for text, inside, value in (("${1 + 1}", "1 + 1", 2), ("$(eval 1 + 2)", "1 + 2", "3")):
+        if xacro.eval_text(text, table) != value or _seen[-1:] != [inside]:
+            raise Refused("this version of xacro is not supported: it evaluates expressions in another way")

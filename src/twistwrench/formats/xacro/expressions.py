@@ -1,0 +1,203 @@
+"""Expressions of xacro files, evaluated node by node: arithmetic, comparisons, subscripts and calls of known functions.
+
+Python's ``eval`` is not used, so an expression can do no more than the nodes below. This file imports nothing of the package,
+as the process that expands a xacro file imports it alone.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+import re
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+MOST_CHARACTERS = 10_000
+"""Largest number of characters of an expression."""
+MOST_ITEMS = 100_000
+"""Largest number of characters or items of a value."""
+MOST_BITS = 4_096
+"""Largest number of bits of an integer."""
+
+_BINARY: Mapping[type[ast.AST], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift,
+    ast.RShift: operator.rshift, ast.BitOr: operator.or_, ast.BitXor: operator.xor, ast.BitAnd: operator.and_,
+}  # fmt: skip
+_UNARY: Mapping[type[ast.AST], Callable[[Any], Any]] = {
+    ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_, ast.Invert: operator.invert,
+}  # fmt: skip
+_COMPARED: Mapping[type[ast.AST], Callable[[Any, Any], bool]] = {
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
+    ast.GtE: operator.ge, ast.Is: operator.is_, ast.IsNot: operator.is_not,
+    ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b,
+}  # fmt: skip
+_METHODS: Mapping[type, frozenset[str]] = {
+    str: frozenset((
+        "capitalize", "center", "count", "endswith", "find", "index", "isalnum", "isalpha", "isdigit", "islower", "isnumeric",
+        "isspace", "isupper", "join", "ljust", "lower", "lstrip", "removeprefix", "removesuffix", "replace", "rfind", "rindex",
+        "rjust", "rsplit", "rstrip", "split", "splitlines", "startswith", "strip", "swapcase", "title", "upper", "zfill",
+    )),
+    list: frozenset(("count", "index")),
+    tuple: frozenset(("count", "index")),
+    dict: frozenset(("get", "items", "keys", "values")),
+    float: frozenset(("is_integer",)),
+    complex: frozenset(("conjugate", "imag", "real")),
+}  # fmt: skip
+"""Methods of values that an expression may use. Formatting is left out, as it reads attributes of its arguments."""
+_SIZED = frozenset(("center", "comb", "factorial", "ljust", "perm", "range", "rjust", "round", "zfill"))
+"""Functions whose work or result grows with the value of a number."""
+_WIDE = re.compile(r"%.*?(\d{4}|\*)", re.DOTALL)
+"""Format that may have a width or precision of four digits or from an argument."""
+_ALLOWED = (
+    "Allowed are numbers, texts, lists, arithmetic, comparisons, conditions, subscripts and the functions of xacro"
+)
+
+
+class Refused(Exception):
+    """Expression, file or size that a robot file may not use."""
+
+
+def evaluate(text: str, names: Mapping[str, Any], functions: Collection[int]) -> Any:
+    """Value of an expression.
+
+    Parameters
+    ----------
+    names : values by name
+    functions : identities of the functions that may be called
+
+    Raises
+    ------
+    Refused
+        The expression has a node, a name or a size that is not allowed.
+
+    Examples
+    --------
+    >>> evaluate("2 * (width + 1) if width > 1 else 0", {"width": 3}, ())
+    8
+    >>> evaluate("2 ** 2 ** 20", {}, ())
+    Traceback (most recent call last):
+    twistwrench.formats.xacro.expressions.Refused: a power has more than 4,096 bits
+    """
+    if len(text) > MOST_CHARACTERS:
+        raise Refused(f"an expression has {len(text):,} characters; {MOST_CHARACTERS:,} are allowed")
+    return _Evaluator(names, frozenset(functions)).value(ast.parse(text.strip(), mode="eval").body)
+
+
+class _Evaluator:
+    def __init__(self, names: Mapping[str, Any], functions: frozenset[int]) -> None:
+        self.names, self.functions = names, functions
+
+    def value(self, node: ast.AST) -> Any:
+        """Value of a node."""
+        match node:
+            case ast.Constant(value=str() | int() | float() | complex() | None as value):
+                return self._allowed(value)
+            case ast.Name(id=name):
+                return self._allowed(self._named(name))
+            case ast.BinOp(left=left, op=op, right=right):
+                a, b = self.value(left), self.value(right)
+                _check_growth(op, a, b)
+                return self._allowed(_BINARY[type(op)](a, b)) if type(op) in _BINARY else _refuse(op)
+            case ast.UnaryOp(op=op, operand=operand):
+                return self._allowed(_UNARY[type(op)](self.value(operand)))
+            case ast.BoolOp(op=op, values=values):
+                return self._combined(values, until=isinstance(op, ast.Or))
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                return self._compared(self.value(left), ops, others)
+            case ast.IfExp(test=test, body=body, orelse=other):
+                return self.value(body) if self.value(test) else self.value(other)
+            case ast.Attribute(value=owner, attr=name):
+                return self._attribute(self.value(owner), name)
+            case ast.Subscript(value=owner, slice=place):
+                return self._allowed(self.value(owner)[self.value(place)])
+            case ast.Slice(lower=lower, upper=upper, step=step):
+                return slice(*(None if part is None else self.value(part) for part in (lower, upper, step)))
+            case ast.List(elts=items):
+                return [self.value(item) for item in items]
+            case ast.Tuple(elts=items):
+                return tuple(self.value(item) for item in items)
+            case ast.Set(elts=items):
+                return {self.value(item) for item in items}
+            case ast.Dict(keys=keys, values=values) if None not in keys:
+                return {self.value(key): self.value(item) for key, item in zip(keys, values, strict=True) if key}
+            case ast.Call(func=function, args=args, keywords=words) if all(word.arg for word in words):
+                given = {word.arg: self.value(word.value) for word in words if word.arg}
+                return self._called(self.value(function), [self.value(arg) for arg in args], given)
+        return _refuse(node)
+
+    def _named(self, name: str) -> Any:
+        _check_name(name)
+        if name not in self.names:
+            raise NameError(f"name {name!r} is not defined")
+        return self.names[name]
+
+    def _attribute(self, owner: Any, name: str) -> Any:
+        _check_name(name)
+        if (
+            isinstance(owner, dict) and type(owner) is not dict and name in owner
+        ):  # namespaces and entries of YAML files
+            return self._allowed(owner[name])
+        if any(isinstance(owner, kind) and name in methods for kind, methods in _METHODS.items()):
+            return getattr(owner, name)
+        raise Refused(f"{name} of {type(owner).__name__} is not allowed in an expression of a robot file. {_ALLOWED}")
+
+    def _called(self, function: Any, args: list[Any], given: Mapping[str, Any]) -> Any:
+        name = getattr(function, "__name__", "")
+        numbers = [x for x in (*args, *given.values()) if isinstance(x, int)]
+        if name in _SIZED and any(abs(x) > MOST_ITEMS for x in numbers):
+            raise Refused(f"{name} of a number above {MOST_ITEMS:,} is not allowed in a robot file")
+        return self._allowed(function(*args, **given))
+
+    def _combined(self, nodes: list[ast.expr], *, until: bool) -> Any:
+        """First value that decides an ``and`` or ``or``, else the last."""
+        value = None
+        for node in nodes:
+            value = self.value(node)
+            if bool(value) is until:
+                break
+        return value
+
+    def _compared(self, a: Any, ops: list[ast.cmpop], others: list[ast.expr]) -> bool:
+        for op, other in zip(ops, others, strict=True):
+            b = self.value(other)
+            if not _COMPARED[type(op)](a, b):
+                return False
+            a = b
+        return True
+
+    def _allowed(self, value: Any) -> Any:
+        """Check that a value is of bounded size, and a known function if it can be called."""
+        if callable(value) and id(value) not in self.functions:
+            raise Refused(f"{getattr(value, '__name__', type(value).__name__)} is not a function of robot files")
+        if isinstance(value, int) and value.bit_length() > MOST_BITS:
+            raise Refused(f"a number has more than {MOST_BITS:,} bits")
+        if isinstance(value, str | list | tuple | dict | set | frozenset | range) and len(value) > MOST_ITEMS:
+            raise Refused(
+                f"a {type(value).__name__} has {len(value):,} items; {MOST_ITEMS:,} are allowed in a robot file"
+            )
+        return value
+
+
+def _check_name(name: str) -> None:
+    if name.startswith("_"):
+        raise Refused(f"the name {name[:40]!r} begins with '_', which is not allowed in an expression of a robot file")
+
+
+def _check_growth(op: ast.operator, a: Any, b: Any) -> None:
+    """Raise Refused before an operation whose result would be too large."""
+    integers = isinstance(a, int) and isinstance(b, int)
+    if isinstance(op, ast.Pow) and integers and abs(a) > 1 and b * a.bit_length() > MOST_BITS:
+        raise Refused(f"a power has more than {MOST_BITS:,} bits")
+    if isinstance(op, ast.LShift) and integers and b > MOST_BITS:
+        raise Refused(f"a shift by more than {MOST_BITS:,} bits")
+    if isinstance(op, ast.Mult) and not integers:
+        for items, count in ((a, b), (b, a)):
+            if isinstance(items, str | list | tuple) and isinstance(count, int) and len(items) * count > MOST_ITEMS:
+                raise Refused(f"a {type(items).__name__} is repeated to more than {MOST_ITEMS:,} items")
+    if isinstance(op, ast.Mod) and isinstance(a, str) and _WIDE.search(a):
+        raise Refused("a format has a width of more than three digits")
+
+
+def _refuse(node: ast.AST) -> Any:
+    raise Refused(f"{type(node).__name__} is not allowed in an expression of a robot file. {_ALLOWED}")
