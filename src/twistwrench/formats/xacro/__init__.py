@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-import json
-import math
 import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ...core.child_process import ChildLimits, run_in_child
 from ...core.text import clipped, listed
 from ...errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
 from ..known_elements import KNOWN, READ, Entry, Rows
@@ -23,19 +19,13 @@ __all__ = ["EXPAND", "expand_xacro", "is_marked", "xacro_arguments", "xacro_in"]
 EXPAND = "`xacro file.xacro > robot.urdf`"
 """Command for expanding a xacro file."""
 SECONDS = 20.0
-"""Longest time of an expansion [s]."""
+"""Largest processor time of an expansion [s]."""
 MEMORY = 2**30
 """Largest memory of an expansion [bytes]."""
 MOST_BYTES = 64 * 2**20
 """Largest size of all included files, and of the expanded text [bytes]."""
 
 _ELEMENT, _EXPRESSIONS = "xacro:", ("${", "$(")
-_ENVIRONMENT = ("AMENT_PREFIX_PATH", "ROS_DISTRO", "ROS_PACKAGE_PATH", "ROS_ROOT", "SYSTEMROOT")
-"""Environment variables of the process that expands; a file cannot read them."""
-_ROOM = (
-    "import sys, types; room = types.ModuleType('room'); room.__path__ = [sys.argv[1]]; sys.modules['room'] = room; "
-)
-_PROGRAM = f"{_ROOM}from room.expander import main; main()"
 
 
 def is_marked(text: str) -> bool:
@@ -75,7 +65,7 @@ def _row_of(element: Element, parent: Element, rows: Rows) -> Mapping[str, Entry
 
 
 def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, Any] | None:
-    """Arguments of a xacro file; empty for True, None if expansion is not asked for. Raises ValueRangeError."""
+    """Arguments of a xacro file; empty for True, None without expansion. Raises ValueRangeError."""
     if arguments is None or arguments is False:
         return None
     given = {} if arguments is True else arguments
@@ -104,14 +94,21 @@ def expand_xacro(
             f"{path or 'the text given'}: {found or 'it is xacro'}. Reading it needs 'xacrodoc', which is not installed: "
             f"{advice}. Or run {EXPAND} first, and load robot.urdf."
         )
-    answer = _answer(_request(text, path, arguments, folders))
-    declared = dict.fromkeys(answer.get("declared", ()))
-    if "text" not in answer:
+
+    def failed(reason: str) -> RobotFileError:
         known = f" It declares the arguments {listed(declared)}." if declared else ""
-        raise RobotFileError(
-            f"xacro cannot expand it: {answer.get('reason', 'its process ended early')}.{known} Folders of packages that are "
-            "not above the file, and of other files that it reads, go into include_paths or ROS_PACKAGE_PATH."
+        return RobotFileError(
+            f"xacro cannot expand it: {reason}.{known} Folders of packages that are not above the file, and of other files "
+            "that it reads, go into include_paths or ROS_PACKAGE_PATH."
         )
+
+    declared: dict[str, None] = {}
+    limits = ChildLimits(SECONDS, MEMORY, 8 * MOST_BYTES)
+    request = _request(text, path, arguments, folders)
+    answer = run_in_child("twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=failed)
+    declared |= dict.fromkeys(answer["declared"])
+    if "text" not in answer:
+        raise failed(answer["reason"])
     for name in arguments:
         if name not in declared:
             raise UnknownNameError.from_choices(
@@ -134,9 +131,6 @@ def _request(text: str, path: Path | None, arguments: Mapping[str, Any], folders
         "arguments": dict(arguments),
         "include_paths": [str(folder) for folder in folders],
         "folders": [str(folder.resolve()) for folder in (*home, *folders, *of_ros)],
-        "path": [folder for folder in sys.path if folder],
-        "seconds": math.ceil(SECONDS),
-        "memory": MEMORY,
         "bytes": MOST_BYTES,
     }
 
@@ -147,29 +141,3 @@ def _package_around(path: Path) -> list[Path]:
     return [folder for folder in around if any((folder / name).is_file() for name in ("package.xml", "manifest.xml"))][
         :1
     ]
-
-
-def _answer(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Answer of the process that expands. Its text counts as untrusted, like the file."""
-    command = [sys.executable, "-I", "-X", "utf8", "-c", _PROGRAM, str(Path(__file__).parent)]
-    variables = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
-    with tempfile.TemporaryFile() as output:
-        try:
-            done = subprocess.run(
-                command, input=json.dumps(request).encode(), stdout=output, stderr=subprocess.DEVNULL, timeout=SECONDS,
-                env=variables, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return {"reason": f"it takes more than {SECONDS:g} s; its macros may expand without end"}
-        except OSError as problem:
-            raise RobotFileError(
-                f"cannot start Python to expand xacro: {problem.strerror}. Run {EXPAND} first, and load robot.urdf."
-            ) from None
-        output.seek(0)
-        data = output.read(4 * MOST_BYTES)
-    if done.returncode != 0:
-        return {
-            "reason": f"its process ended with status {done.returncode}; it takes more than {SECONDS:g} s, or too much memory"
-        }
-    answer: dict[str, Any] = json.loads(data)
-    return answer

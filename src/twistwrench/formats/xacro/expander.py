@@ -1,18 +1,17 @@
-"""Process that expands one xacro file: reads a request from standard input, and writes the expanded text to standard output.
+"""Expansion of a xacro file, in a child process: a request with the text in, the expanded text out.
 
-The library ``xacro`` runs here behind three walls. Its expressions are evaluated by :mod:`.expressions` in place of Python's
-``eval``. An audit hook ends everything but reading files below the allowed folders: no code is compiled to run, no module is
-imported, no process, connection or file for writing is opened. The system limits memory, processor time and the size of output.
-This file imports nothing of the package but its neighbour.
+The library ``xacro`` runs behind three walls. Its expressions are evaluated by :mod:`.expressions` in place of Python's
+``eval``. An audit hook refuses everything but reading files below the allowed folders: no code is executed, no module is
+imported, no process, connection or file for writing is opened. The caller of the child process limits time and memory.
 """
 
 from __future__ import annotations
 
 import builtins
-import json
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from .expressions import Refused, evaluate
 
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
 _HARMLESS = (
-    "builtins.id", "compile", "glob.glob", "glob.glob/2", "sys._getframe", "sys._getframemodulename", "os.fwalk", "os.walk",
+    "builtins.id", "compile", "glob.glob", "glob.glob/2", "os.fwalk", "os.walk", "sys._getframe", "sys._getframemodulename",
 )  # fmt: skip
 """Audit events without an effect outside the process; ``compile`` alone runs nothing."""
 _FOLDERS = ("os.listdir", "os.scandir")
@@ -29,82 +28,51 @@ _NOT_FUNCTIONS = ("type", "vars")
 """Functions of xacro that reach into objects of Python."""
 
 
-def main() -> None:
-    """Answer one request: ``{"text": …}`` or ``{"reason": …}``, with the arguments that the file declares."""
-    request = json.loads(sys.stdin.buffer.read())
-    sys.path[:] = request["path"]
-    try:
-        arguments = raise_walls(request)
-        answer = expanded(request, arguments)
-    except ImportError as problem:
-        answer = {"missing": str(problem)}
-    sys.stdout.buffer.write(json.dumps(answer, ensure_ascii=False).encode("utf-8", "replace"))
-    sys.stdout.buffer.flush()
-    os._exit(0)  # the audit hook would refuse what the interpreter does at its end
-
-
-def limit_resources(memory: int, seconds: int, most: int) -> None:
-    """Limit memory [bytes], time [s] and written files [bytes] of this process, where the system has such limits."""
-    try:
-        import resource
-        import signal
-    except ImportError:  # Windows
-        return
-    signal.alarm(2 * seconds)  # ends a process whose parent was killed while it waits, for example for a named pipe
-    # JSON has at most four bytes a character of UTF-8, or two a character that is escaped.
-    wanted = {"RLIMIT_AS": memory, "RLIMIT_CPU": seconds, "RLIMIT_FSIZE": 4 * most, "RLIMIT_CORE": 0}
-    for name, value in wanted.items():
-        kind = getattr(resource, name)
-        hard = resource.getrlimit(kind)[1]
-        limit = value if hard == resource.RLIM_INFINITY else min(value, hard)
-        resource.setrlimit(kind, (limit, limit))
-
-
-def raise_walls(request: Mapping[str, Any]) -> Arguments:
-    """Replace the evaluation of xacro, set limits and the audit hook; returns the arguments of the file.
-
-    Raises ImportError if a library is missing, and Refused for a version of xacro that evaluates in another way.
-    """
-    import xml.dom.expatbuilder  # here, as nothing is imported once the audit hook is set
-    import xml.dom.minidom
-    import xml.parsers.expat  # noqa: F401
-
+def expand(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Expanded ``text`` or the ``reason`` why there is none, and the arguments that the file ``declared``."""
     import xacro
     import xacro.substitution_args as substitution
-    import yaml  # noqa: F401
     from xacrodoc import packages
 
-    for encoding in ("ascii", "utf-8", "utf-16", "latin-1", "cp1252", "iso8859-15"):
-        "".encode(encoding)
-    limit_resources(request["memory"], request["seconds"], request["bytes"])
-    arguments = Arguments(request["arguments"])
-    bounds = Bounds(request["folders"], request["bytes"])
+    bounds, arguments = _audited(), Arguments(request["arguments"])
     packages.reset()
     if request["include_paths"]:
         packages.look_in(list(request["include_paths"]))
     finder = PackageFinder(request["file"], bounds, packages.get_path)
     replace_evaluation(xacro, substitution, finder, arguments)
-    xacro.parse = guarded_parse
     xacro.init_stacks(request["file"])
-    sys.addaudithook(bounds)
-    check_evaluation(xacro)
-    return arguments
-
-
-def expanded(request: Mapping[str, Any], arguments: Arguments) -> dict[str, Any]:
-    """Answer to a request, behind the walls."""
-    import xacro
-
     answer: dict[str, Any] = {"declared": arguments.declared}
+    bounds.begin(request["folders"], request["bytes"])
     try:
+        check_evaluation(xacro)
         document = guarded_parse(request["text"])
         xacro.process_doc(document, mappings=arguments)
         text = document.toxml()
     except Exception as problem:
         return answer | {"reason": reason_of(problem)}
+    finally:
+        bounds.active = False
     if len(text) > request["bytes"]:
         return answer | {"reason": f"it expands to more than {request['bytes'] // 2**20} MiB"}
     return answer | {"text": text}
+
+
+@cache
+def _audited() -> Bounds:
+    """Bounds that this process keeps to, set once; what is imported later otherwise is imported before."""
+    import xml.dom.expatbuilder
+    import xml.dom.minidom
+    import xml.parsers.expat  # noqa: F401
+
+    import xacro
+    import yaml  # noqa: F401
+
+    for encoding in ("ascii", "utf-8", "utf-16", "latin-1", "cp1252", "iso8859-15"):
+        "".encode(encoding)
+    xacro.parse = guarded_parse
+    bounds = Bounds()
+    sys.addaudithook(bounds)
+    return bounds
 
 
 def reason_of(problem: BaseException) -> str:
@@ -136,15 +104,21 @@ class Arguments(dict[str, str]):
 class Bounds:
     """Audit hook: files below the allowed folders are read, up to a total size; everything else raises Refused."""
 
-    def __init__(self, folders: Sequence[str], most: int) -> None:
+    folders: Sequence[Path] = ()
+    most, total = 0, 0
+    """Largest and present size of the files read [bytes]."""
+    active = False
+    finding = False
+    """True while a package is searched: folders are listed, and files that name packages are read, anywhere."""
+
+    def begin(self, folders: Sequence[str], most: int) -> None:
+        """Begin to refuse."""
         self.folders = [Path(folder).resolve() for folder in folders]
-        self.most, self.total = most, 0
-        self.finding = False
-        """True while a package is searched: folders are listed, and files that name packages are read, anywhere."""
+        self.most, self.total, self.active = most, 0, True
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
         """Check one event of the interpreter."""
-        if event in _HARMLESS:
+        if not self.active or event in _HARMLESS:
             return
         if event == "open":
             self._check_file(*args)
@@ -198,7 +172,7 @@ class PackageFinder:
         folders = Path(self.file).resolve().parents if self.file else ()
         found = next((folder for folder in folders if package_name(folder) == name), None)
         if found is not None:
-            self.bounds.folders.append(found)
+            self.bounds.folders = [*self.bounds.folders, found]
         return found
 
 
@@ -235,12 +209,13 @@ def guarded_parse(source: str | None, filename: str | None = None) -> Any:
 
 
 _seen: list[str] = []
-"""Expressions evaluated so far, by which :func:`check_evaluation` knows that its replacements are in use."""
+"""Expressions evaluated so far, which show that the replacements of :func:`replace_evaluation` are in use."""
 
 
 def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arguments: Arguments) -> None:
     """Replace the functions of xacro that evaluate expressions, read the environment, and find packages."""
     symbols = xacro._global_symbols
+    _seen.clear()
     spaces = [symbols, *(space for space in symbols.values() if isinstance(space, dict))]
     for space in spaces:
         for name in _NOT_FUNCTIONS:

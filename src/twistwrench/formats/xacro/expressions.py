@@ -134,9 +134,8 @@ class _Evaluator:
 
     def _attribute(self, owner: Any, name: str) -> Any:
         _check_name(name)
-        if (
-            isinstance(owner, dict) and type(owner) is not dict and name in owner
-        ):  # namespaces and entries of YAML files
+        namespace = isinstance(owner, dict) and type(owner) is not dict  # also entries of YAML files
+        if namespace and name in owner:
             return self._allowed(owner[name])
         if any(isinstance(owner, kind) and name in methods for kind, methods in _METHODS.items()):
             return getattr(owner, name)
