@@ -20,6 +20,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
+from ..model.actuators import gear_input, moving
 from ..model.couplings import armature_matrix, motor_torques, motor_velocities
 from ..model.model import BASE, Model
 from ..typing import Array
@@ -174,15 +175,17 @@ def driven_velocities(model: Model) -> list[int]:
 def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorLoads:
     """Motor loads from the gear and rotor torques, both at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
 
-    A gear of efficiency η transmits the fraction η of the power that enters it, in either direction.
+    A gear of efficiency η transmits the fraction η of the power that enters it, in either direction; at rest the motor
+    carries the larger torque, T/η.
     """
     at, actuators = driven_velocities(model), list(model.actuators.values())
     dq, carried, rotor = motor_velocities(model, dq), motor_torques(model, carried), motor_torques(model, rotor)
     G = np.array([a.ratio for a in actuators])
     eta = np.array([a.efficiency for a in actuators])
     dq, carried, rotor = (x[..., at] for x in np.broadcast_arrays(dq, carried, rotor))
-    through = np.where(carried * dq >= 0, carried / eta, carried * eta)
-    torque, speed = (through + rotor) / G, G * dq
+    idle = np.array([a.no_load_torque for a in actuators])
+    speed = G * dq
+    torque = (gear_input(carried, dq, eta) + rotor) / G + idle * np.sign(G * moving(dq))
     current, voltage, heat = (np.full_like(torque, np.nan) for _ in range(3))
     for k, motor in enumerate(a.motor for a in actuators):
         if motor is not None:

@@ -23,6 +23,7 @@ from ..errors import KernelError, ModelError, ValueRangeError
 from ..ir.program import FUSED, TensorSpec
 from ..ir.tracer import trace
 from ..lowering.reference_interpreter import NumpyKernel, evaluated
+from ..model.actuators import STANDING
 from ..model.couplings import motor_torques, motor_velocities
 from ..printers.c99 import identifier, literal
 from ..robot.programs import inputs_of
@@ -186,7 +187,9 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
             "robot.with_actuators(file), or --actuators FILE."
         )
     order = np.argsort(places)
-    ratio, efficiency = (np.array([getattr(actuators[k], name) for k in order]) for name in ("ratio", "efficiency"))
+    ratio, efficiency, idle = (
+        np.array([getattr(actuators[k], name) for k in order]) for name in ("ratio", "efficiency", "no_load_torque")
+    )
     ports = inputs_of(model, "inverse_dynamics", full)
 
     def at_motors(q: Array, dq: Array, ddq: Array, *rest: Array) -> Array:
@@ -199,10 +202,11 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
         if full.get("friction"):
             carried = carried + friction_forces(model, dq, carried + rotor)
         carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
-        dq = motor_velocities(model, dq)
-        braking = [positive(-(force * speed)) for force, speed in zip(carried, dq, strict=True)]
+        ways = np.array([positive(w - STANDING) - positive(-w - STANDING) for w in motor_velocities(model, dq)], object)
+        braking = [positive(-(force * way)) for force, way in zip(carried, ways, strict=True)]
         share = np.array([either(b, e, 1.0 / e) for b, e in zip(braking, efficiency, strict=True)], object)
-        return (carried * share + rotor) / ratio
+        torque = (carried * share + rotor) / ratio
+        return torque + idle * np.sign(ratio) * ways if idle.any() else torque
 
     name = request.function.name.replace("inverse_dynamics", "motor_torques")
     return replace(request, function=replace(request.function, name=name, program=trace(at_motors, ports, ["tau"])))

@@ -56,8 +56,10 @@ _THERMAL = {
     "winding_housing": "thermal resistance", "housing_ambient": "thermal resistance", "winding_time": "time",
     "housing_time": "time", "maximum": "temperature", "coefficient": "", "reference": "temperature",
 }  # fmt: skip
-_ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "reflected_inertia", "stiffness", "friction", "link_friction")
-_COUPLED = ("ratio", "efficiency", "motor", "rotor", "reflected_inertia", "friction", "effort")
+_ACTUATOR = (
+    "ratio", "efficiency", "no_load_torque", "motor", "rotor", "reflected_inertia", "stiffness", "friction", "link_friction",
+)  # fmt: skip
+_COUPLED = ("ratio", "efficiency", "no_load_torque", "motor", "rotor", "reflected_inertia", "friction", "effort")
 _COUPLING = ("motors", "joints", "motor_per_joint", "joint_per_motor")
 _ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
 _FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
@@ -200,6 +202,7 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
         given["ratio"] = gear_ratio(entry.content["ratio"], entry.where("ratio"), sliding=bool(kinds))
     if "efficiency" in entry.content:
         given["efficiency"] = plain_share(entry.content["efficiency"], entry.where("efficiency"))
+    given |= entry.optional("no_load_torque", entry.number, "torque")
     given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
     if (motor := _motor_of(entry, motors)) is not None:
         given["motor"] = motor

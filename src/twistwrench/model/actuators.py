@@ -13,7 +13,32 @@ from ..core.numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 
-__all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
+__all__ = ["Actuator", "Motor", "Rotor", "Thermal", "gear_input", "moving"]
+
+STANDING = 1e-6
+"""Speed [rad/s or m/s] at and below which a joint stands: a turn in ten weeks, above rounding errors of derived rates."""
+
+
+def moving(velocity: ArrayLike) -> Array:
+    """Velocities, 0 for standing joints, so that rounding errors have no direction.
+
+    >>> moving([0.3, -1e-13]).tolist()
+    [0.3, 0.0]
+    """
+    dq = np.asarray(velocity)
+    return np.where(np.abs(dq) > STANDING, dq, 0.0)
+
+
+def gear_input(torque: ArrayLike, velocity: ArrayLike, efficiency: ArrayLike) -> Array:
+    """Torque before a gear, referred to its output: T/η if the motor drives or the joint stands, T η if the load drives.
+
+    At rest the friction of the gear may help or hinder; T/η is the larger of the two.
+
+    >>> gear_input([10.0, -10.0, 10.0, 10.0], [1.0, 1.0, 0.0, -1e-13], 0.8).tolist()
+    [12.5, -8.0, 12.5, 12.5]
+    """
+    T, eta = np.asarray(torque), np.asarray(efficiency)
+    return np.where(T * moving(velocity) < 0, T * eta, T / eta)
 
 
 @dataclass(frozen=True)
@@ -176,6 +201,8 @@ class Actuator:
     """Gear ratio G; in rad/m for a sliding joint; negative if the rotor turns in the opposite direction."""
     efficiency: float = 1.0
     """Efficiency η of the gear: output power over input power, in either direction."""
+    no_load_torque: float = 0.0
+    """Friction of the turning gear at its input [N m], whatever it transmits."""
     motor: Motor | None = None
     """Motor; None if not described."""
     rotor: Rotor | None = None
@@ -206,6 +233,8 @@ def _problems(actuator: Actuator) -> Iterator[str]:
         yield f"the ratio {printed(actuator.ratio)}; it must be a number from {least} to {greatest}, or minus one."
     if not 0 < actuator.efficiency <= 1:
         yield f"the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
+    if not 0 <= actuator.no_load_torque <= LARGEST:
+        yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {most}."
     if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
         stiffness = printed(actuator.stiffness)
         yield f"the stiffness {stiffness}; it must be above 0 and at most {most}. Leave it out where the gear is rigid."

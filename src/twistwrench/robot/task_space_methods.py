@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments, third_party
 from ..core.glossary import complete
 from ..errors import ModelError, ModelWarning, ValueRangeError
+from ..model.actuators import moving
 from ..typing import Array
 from .arguments import Kind, Rows, Wrenches, brought, states
 from .base import RobotBase
@@ -208,7 +209,8 @@ class ActuationMethods:
         robot = self._open()
         carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
-            carried = carried + robot.friction_forces(dq, load=carried + rotor)
+            (speeds,) = states(robot.model, "friction_forces", dq=dq)
+            carried = carried + robot.friction_forces(moving(speeds), load=carried + rotor)
         return carried, rotor
 
     def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:

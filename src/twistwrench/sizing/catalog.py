@@ -25,6 +25,8 @@ _GEAR = {
     "average_torque": "torque", "repeated_peak": "torque", "momentary_peak": "torque", "average_speed": "rotor speed",
     "maximum_speed": "rotor speed", "life": "life", "mean_exponent": "",
 }  # fmt: skip
+_FAVOURABLE = ("efficiency", "no_load_torque", "mass", "mean_exponent")
+"""Numbers of a gear whose absence would favour it, so that they are named as missing where they count."""
 _SERVO = {"stall_torque": "torque", "stall_current": "current", "no_load_speed": "rotor speed", "voltage": "voltage"}
 
 SERVOS: Mapping[str, Mapping[str, str]] = {
@@ -109,6 +111,7 @@ def _catalog(file: Section) -> Catalog:
 def _motor(name: str, section: Section) -> CatalogMotor:
     """Motor, or a servo represented by the motor of its speed–torque line and its stall torque."""
     own = section.optional("mass", section.number, "mass") | section.optional("price", section.number, "")
+    own["unstated"] = frozenset({"mass"} - set(section.content))
     if "stall_torque" in section.content:
         section.only(*_SERVO, "mass", "price")
         if lacking := [key for key in ("no_load_speed", "voltage") if key not in section.content]:
@@ -146,15 +149,14 @@ def _gear(name: str, section: Section) -> Gear:
     if not isinstance(kind, str) or kind not in KINDS:
         raise UnknownNameError.from_choices(f"kind of gear ({section.path})", str(kind), KINDS)
     ratio = gear_ratio(section.content["ratio"], section.where("ratio"), sliding=False)
-    efficiency = 1.0
-    if "efficiency" in section.content:
-        efficiency = plain_share(section.content["efficiency"], section.where("efficiency"))
-    check_actuator(Actuator(section.path, ratio=ratio, efficiency=efficiency))
+    given = section.optional("efficiency", lambda key: plain_share(section.content[key], section.where(key)))
+    check_actuator(Actuator(section.path, ratio=ratio, **given))
     numbers = {key: section.number(key, unit) for key, unit in _GEAR.items() if key in section.content}
     free = ("no_load_torque", "mass", "price")
     _above_zero({key: value for key, value in numbers.items() if key in free}, section, zero=True)
     _above_zero({key: value for key, value in numbers.items() if key not in free}, section, zero=False)
-    return Gear(name, kind, ratio, efficiency, **numbers)
+    unstated = frozenset(key for key in _FAVOURABLE if key not in section.content)
+    return Gear(name, kind, ratio, **given, **numbers, unstated=unstated)
 
 
 def _above_zero(numbers: Mapping[str, float], section: Section, *, zero: bool) -> None:

@@ -13,10 +13,11 @@ import numpy as np
 
 from ..core import arguments
 from ..core.files import replacing
-from ..core.numbers import in_file, number
+from ..core.numbers import number
 from ..core.verdict import Verdict
 from ..errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..formats.yaml import Source
+from ..model.actuators import moving
 from ..model.couplings import refuse_couplings
 from ..motion.motion import Motion
 from ..reports.motors import Demand
@@ -102,6 +103,8 @@ class SizingProblem:
     emergency: Motion | None
     friction: bool
     add_masses: bool
+    armed: tuple[str, ...]
+    """Joints whose armature in the robot file is replaced by the rotors of the drives."""
     ambient: float
     life: float | None
     shared: bool
@@ -132,11 +135,11 @@ class SizingProblem:
         carried, rotor = robot.drive_torques(q, dq, ddq)
         torque = np.array(carried[:, k])
         if self.friction:
-            torque = torque + robot.friction_forces(dq, load=carried)[:, k]
+            torque = torque + robot.friction_forces(moving(dq), load=carried)[:, k]
         if self.brake and motion is None:
             torque[self.holding] = 0.0
         mass = robot.mass_matrix(q)[:, k, k] - 1.0  # subtract the probe's inertia
-        return Cycle(time, np.diff(time), dq[:, k], torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
+        return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
 
     def sized(self, joint: str, drive: tuple[CatalogMotor, Gear], cycle: Cycle, emergency: Cycle | None) -> SizedJoint:
         """One drive under the loads of its joint."""
@@ -144,8 +147,8 @@ class SizingProblem:
         held = self.holding if self.brake else slice(0, 0)
         return SizedJoint(
             joint, (motor.name, gear.name), motor.mass + gear.mass,
-            sized_motor(motor, gear, cycle, ambient=self.ambient, holding=held),
-            sized_gear(gear, cycle, self.life, emergency), cycle,
+            sized_motor(motor, gear, cycle, ambient=self.ambient, holding=held, weighs=self.add_masses),
+            sized_gear(gear, cycle, self.life, emergency, weighs=self.add_masses), cycle,
         )  # fmt: skip
 
 
@@ -221,8 +224,10 @@ class Sizing:
         -------
         content : dict, for :meth:`twistwrench.Robot.with_actuators`
         """
-        added = self.problem.add_masses
-        return {"actuators": {name: _entry(self.catalog, one.drive, added) for name, one in self.joints.items()}}
+        entries = {name: _entry(self.catalog, one.drive, self.problem.add_masses) for name, one in self.joints.items()}
+        for name in entries.keys() & set(self.problem.armed):
+            entries[name]["reflected_inertia"] = "0 kg m^2"
+        return {"actuators": entries}
 
     def write_actuators(self, path: str | Path) -> Path:
         """Write the drives as an actuator file.
@@ -247,6 +252,11 @@ class Sizing:
         return Path(path)
 
 
+def _exact(value: float) -> str:
+    """Shortest decimal from which the number is read again."""
+    return repr(float(value))
+
+
 def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
     entry, gear = catalog.pair(pair)
     motor, thermal = entry.motor, entry.motor.thermal
@@ -255,7 +265,7 @@ def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
         "current_peak": "A", "speed": "rad/s",
     }  # fmt: skip
     said: dict[str, Any] = {
-        name: f"{in_file(getattr(motor, name))} {unit}"
+        name: f"{_exact(getattr(motor, name))} {unit}"
         for name, unit in units.items()
         if math.isfinite(getattr(motor, name))
     }
@@ -263,12 +273,15 @@ def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
         units = {"winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s",
                  "maximum": "degC"}  # fmt: skip
         known = {name: getattr(thermal, name) for name in units}
-        said["thermal"] = {name: f"{in_file(x)} {units[name]}" for name, x in known.items() if math.isfinite(x)}
-        said["thermal"] |= {"coefficient": thermal.coefficient, "reference": f"{in_file(thermal.reference)} degC"}
+        said["thermal"] = {name: f"{_exact(x)} {units[name]}" for name, x in known.items() if math.isfinite(x)}
+        said["thermal"] |= {"coefficient": thermal.coefficient, "reference": f"{_exact(thermal.reference)} degC"}
     found: dict[str, Any] = {"ratio": gear.ratio, "efficiency": gear.efficiency, "motor": said}
-    if entry.inertia:
-        mass = f"{in_file((entry.mass + gear.mass) * add_masses)} kg"
-        found["rotor"] = {"inertia": f"{in_file(entry.inertia)} kg m^2", "extra": True, "mass": mass}
+    if gear.no_load_torque:
+        found["no_load_torque"] = f"{_exact(gear.no_load_torque)} N m"
+    mass = (entry.mass + gear.mass) * add_masses
+    if entry.inertia or mass:
+        inertia = f"{_exact(entry.inertia or _LIGHTEST)} kg m^2"
+        found["rotor"] = {"inertia": inertia, "extra": True, "mass": f"{_exact(mass)} kg"}
     return found
 
 
@@ -354,7 +367,7 @@ def size_drives(
     states, time, holding = _with_pause(moved, pause)
     stop = None if emergency is None else emergency.with_robot(bare)
     problem = SizingProblem(
-        bare, states, time, brake, holding, stop, friction, add_masses, ambient, life, shared_supply
+        bare, states, time, brake, holding, stop, friction, add_masses, tuple(armed), ambient, life, shared_supply
     )
     if not listed.drives:
         return _chosen(problem, listed, names)

@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.numbers import printed
-from ..model.actuators import Motor, Thermal
+from ..model.actuators import Motor, Thermal, gear_input, moving
 from ..model.limits import over_limit
 from ..reports.motors import Demand
 from ..typing import Array
 
 _RPM = 2 * math.pi / 60
 _HOUR = 3600.0
-_MOST = 2000
-"""Maximum number of segments of a cycle in which the winding's heat is averaged."""
+_RATED_AIR = 25.0
+"""Temperature of the air [°C] to which continuous currents of data sheets apply."""
 _EVENTS = 1e4
 """Twice the turns of the wave generator that a strain-wave gear survives under a momentary peak torque."""
 
@@ -42,6 +42,8 @@ class CatalogMotor:
     price: float = 0.0
     stall_only: bool = False
     """True if only the stall torque is known, which a motor cannot hold for long."""
+    unstated: frozenset[str] = frozenset()
+    """Numbers that the catalogue leaves out and that are then favourable: ``mass``."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ class Gear:
     life: float = math.inf
     """Life reached by half of the gears at rated torque and speed [h]."""
     mean_exponent: float = 3.0
+    unstated: frozenset[str] = frozenset()
+    """Numbers that the catalogue leaves out and whose substitutes are favourable, such as ``efficiency``."""
 
 
 class Cycle(NamedTuple):
@@ -170,16 +174,16 @@ class SizedGear(DrivePart):
     """L₁₀ [h]; inf if unknown."""
 
 
-def sized_gear(gear: Gear, cycle: Cycle, life: float | None = None, emergency: Cycle | None = None) -> SizedGear:
-    """Loads of a gear over a cycle and an emergency; ``life`` is the required life [h]."""
+def sized_gear(
+    gear: Gear, cycle: Cycle, life: float | None = None, emergency: Cycle | None = None, *, weighs: bool = False
+) -> SizedGear:
+    """Loads of a gear over a cycle and an emergency; ``life`` is the required life [h]; ``weighs``: its mass is a load."""
     torque, speed = between(np.abs(cycle.torque)), between(np.abs(cycle.speed))
-    mean, turning = average_torque(torque, speed, cycle.duration, gear.mean_exponent), np.abs(cycle.speed) * gear.ratio
-    turning = np.abs(turning)
+    mean = average_torque(torque, speed, cycle.duration, gear.mean_exponent)
+    turning = np.abs(cycle.speed * gear.ratio)
     mean_in, peak = average_speed(gear.ratio * speed, cycle.duration), int(np.abs(cycle.torque).argmax())
     most, fast = float(np.abs(cycle.torque[peak])), int(turning.argmax())
-    lives = gear.kind == "strain_wave"
-    known_life = all(map(math.isfinite, (gear.life, gear.rated_torque, gear.rated_speed))) and mean > 0 and mean_in > 0
-    hours = life_hours(gear, mean, mean_in) if lives and known_life else math.inf
+    hours, unknown = _life(gear, mean, mean_in)
     demands = [
         Demand("peak torque", most, gear.repeated_peak, "N m", float(cycle.time[peak])),
         Demand("average input speed", mean_in / _RPM, gear.average_speed / _RPM, "rpm"),
@@ -187,17 +191,38 @@ def sized_gear(gear: Gear, cycle: Cycle, life: float | None = None, emergency: C
     ]
     if mean > 0:
         demands.insert(0, Demand("average torque", mean, gear.average_torque, "N m"))
-    if life is not None and lives:
+    if life is not None and gear.kind != "direct":
         demands.append(Demand("life wanted", life, hours, "h"))
     if emergency is not None:
         worst = int(np.abs(emergency.torque).argmax())
         shock = float(np.abs(emergency.torque[worst]))
         demands.append(Demand("emergency torque", shock, gear.momentary_peak, "N m", float(emergency.time[worst])))
     needed = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
-    needed += ["rated_torque", "rated_speed", "life"] if life is not None and lives else []
     needed += ["momentary_peak"] if emergency is not None else []
-    missing = tuple(name for name in needed if gear.kind != "direct" and not math.isfinite(getattr(gear, name)))
-    return SizedGear(gear.name, tuple(demands), missing, mean, most, mean_in, float(turning[fast]), hours)
+    missing = [name for name in needed if not math.isfinite(getattr(gear, name))]
+    counts = {
+        "efficiency": True,
+        "no_load_torque": True,
+        "mass": weighs,
+        "mean_exponent": gear.kind == "planetary" and mean > 0 and over_limit(most / gear.average_torque),
+    }
+    missing += [name for name, matters in counts.items() if matters and name in gear.unstated]
+    named = () if gear.kind == "direct" else (*missing, *(unknown if life is not None else ()))
+    return SizedGear(gear.name, tuple(demands), named, mean, most, mean_in, float(turning[fast]), hours)
+
+
+def _life(gear: Gear, torque: float, speed: float) -> tuple[float, tuple[str, ...]]:
+    """Life [h] at an average torque and input speed, inf if unknown or at standstill, and the names of missing numbers.
+
+    Life of planetary gears has no common law: what the maker states holds for loads up to the rated ones.
+    """
+    missing = tuple(name for name in ("rated_torque", "rated_speed", "life") if not math.isfinite(getattr(gear, name)))
+    if missing or not (torque > 0 and speed > 0):
+        return math.inf, missing
+    if gear.kind == "strain_wave":
+        return life_hours(gear, torque, speed), ()
+    within = torque <= gear.rated_torque and speed <= gear.rated_speed
+    return (gear.life, ()) if within else (math.inf, ("life beyond the rated torque and speed",))
 
 
 # ── Winding temperature. Maxon academy, Formulae Handbook: two thermal masses; exact, since linear in each segment
@@ -247,22 +272,25 @@ def periodic_temperatures(
     They are inf if there is no periodic state (thermal runaway): the hotter winding heats more than its housing
     dissipates.
     """
-    step = max(1, -(-len(squares) // _MOST))
-    if step > 1:
-        edges = np.arange(0, len(squares), step)
-        heat, duration = np.add.reduceat(squares * duration, edges), np.add.reduceat(duration, edges)
-        squares = heat / duration
-    each = transitions(thermal, resistance, squares, duration, ambient)
-    whole = np.eye(3)
-    for one in each:
-        whole = one @ whole
+    through = _cumulative(transitions(thermal, resistance, squares, duration, ambient))
+    whole = through[-1]
     if not np.isfinite(whole).all() or np.abs(np.linalg.eigvals(whole[:2, :2])).max() >= 1:
         return np.full((len(squares) + 1, 2), np.inf)
     state = np.append(np.linalg.solve(np.eye(2) - whole[:2, :2], whole[:2, 2]), 1.0)
-    states = [state]
-    for one in each:
-        states.append(one @ states[-1])
-    return np.asarray(states)[:, :2] + ambient
+    return np.asarray(np.vstack([state, through @ state]))[:, :2] + ambient
+
+
+def _cumulative(each: Array) -> Array:
+    """Products each[k] ··· each[0] of matrices (m, 3, 3), from those of pairs: as many steps as m has binary digits."""
+    if len(each) == 1:
+        return each
+    even = len(each) // 2 * 2
+    with np.errstate(over="ignore", invalid="ignore"):
+        pairs = _cumulative(each[1:even:2] @ each[:even:2])
+        found = np.empty_like(each)
+        found[0], found[1:even:2] = each[0], pairs
+        found[2::2] = each[2::2] @ pairs[: len(each[2::2])]
+    return found
 
 
 def runaway_current(thermal: Thermal, resistance: float) -> float:
@@ -312,19 +340,20 @@ class SizedMotor(DrivePart):
     inertia_ratio: float
     """Maximum of (M_jj / G²) / J over the cycle; NaN for unknown rotor inertia."""
     power: Array
-    """(n,) W, τ ω + R i²."""
+    """(n,) W, τ ω + R i², with the resistance at the temperature of the winding, or the stated one without thermal data."""
     temperature: Array
-    """(m, 2) °C of winding and housing through the repeated cycle; empty without thermal data."""
+    """(n, 2) °C of winding and housing at the nodes of the repeated cycle; empty without thermal data."""
 
 
 def sized_motor(
-    entry: CatalogMotor, gear: Gear, cycle: Cycle, *, ambient: float, holding: slice = slice(0, 0)
+    entry: CatalogMotor, gear: Gear, cycle: Cycle, *, ambient: float, holding: slice = slice(0, 0), weighs: bool = False
 ) -> SizedMotor:
-    """Loads of a motor behind a gear; in the nodes ``holding`` a brake carries the torque."""
+    """Loads of a motor behind a gear; in the nodes ``holding`` a brake carries the torque; ``weighs``: its mass is a load."""
     motor, ratio = entry.motor, gear.ratio
-    through = np.where(cycle.torque * cycle.speed >= 0, cycle.torque / gear.efficiency, cycle.torque * gear.efficiency)
+    through = gear_input(cycle.torque, cycle.speed, gear.efficiency)
     speed = ratio * cycle.speed
-    torque = (through + cycle.rotor_torque(entry.inertia, ratio)) / ratio + gear.no_load_torque * np.sign(speed)
+    idle = gear.no_load_torque * np.sign(ratio * moving(cycle.speed))
+    torque = (through + cycle.rotor_torque(entry.inertia, ratio)) / ratio + idle
     torque[holding] = 0.0
     current = motor.current(torque)
     squares = (current[1:] ** 2 + current[1:] * current[:-1] + current[:-1] ** 2) / 3
@@ -334,13 +363,27 @@ def sized_motor(
     if motor.thermal is not None:
         heated = periodic_temperatures(motor.thermal, motor.resistance, squares, cycle.duration, ambient)
     demands, missing = _motor_demands(entry, torque, speed, current, rms, heated, cycle.time, ambient)
+    missing += ["mass"] if weighs and "mass" in entry.unstated and not entry.stall_only else []
     ratios = cycle.inertia / (ratio**2 * entry.inertia) if entry.inertia else np.array([math.nan])
     return SizedMotor(
         entry.name, tuple(demands), tuple(missing), torque, speed, motor.torque_constant * rms,
         float(np.abs(torque).max()), rms, float(np.abs(current).max()), float(np.abs(speed).max()),
         average_speed(between(np.abs(speed)), cycle.duration), float(ratios.max()),
-        torque * speed + motor.heat(current), heated,
+        torque * speed + warm_resistance(motor, heated) * current**2, heated,
     )  # fmt: skip
+
+
+def warm_resistance(motor: Motor, heated: Array) -> Array:
+    """Resistance of the winding at temperatures (n, 2) [°C]; the stated one (1,) without thermal data.
+
+    In a thermal runaway it is that of the highest temperature that the winding may have.
+    """
+    thermal = motor.thermal
+    if thermal is None or not heated.size:
+        return np.array([motor.resistance])
+    known = thermal.maximum if math.isfinite(thermal.maximum) else thermal.reference
+    warm = np.where(np.isfinite(heated[:, 0]), heated[:, 0], known)
+    return np.asarray(motor.resistance * (1 + thermal.coefficient * (warm - thermal.reference)))
 
 
 def _motor_demands(
@@ -360,28 +403,39 @@ def _motor_demands(
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(most > 0, np.abs(torque) / most, np.where(torque == 0, 0.0, math.inf))
     worst, peak, fast = int(shares.argmax()), int(np.abs(current).argmax()), int(np.abs(speed).argmax())
+    allowed = max(float(most[worst]), 0.0)
     demands = [
-        Demand(
-            "torque at its speed", float(np.abs(torque[worst])), max(float(most[worst]), 0.0), "N m", float(time[worst])
-        ),
+        Demand("torque at its speed", float(np.abs(torque[worst])), allowed, "N m", float(time[worst])),
         Demand("peak current", float(np.abs(current[peak])), motor.current_peak, "A", float(time[peak])),
         Demand("speed", float(np.abs(speed[fast])) / _RPM, motor.speed / _RPM, "rpm", float(time[fast])),
     ]
-    missing = [name for name in ("voltage", "current_peak") if not math.isfinite(getattr(motor, name))]
     if heated.size and thermal is not None:
         warmest = float(heated[:, 0].max())
         demands.append(Demand("winding temperature", warmest, thermal.maximum, "degC", base=ambient))
         if not math.isfinite(warmest):
             bound = runaway_current(thermal, motor.resistance)
             demands[-1] = Demand(f"thermal runaway above {printed(bound, 4)} A, rms current", rms, bound, "A")
-        missing += ["thermal: maximum"] if math.isinf(thermal.maximum) else []
     elif math.isfinite(motor.current_continuous):
         demands.append(Demand("rms current", rms, motor.current_continuous, "A"))
-    else:
-        missing.append("stall data only" if entry.stall_only else "thermal or current_continuous")
-    if not entry.inertia and not entry.stall_only:
-        missing.append("rotor: inertia")
-    return demands, missing
+    return demands, _missing_ratings(entry, ambient)
+
+
+def _missing_ratings(entry: CatalogMotor, ambient: float) -> list[str]:
+    """Names of the numbers of a motor without which its verdict would be better than it is."""
+    motor, thermal = entry.motor, entry.motor.thermal
+    missing = [name for name in ("voltage", "current_peak") if not math.isfinite(getattr(motor, name))]
+    if entry.stall_only:
+        return [*missing, "stall data only"]
+    missing += [] if math.isfinite(motor.speed) else ["speed"]
+    missing += [] if motor.resistance > 0 else ["resistance"]
+    if thermal is not None:
+        missing += [] if math.isfinite(thermal.maximum) else ["thermal: maximum"]
+    elif not math.isfinite(motor.current_continuous):
+        missing.append("thermal or current_continuous")
+    elif ambient > _RATED_AIR:
+        missing.append(f"thermal, as current_continuous holds up to {printed(_RATED_AIR)} degC")
+    missing += [] if entry.inertia else ["rotor: inertia"]
+    return missing
 
 
 # ── Supply
