@@ -13,7 +13,7 @@ from ..core.numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 
-__all__ = ["Actuator", "Motor", "Rotor", "Thermal", "gear_input", "moving"]
+__all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
 
 STANDING = 1e-6
 """Speed [rad/s or m/s] at and below which a joint stands: a turn in ten weeks, above rounding errors of derived rates."""
