@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..core.colours import Style, strong
 from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
@@ -107,9 +108,9 @@ def write_doctor_report(
     link = write_viewer(given, scene.robot, scene=scene)
     if given.report is not None and scene.robot.nv:
         named = any(finding.where.startswith("link") for finding in report.findings)
-        colours = ", links in the colours of their findings: red error, orange warning, yellow note" if named else ""
+        colours = ", links in the colours of their findings: red error, amber warning, grey note" if named else ""
         title = f"{report.robot}{colours}"
-        pictures.append(robot_picture(scene.robot, None, None, "", title, scene, link))
+        pictures.append(robot_picture(scene.robot, None, None, title, scene, link))
     if given.report is not None and links_drawn(report):
         pictures.append(drawn("Inertia before and after", lambda path: plot_diagnosis(report, path)))
     write_report(given, "doctor", report.robot, blocks, files=files, pictures=pictures, robot=scene.robot)
@@ -118,7 +119,7 @@ def write_doctor_report(
 # ── The report
 
 
-_COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
+_COLOURS = {Severity.ERROR: strong(Style.OVER), Severity.WARNING: Style.NEAR, Severity.NOTE: Style.QUIET}
 _LISTED = 6
 """Maximum number of listed notes of one check; further notes are counted."""
 
@@ -138,7 +139,7 @@ def doctor_view(report: DoctorReport, *, every: bool = False) -> Iterator[Block]
     for finding in shown:
         yield from _paragraph(finding)
     if left := len(report.findings) - len(shown):
-        yield Line((f"{left} more notes; --json lists all.", "dim"))
+        yield Line((f"{left} more notes; --json lists all.", Style.QUIET))
 
 
 def _shown(report: DoctorReport, *, every: bool) -> Iterator[Finding]:
@@ -186,12 +187,14 @@ def verification_view(report: VerifyReport) -> list[Block]:
     said = f": checks that disagree: {', '.join(failed)}." if failed else f": {count} checks agree."
 
     def compares(check: Check) -> str | Line:
-        return Line(f"{check.compares}\n", (f"skipped: {check.skipped}", "dim")) if check.skipped else check.compares
+        return (
+            Line(f"{check.compares}\n", (f"skipped: {check.skipped}", Style.QUIET)) if check.skipped else check.compares
+        )
 
     def answer(check: Check) -> Line:
         if check.skipped:
-            return Line(("skipped", "dim"))
-        return Line(("agrees", "green") if check.passed else ("DISAGREES", "bold red"))
+            return Line(("skipped", Style.QUIET))
+        return Line(("agrees", Style.GOOD) if check.passed else ("DISAGREES", strong(Style.OVER)))
 
     def figure(value: float) -> Line:
         return Line(residual(value), value=value)

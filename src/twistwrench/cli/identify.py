@@ -13,6 +13,7 @@ import click
 import numpy as np
 
 from .. import identification
+from ..core.colours import Style
 from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Verdict, Word
@@ -31,7 +32,7 @@ from ..robot import Robot
 from ..typing import Array
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, robot_picture, write_report
+from .report import REPORT, MarkedJoint, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -133,8 +134,8 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
         files = {**inputs, **options.files}
         joints = {name: share for name, share in found.held_out.joints.items() if math.isfinite(share)}
         worst = max(joints, key=lambda name: joints[name], default=None)
-        title = f"{found.original.name}; red: {worst}, the largest share left unexplained"
-        still = robot_picture(found.original, None, worst, worst or "", title)
+        marked = MarkedJoint(worst, f"{worst}, the largest share left unexplained") if worst else None
+        still = robot_picture(found.original, None, marked, found.original.name)
         pictures = [still, *identification_pictures(found)]
         settings = [("fit", f"{found.settings}; weights {found.method}")]
         write_report(
@@ -419,7 +420,7 @@ def excitation_view(
     yield from closest
     yield ""
     yield Line(
-        (found.robot.name, "bold"),
+        (found.robot.name, Style.STRONG),
         f"  ·  {number(found.duration)} s, {found.series.harmonics} harmonics, at rest at both ends  ·  condition "
         f"{number(found.condition)}  ·  log det {number(found.log_det)}  ·  median deviation "
         f"{number(np.median(found.predicted_deviations), 2)}",

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from .. import robots
+from ..core.colours import Style
 from ..core.numbers import number
 from ..errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..joints.units import heading_unit
@@ -82,7 +83,7 @@ def _heading(model: Model) -> Line:
     named = f"\nconfigurations {', '.join(model.configurations)}" if model.configurations else ""
     moving, fixed = number(model.moving_mass), number(model.base_inertia.mass)
     masses = f"mass {moving} kg moving, {fixed} kg fixed  ·  gravity [{gravity}] m/s²"
-    return Line((model.name, "bold"), f"  {counts}\n{masses}  ·  tip {_tip(model)}{named}")
+    return Line((model.name, Style.STRONG), f"  {counts}\n{masses}  ·  tip {_tip(model)}{named}")
 
 
 def _tip(model: Model) -> str:
@@ -196,12 +197,12 @@ def _tree(model: Model) -> Branch:
     branches, depths = {BASE: root}, {BASE: 0}
     for i, b in enumerate(model.bodies):
         if not b.joint.moves_body and b.follows:
-            branches[b.parent].label.pieces.append((f"  · {b.link}", "dim"))
+            branches[b.parent].label.pieces.append((f"  · {b.link}", Style.QUIET))
             continue
         if depths[b.parent] == DEEPEST:
-            branches[b.parent] = root.add(Line((link_of(model, b.parent), "bold"), (" carries on:", "dim")))
+            branches[b.parent] = root.add(Line((link_of(model, b.parent), Style.STRONG), (" carries on:", Style.QUIET)))
             depths[b.parent] = 0
-        joint = (b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim")
+        joint = (b.joint.name, Style.POINTED), (f" ({b.joint.kind}) → ", Style.QUIET)
         branches[i] = branches[b.parent].add(Line(*joint, *_frames(link_of(model, i), fixed[i])))
         depths[i] = depths[b.parent] + 1
     return root
@@ -210,7 +211,7 @@ def _tree(model: Model) -> Branch:
 def _frames(link: str, frames: list[str]) -> list[Piece]:
     """Text of a link and the other frames of its body."""
     others = [name for name in frames if name != link]
-    return [(link, "bold"), (f"  + {', '.join(others)}" if others else "", "dim")]
+    return [(link, Style.STRONG), (f"  + {', '.join(others)}" if others else "", Style.QUIET)]
 
 
 # ── ``robots``: bundled robots, and those of other packages
@@ -246,7 +247,7 @@ def _bundled(chosen: list[str], described: Mapping[str, str]) -> Table:
     models = [getattr(robots, name)().model for name in chosen]
     return Table(
         "",
-        words("robot", chosen, fold=False, style="bold"),
+        words("robot", chosen, fold=False, style=Style.STRONG),
         numbers("q", [model.nq for model in models]),
         numbers("dq", [model.nv for model in models]),
         numbers("kg", [model.moving_mass for model in models]),
@@ -260,4 +261,4 @@ def _others(source: str, found: list[FoundRobot]) -> Table:
     for robot in found:
         by_file.setdefault("/".join(robot.path.parts[-3:]), []).append(robot.name)
     names = [", ".join(called) for called in by_file.values()]
-    return Table("", words(f"of {source}", names, fold=False, style="bold"), words("file", by_file))
+    return Table("", words(f"of {source}", names, fold=False, style=Style.STRONG), words("file", by_file))

@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from ..core.colours import Style
 from ..core.numbers import number, percent
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
@@ -71,7 +72,7 @@ _MANY_ZEROS, _FEW_STEPS = 0.1, 50
 def log_view(quality: LogQuality) -> Iterator[Block]:
     """Line on the clock, and table of the columns."""
     columns = quality.columns
-    yield Line((quality.path.name, "bold"), f"  {_clock(quality)}")
+    yield Line((quality.path.name, Style.STRONG), f"  {_clock(quality)}")
     yield Table(
         "",
         words("column", [column.name for column in columns]),
@@ -79,7 +80,7 @@ def log_view(quality: LogQuality) -> Iterator[Block]:
         numbers("most", [column.most for column in columns]),
         numbers("grid", [column.grid or None for column in columns]),
         numbers("noise", [column.noise or None for column in columns]),
-        words("", map(_doubts, columns), style="yellow"),
+        words("", map(_doubts, columns), style=Style.NEAR),
     )
     yield from (f"note: {note}" for note in quality.notes)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
+from ..core.colours import Style, strong
 from ..core.numbers import number, percent, percent_of_limit, printed, seconds, torque
 from ..core.text import listed
 from ..core.verdict import ExitCode, Word
@@ -21,7 +22,7 @@ from ..model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..motion.csv_reader import CsvFile, table_errors
-from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
+from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
 from ..reports.load_case import limit_doubts
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
 from ..reports.torque_verdict import assumed_words, assumptions, friction_words, model_warnings
@@ -29,7 +30,7 @@ from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..typing import Array
 from .main import Given, option
-from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
+from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
 from .shared import (
     CLEARANCE,
     JSON,
@@ -134,7 +135,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     carried = " and ".join(f"{number(p.mass)} kg" for p in load.payloads)
     blocks = [
         *collides,
-        *_verdict(moving, bounds, over, doubts, cannot, assumed, named=not collides),
+        *_verdict(moving, bounds, over, doubts, cannot, assumed, named=not collides, degrees=options.degrees),
         *([] if clearance is None else clearance.lines),
         *_limits_of_files(bounds, given),
         "",
@@ -190,8 +191,8 @@ def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None
 
 def _worst_moment(
     trajectory: Trajectory, uses: list[JointUse], bounds: Limits, *, friction: bool
-) -> tuple[Array, str, str, str]:
-    """Configuration in which a joint is nearest to a torque or velocity limit, the joint, its label and a title."""
+) -> tuple[Array, MarkedJoint, str]:
+    """Configuration in which a joint is nearest to a torque or velocity limit, the joint, and a title."""
     robot, t = trajectory.robot, np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
     tau = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
@@ -199,8 +200,8 @@ def _worst_moment(
     shares = np.maximum(np.abs(tau) / bounds.effort, np.abs(dq) / speed)
     row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
     label = f"{uses[k].joint}, {percent_of_limit(shares[row, k])} of a limit"
-    title = f"{robot.name} at t = {seconds(t[row])} s; red: {label}"
-    return q[row], uses[k].joint, label, title
+    marked = MarkedJoint(uses[k].joint, label, mark_style(float(shares[row, k])))
+    return q[row], marked, f"{robot.name} at t = {seconds(t[row])} s"
 
 
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction: bool, whole: bool) -> Trajectory:
@@ -333,7 +334,7 @@ def move_view(
     most = [max((x for x in (u.velocity_share, u.torque_share) if not math.isnan(x)), default=0.0) for u in uses]
     fast = trajectory if isinstance(trajectory, Fastest) and trajectory.time_optimal is None else None
     yield Line(
-        (robot.name, "bold"),
+        (robot.name, Style.STRONG),
         f"  ·  {trajectory.path.name}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
         f"  ·  carrying {carried}" if carried else "",
         f"  ·  {friction_words(robot.model, counted=friction)}",
@@ -348,7 +349,7 @@ def move_view(
         numbers("share", [use.torque_share for use in uses], percent_of_limit),
         numbers("at limit", [use.limiting for use in uses], percent) if fast else None,
         words("", map(share_bar, most), fold=False),
-        styles=["bold red" if over_limit(share) else "" for share in most],
+        styles=[strong(Style.OVER) if over_limit(share) else "" for share in most],
     )
     if fast:
         yield from _timeline(fast)
@@ -371,10 +372,10 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
         numbers("to", [t.end for t in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [t.joint for t in shown], fold=False),
         words("limit", [f"{'+' if t.side > 0 else '-'} {t.kind}" for t in shown], fold=False),
-        words("", [Line((bar, "cyan")) for bar in bars], fold=False),
+        words("", [Line((bar, Style.POINTED)) for bar in bars], fold=False),
     )
     if rest := len(contacts) - len(shown):
-        yield Line((f"and {rest} shorter parts", "dim"))
+        yield Line((f"and {rest} shorter parts", Style.QUIET))
 
 
 def _verdict(
@@ -386,6 +387,7 @@ def _verdict(
     assumed: str,
     *,
     named: bool,
+    degrees: bool,
 ) -> Iterator[Block]:
     """Verdict; ``doubts`` make it unsure, ``assumed`` lists assumptions of an OK, ``cannot`` is the reason for an early end.
 
@@ -394,7 +396,8 @@ def _verdict(
     if cannot:
         yield verdict(Word.STOPPED, f": {cannot}")
     if violations:
-        yield from (verdict(Word.OVER_LIMIT, f": {v}.") for v in violations[:_MOST_PASSED])
+        shown = [v.in_degrees() if degrees else v for v in violations[:_MOST_PASSED]]
+        yield from (verdict(Word.OVER_LIMIT, f": {violation}.") for violation in shown)
         if len(violations) > _MOST_PASSED:
             yield f"and {len(violations) - _MOST_PASSED} more"
         return

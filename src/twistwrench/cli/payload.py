@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.colours import Style, strong
 from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque, without_noise
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
@@ -29,7 +30,7 @@ from ..statics.torque_limits import unit_slips
 from ..typing import Array
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, drawn, robot_picture, write_report
+from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -101,7 +102,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.plane is not None:
         chart = payload_map(robot, given.plane, samples=count, com=place, frame=given.frame, limits=limits)
         blocks.append(f"map, {chart}")
-    blocks.append(Line((_CAUTION, "dim")))
+    blocks.append(Line((_CAUTION, Style.QUIET)))
     show(*blocks)
     places = {"--com": place}
     places |= {f"--tool {text}": np.array(p.place) for text, p in zip(given.payloads, load.payloads, strict=True)}
@@ -118,8 +119,8 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     shared.show_written(given.csv, given.plot)
     if given.report is not None:
         worst = found.joint_names[int(found.joint)] if judged and found.joint >= 0 else None
-        title = f"{robot.name} in this pose" + (f"; red: {worst}, which limits the payload" if worst else "")
-        pictures = [robot_picture(robot, q, worst, worst or "", title)]
+        marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
+        pictures = [robot_picture(robot, q, marked, f"{robot.name} in this pose")]
         pictures += [drawn("Forces and holding torques", plot)] if judged else []
         subject, most = f"{robot.name} · payload at {where}", rounded_down(found.mass)
         facts = [("largest payload", f"{most} kg"), ("limited by", worst)] if worst and found.holds else []
@@ -155,7 +156,10 @@ def payload_view(
     turning = Coordinates.from_model(robot.model).angular_velocity
     shares = [float(x) for x in found.share]
     known = [share if math.isfinite(limit) else None for share, limit in zip(shares, found.limits, strict=True)]
-    styles = ["bold red" if over_limit(x) else "bold" if k == int(found.joint) else "" for k, x in enumerate(shares)]
+    styles = [""] * len(shares)
+    if found.joint >= 0:
+        styles[int(found.joint)] = Style.STRONG
+    styles = [strong(Style.OVER) if over_limit(share) else style for share, style in zip(shares, styles, strict=True)]
     bars = [share_bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
     unit = heading_unit("tau", turning)
     holding = partial(numbers, show=torque, unit=unit, headed=False)
@@ -183,7 +187,7 @@ def payload_view(
         styles=styles if judged else None,
     )
     besides = f"  ·  carrying {carried} already" if carried else ""
-    return ["", Line((robot.name, "bold"), f"  ·  payload at {where}{besides}"), table]
+    return ["", Line((robot.name, Style.STRONG), f"  ·  payload at {where}{besides}"), table]
 
 
 def place_words(frame: str, com: Array) -> str:

@@ -8,6 +8,7 @@ import os
 import platform
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ..core.colours import COLOURS, Style
 from ..core.files import replacing
 from ..reports.blocks import Block, report_data
 from ..reports.page import Picture, ReportPage
@@ -99,13 +101,30 @@ def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
     return Picture(title, page_svg(plot))
 
 
+@dataclass(frozen=True)
+class MarkedJoint:
+    """Joint that a picture marks, with label and colour."""
+
+    joint: str
+    label: str
+    style: Style = Style.POINTED
+
+    @property
+    def caption(self) -> str:
+        """Colour and label, for the title of the picture."""
+        return f"{COLOURS[self.style].name}: {self.label}"
+
+
 def robot_picture(
-    robot: Robot, q: Any, joint: str | None, label: str, title: str, scene: Scene | None = None, link: str = ""
+    robot: Robot, q: Any, marked: MarkedJoint | None, title: str, scene: Scene | None = None, link: str = ""
 ) -> Picture:
-    """Picture of the robot at a configuration (None: a typical one), with the link of a joint in red and a ``link`` below."""
+    """Picture of the robot at a configuration (None: a typical one), with a marked joint and a ``link`` below."""
     from ..viz.movie import still
 
-    return Picture(title, still(robot, q, joint, label, scene=scene), link)
+    if marked is None:
+        return Picture(title, still(robot, q, scene=scene), link)
+    image = still(robot, q, marked.joint, marked.label, mark=marked.style, scene=scene)
+    return Picture(f"{title}; {marked.caption}", image, link)
 
 
 def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
+from ..core.colours import Style
 from ..core.gravity import STRENGTH
 from ..core.numbers import estimate, number, percent, quantity, seconds
 from ..core.tables import csv_table
@@ -432,7 +433,7 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
 def _heading(log: ReadingLog, sign: str) -> Line:
     motion = "at rest" if log.V is None else "in motion"
     lasting = "" if log.time is None or len(log) < 2 else f" over {number(np.ptp(log.time))} s"
-    return Line((Path(log.name).name, "bold"), f"  {len(log)} readings{lasting}, {motion}, sign {sign}")
+    return Line((Path(log.name).name, Style.STRONG), f"  {len(log)} readings{lasting}, {motion}, sign {sign}")
 
 
 def _before_and_after(log: ReadingLog, compensated: Array, kept: Array) -> Table:

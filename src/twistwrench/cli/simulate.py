@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.colours import Style
 from ..core.numbers import number, residual, seconds
-from ..core.verdict import ExitCode, Word
+from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import SimulationError, ValueRangeError
-from ..joints.units import heading_unit
+from ..joints.units import heading_unit, unit_of
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
@@ -25,7 +26,7 @@ from ..simulation.result import SimulationResult
 from ..typing import Array
 from . import shared
 from .main import Given, note, option, with_option_names
-from .report import REPORT, drawn, robot_picture, write_report
+from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -78,8 +79,9 @@ _CONTACT = "1e5,0.3,0.5"
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     """Simulate a motion, and report states, energy drift and events.
 
-    Exit code: 1 if the motion ended before its duration, at a limit with --stop-at-limits or because integration failed;
-    the motion until then is printed and written. Also 1 if links come too near (--clearance).
+    DONE: no limit is judged unless torques are given (--torque). Exit code: 1 if given torques pass a limit, if the motion
+    ended before its duration, at a limit with --stop-at-limits or because integration failed, or if links come too near
+    (--clearance). The motion until then is printed and written.
     """
     given.check_files({"--srdf": given.srdf, **options.files})
     load = shared.load_case(options.load(), options, given)
@@ -110,7 +112,8 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         if result is None:
             raise
     clearance = shared.clearance_along(given, loaded, [(result.times, result.q)])
-    blocks = list(simulation_view(loaded, result, clearance, degrees=options.degrees, friction=friction))
+    shown_as: dict[str, Any] = {"driven": bool(given.torque), "degrees": options.degrees, "friction": friction}
+    blocks = list(simulation_view(loaded, result, clearance, **shown_as))
     show(*blocks)
     to_csv = partial(result.to_csv, degrees=options.degrees)
     for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
@@ -134,8 +137,9 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         )  # fmt: skip
     if isinstance(failure, KeyboardInterrupt):
         raise failure
+    judged = simulation_verdict(loaded, result, driven=bool(given.torque))
     clear = clearance is None or clearance.verdict.ok
-    return ExitCode.FINE if failure is None and result.completed and clear else ExitCode.NO
+    return judged.exit_code if failure is None and clear else ExitCode.NO
 
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
@@ -178,26 +182,29 @@ def simulation_view(
     result: SimulationResult,
     clearance: PathClearance | None = None,
     *,
+    driven: bool = False,
     degrees: bool = False,
     friction: bool = True,
 ) -> Iterator[Block]:
     """Verdict, limits and closest links; then coordinates, velocities, energies, accuracy and events."""
     c = Coordinates.from_model(robot.model)
+    judged = simulation_verdict(robot, result, driven=driven, degrees=degrees)
     drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
     touching = shared.clearance_verdict(clearance)
     yield from touching
-    if result.completed:
-        done = f"simulated {number(result.times[-1], 6)} s. {drift}"
-        yield f"{done[0].upper()}{done[1:]}" if touching else verdict(Word.OK, f": {done}")
+    if touching and judged.ok:
+        yield f"Simulated {number(result.times[-1], 6)} s. {drift}"
+    elif judged.ok:
+        yield verdict(judged.word, f": simulated {number(result.times[-1], 6)} s. {drift}")
     else:
-        yield verdict(
-            Word.STOPPED, f" at t = {number(result.times[-1], 6)} s: {with_option_names(result.stopped)}. {drift}"
-        )
+        at = "" if judged.word is Word.OVER_LIMIT else f" at t = {number(result.times[-1], 6)} s"
+        yield verdict(judged.word, f"{at}: {judged.reasons[0]}. {drift}")
     yield from () if clearance is None else clearance.lines
-    yield from remarks(_limits_passed(robot, result))
+    if not driven or not result.completed:
+        yield from remarks(_limits_passed(robot, result, degrees=degrees))
     yield ""
     yield Line(
-        (result.robot, "bold"),
+        (result.robot, Style.STRONG),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
         f", {result.rejected} rejected" if result.rejected else "",
         f"  ·  {friction_words(robot.model, counted=friction)}",
@@ -251,14 +258,58 @@ def _rounded(value: float) -> str:
 
 
 _PASSED = {
-    "position": ("Joints were not held at their limits", "--stop-at-limits ends where the first is reached."),
+    "position": ("is at", "Nothing held the joint: --stop-at-limits ends where a limit is reached"),
     "torque": (
-        "The torques given are more than the motors have",
-        "Give less, or raise the efforts in the robot's file.",
+        "is given",
+        "The robot's drives cannot give it: reduce --torque, or raise the efforts in the robot's file",
     ),
-    "velocity": ("Joints are faster than their limits", "The robot's own drives would not let them."),
+    "velocity": ("moves at", "The robot's drives would not let it"),
 }
-"""Meaning and remedy for each kind of exceeded limit."""
+"""Verb and meaning for each kind of exceeded limit."""
+
+
+def simulation_verdict(robot: Robot, result: SimulationResult, *, driven: bool, degrees: bool = False) -> Verdict:
+    """Verdict on a simulation: STOPPED if it ended early, OVER LIMIT if given torques pass a limit, otherwise DONE.
+
+    A passive fall is not judged by limits: it is DONE whatever it passes. Angles are in degrees if ``degrees``.
+    """
+    if not result.completed:
+        return Verdict(Word.STOPPED, (_reason_of_end(robot, result, degrees=degrees),))
+    passed = [v for mine in _violations(robot, result).values() for v in mine]
+    if not driven or not passed:
+        return Verdict(Word.DONE)
+    more = f"; {len(passed) - 1} more limit{'s are' if len(passed) > 2 else ' is'} passed" if len(passed) > 1 else ""
+    return Verdict(Word.OVER_LIMIT, (f"{_in_words(passed[0], degrees=degrees)}{more}. {_PASSED[passed[0].kind][1]}",))
+
+
+def _reason_of_end(robot: Robot, result: SimulationResult, *, degrees: bool) -> str:
+    """Reason for an early end; a position limit is in degrees if ``degrees``."""
+    k = _joint_at_limit(robot, result)
+    if k is None:
+        return with_option_names(result.stopped)
+    limits, x = robot.limits, robot.model.positions(result.events[-1].q)[k]
+    side = "upper" if limits.upper[k] - x < x - limits.lower[k] else "lower"
+    turns = bool(Coordinates.from_model(robot.model).angular_velocity[k])
+    limit = getattr(limits, side)[k] * (math.degrees(1.0) if degrees and turns else 1.0)
+    unit = unit_of("q", turns, degrees=degrees)
+    return f"{robot.model.velocity_names[k]} reached its {side} position limit, {number(limit, 5)} {unit}"
+
+
+def _joint_at_limit(robot: Robot, result: SimulationResult) -> int | None:
+    """Index in dq of the joint whose position limit ended the simulation; None if it ended otherwise."""
+    if result.completed or not result.events:
+        return None
+    limits, x = robot.limits, robot.model.positions(result.events[-1].q)
+    margins = np.minimum(limits.upper - x, x - limits.lower) / limits.tolerance
+    k = int(np.argmin(np.where(np.isfinite(margins), margins, np.inf)))
+    return k if margins[k] <= 1.0 else None
+
+
+def _in_words(violation: Violation, *, degrees: bool) -> str:
+    shown = violation.in_degrees() if degrees else violation
+    verb, value = _PASSED[shown.kind][0], f"{number(shown.value, 5)} {shown.unit}"
+    limit = shown.limit if shown.kind == "position" else abs(shown.limit)
+    return f"{shown.joint} {verb} {value} at t = {seconds(shown.time)} s, limit {number(limit, 5)}"
 
 
 def _violations(robot: Robot, result: SimulationResult) -> dict[str, list[Violation]]:
@@ -270,30 +321,25 @@ def _violations(robot: Robot, result: SimulationResult) -> dict[str, list[Violat
     return {kind: mine for kind, mine in found.items() if mine}
 
 
-def _worst_moment(robot: Robot, result: SimulationResult) -> tuple[Array, str | None, str, str]:
-    """Configuration of the picture, the joint that stopped the motion or exceeds its limit most, its label and a title."""
-    end = f"{number(result.times[-1], 6)} s"
-    joint = next((name for name in robot.joint_names if f"joint {name!r} reaches" in result.stopped), None)
-    if joint is not None:
-        return (
-            result.q[-1],
-            joint,
-            f"{joint}, at its limit",
-            f"{robot.name} at the end, t = {end}; red: {joint}, at its limit",
-        )
+def _worst_moment(robot: Robot, result: SimulationResult) -> tuple[Array, MarkedJoint | None, str]:
+    """Configuration of the picture, the joint that stopped the motion or exceeds its limit most, and a title."""
+    end = f"{robot.name} at the end, t = {number(result.times[-1], 6)} s"
+    k = _joint_at_limit(robot, result)
+    if k is not None:
+        joint = robot.model.velocity_names[k]
+        return result.q[-1], MarkedJoint(joint, f"{joint}, at its limit", Style.NEAR), end
     worst = next((mine[0] for mine in _violations(robot, result).values()), None)
     if worst is None:
-        return result.q[-1], None, "", f"{robot.name} at the end, t = {end}"
+        return result.q[-1], None, end
     row, label = int(np.abs(result.times - worst.time).argmin()), f"{worst.joint}, {worst.kind} over its limit"
-    return result.q[row], worst.joint, label, f"{robot.name} at t = {seconds(worst.time)} s; red: {label}"
+    return result.q[row], MarkedJoint(worst.joint, label, Style.OVER), f"{robot.name} at t = {seconds(worst.time)} s"
 
 
-def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
-    """Sentences on limits exceeded by states or given torques, one per kind."""
+def _limits_passed(robot: Robot, result: SimulationResult, *, degrees: bool) -> list[str]:
+    """Sentences on exceeded limits, one per kind."""
     sentences = []
     for kind, mine in _violations(robot, result).items():
-        meaning, remedy = _PASSED[kind]
         more = len(mine) - 1
         others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
-        sentences.append(f"{meaning}: {mine[0]}{others}. {remedy}")
+        sentences.append(f"{_in_words(mine[0], degrees=degrees)}{others}. {_PASSED[kind][1]}.")
     return sentences

@@ -8,12 +8,13 @@ from collections.abc import Iterator, Sequence
 import click
 import numpy as np
 
+from ..core.colours import Style
 from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
 from ..motion.motion import Motion
-from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_cell, verdict, words
+from ..reports.blocks import Block, Column, Line, Table, mark_style, numbers, remarks, share_cell, verdict, words
 from ..reports.motors import Demand
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
@@ -21,7 +22,7 @@ from ..typing import Array
 from ..viz.drawn_motion import DrawnMotion, read_motion
 from . import shared
 from .main import Given, option
-from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
+from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -110,30 +111,31 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.out_actuators is not None:
         found.write_actuators(given.out_actuators)
     shared.show_written(given.csv, given.plot, given.out_actuators)
-    q, joint, label, title, state = _worst_moment(found, cycle)
+    q, marked, title, state = _worst_moment(found, cycle)
     link = write_viewer(given, cycle.load.robot, state, motion=cycle)
     if given.report is not None:
         pictures = [
-            robot_picture(robot, q, joint, label, title, link=link),
+            robot_picture(robot, q, marked, title, link=link),
             drawn("Drives", lambda path: plot_sizing(found, path)),
         ]
         write_report(given, "size", f"{robot.name} · {path.name}", blocks, files=files, pictures=pictures, robot=robot)
     return found.verdict.exit_code
 
 
-def _worst_moment(found: Sizing, cycle: DrawnMotion) -> tuple[Array, str | None, str, str, str]:
-    """Configuration in which a drive is nearest to a rating, its joint, label and title, and the state of the page."""
+def _worst_moment(found: Sizing, cycle: DrawnMotion) -> tuple[Array, MarkedJoint | None, str, str]:
+    """Configuration in which a drive is nearest to a rating, its joint, a title, and the state of the page."""
     name, start = cycle.load.robot.name, "at the beginning of the motion"
     if not found.joints:
-        return cycle.q[0], None, "", f"{name} {start}", ""
+        return cycle.q[0], None, f"{name} {start}", ""
     joint = max(found.joints.values(), key=lambda j: j.tightest[1].share)
     demand = joint.tightest[1]
     label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
+    marked = MarkedJoint(joint.joint, label, mark_style(demand.share))
     moment = cycle.time[0] + demand.time
     if not cycle.time[0] <= moment <= cycle.time[-1]:  # a rating of the whole cycle, or a time in the pause
-        return cycle.q[0], joint.joint, label, f"{name} {start}; red: {label}", ""
+        return cycle.q[0], marked, f"{name} {start}", ""
     q, when = cycle.q[np.abs(cycle.time - moment).argmin()], number(moment, 6)
-    return q, joint.joint, label, f"{name} at t = {seconds(moment)} s; red: {label}", f"#t={when}"
+    return q, marked, f"{name} at t = {seconds(moment)} s", f"#t={when}"
 
 
 def _spoken(judged: Verdict) -> Iterator[Line]:
@@ -165,8 +167,8 @@ def size_view(found: Sizing, *, ambient: float) -> Iterator[Block]:
         f"returns {quantity(s.braked, 'J')}. Drives {quantity(found.mass, 'kg')}."
     )
     if found.left_out:
-        yield Line((f"Not sized, for it does not turn or has no drive: {', '.join(found.left_out)}.", "dim"))
-    yield Line(("Electronics, iron losses and bearing moments of gears are not counted.", "dim"))
+        yield Line((f"Not sized, for it does not turn or has no drive: {', '.join(found.left_out)}.", Style.QUIET))
+    yield Line(("Electronics, iron losses and bearing moments of gears are not counted.", Style.QUIET))
 
 
 def drives_table(found: Sizing, ambient: float) -> Table:
@@ -203,8 +205,8 @@ def _cell(demand: Demand | None) -> Line | str:
     if demand is None:
         return number(None)
     limit = f" / {_figure(demand.limit)}" if math.isfinite(demand.limit) else ""
-    red = "red" if over_limit(demand.share) else ""
-    return Line((_figure(demand.value), red), (limit, "dim"), value=demand.value)
+    red = Style.OVER if over_limit(demand.share) else ""
+    return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
 
 
 def _write_figures(path: str | None, found: Sizing) -> None:

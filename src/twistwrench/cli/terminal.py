@@ -20,7 +20,8 @@ from rich.text import Text
 from rich.tree import Tree
 
 from ..core.arguments import visible
-from ..reports.blocks import Block, Branch, Column, Line, Table, is_reading_note
+from ..core.colours import terminal_style
+from ..reports.blocks import Block, Branch, Column, Line, Piece, Table, is_reading_note
 from .main import printed_blocks
 
 
@@ -77,8 +78,13 @@ def _text(words: str | Line) -> Text:
     if isinstance(words, str):
         return Text(words)
     if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # style of the whole cell
-        return Text(*words.pieces[0])
-    return Text.assemble(*words.pieces)
+        text, style = words.pieces[0]
+        return Text(text, style=terminal_style(style))
+    return Text.assemble(*(_styled(piece) for piece in words.pieces))
+
+
+def _styled(piece: Piece) -> str | tuple[str, str]:
+    return piece if isinstance(piece, str) else (piece[0], terminal_style(piece[1]))
 
 
 def _tree(tree: Branch, above: Tree | None = None) -> Tree:
@@ -100,7 +106,9 @@ class TerminalTable(table.Table):
     """Table with one rule below its heads and a title on one line; text is not interpreted as markup."""
 
     def __init__(self, content: Table, *, narrow: bool = False) -> None:
-        title = Text(content.title, style=content.style, no_wrap=True, overflow="ignore") if content.title else None
+        title = None
+        if content.title:
+            title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
         super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
         columns = [column.narrow if narrow and column.narrow else column for column in content.columns]
         cells = [[_text(column.show(value)) for value in column.values] for column in columns]
@@ -111,7 +119,7 @@ class TerminalTable(table.Table):
         for column, texts in zip(columns, cells, strict=True):
             self._add(column, texts)
         for row, style in zip(zip(*cells, strict=True), content.styles, strict=True):
-            self.add_row(*row, style=style)
+            self.add_row(*row, style=terminal_style(style))
 
     def _add(self, column: Column, texts: list[Text]) -> None:
         # Rich's option for unbroken cells would take all width from the other columns.
@@ -129,7 +137,7 @@ class TerminalTable(table.Table):
             Text(column.head),
             justify="left" if column.words else "right",
             overflow="fold" if column.words else "ellipsis",
-            style=column.style,
+            style=terminal_style(column.style),
             min_width=max(needs, default=None),
         )
 

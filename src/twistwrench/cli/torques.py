@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.colours import Style, strong
 from ..core.files import picture_path
 from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, quantity, seconds, torque
 from ..core.text import listed
@@ -23,7 +24,20 @@ from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts
 from ..motion.motion_log import MotionLog
-from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, shown, verdict, words
+from ..reports.blocks import (
+    Block,
+    Column,
+    Line,
+    Table,
+    mark_style,
+    numbers,
+    remarks,
+    share_bar,
+    share_cell,
+    shown,
+    verdict,
+    words,
+)
 from ..reports.load_case import TERMS, cause_label
 from ..reports.log_quality import MeasuredTorque
 from ..reports.motors import Demand, MotorUse, Steps
@@ -33,7 +47,7 @@ from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueRepor
 from ..reports.torque_verdict import friction_words, notes_of, verdict_of
 from . import shared
 from .main import Given, check_matplotlib, note, option
-from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
+from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -115,7 +129,8 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         note("--smooth changes nothing: the file gives velocities and accelerations.")
     if "motors" in plots and not report.motors:
         raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
-    blocks = list(report_view(report, degrees=options.degrees, why=given.why))
+    degrees = options.degrees or report.in_degrees
+    blocks = list(report_view(report, degrees=degrees, why=given.why))
     show(*blocks)
     link, motion = "", None
     if given.html is not None or not plots.keys() <= {"torques", "motors"}:
@@ -132,7 +147,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         time = f"#t={number(report.joints[report.worst].time, 6)}" if report.worst is not None else ""
         link = write_viewer(given, report.load.robot, time, motion=motion)
     if given.report is not None:
-        write_torque_report(report, blocks, given, files, link, degrees=options.degrees)
+        write_torque_report(report, blocks, given, files, link, degrees=degrees)
     return report.verdict.exit_code
 
 
@@ -188,8 +203,9 @@ def write_torque_report(
             ("time", f"{seconds(joint.time)} s"),
         ]
         q = states.q[int(np.argmin(np.abs(states.time - joint.time)))]
-        title = f"{report.robot} at t = {seconds(joint.time)} s; red: {joint.joint}, {share}"
-        pictures.append(robot_picture(load.with_load, q, joint.joint, f"{joint.joint}, {share}", title, link=link))
+        marked = MarkedJoint(joint.joint, f"{joint.joint}, {share}", mark_style(joint.share))
+        title = f"{report.robot} at t = {seconds(joint.time)} s"
+        pictures.append(robot_picture(load.with_load, q, marked, title, link=link))
     if report.motors:
         pictures.append(drawn("Motors", lambda path: plot_motors(report, path)))
     friction = friction_words(load.robot.model, counted=load.friction)
@@ -230,7 +246,7 @@ class BatchTorques:
     def evaluate(self, path: str) -> FileTorques:
         """Torque report of the motion in this file."""
         report = analysis(self.options, self.given, Path(path), Steps(None, (1.0, 1.0)))
-        judged = verdict_of(report, degrees=self.options.degrees)
+        judged = verdict_of(report, degrees=self.options.degrees or report.in_degrees)
         found = FileTorques(path, str(judged.word), rows=report.rows, reason="; ".join(judged.reasons))
         if report.worst is None:
             return found
@@ -318,8 +334,8 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
 
 def _demand(demand: Demand) -> Line:
     limit = f" / {number(demand.limit, _DIGITS)}" if math.isfinite(demand.limit) else ""
-    red = "red" if over_limit(demand.share) else ""
-    return Line((_figure(demand.value), red), (limit, "dim"), value=demand.value)
+    red = Style.OVER if over_limit(demand.share) else ""
+    return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
 
 
 def _figure(value: float) -> str:
@@ -330,12 +346,12 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Line:
     """Line on the motors that are too small, or on the motor nearest to its limits."""
     small = sorted((use for use in motors if use.too_small), key=lambda use: -use.tightest.share)
     if small:
-        return Line(("MOTOR TOO SMALL", "bold red"), f": {listed((use.words for use in small), 3, '; ')}.")
+        return Line(("MOTOR TOO SMALL", strong(Style.OVER)), f": {listed((use.words for use in small), 3, '; ')}.")
     known = [use for use in motors if any(math.isfinite(d.limit) for d in use.demands)]
     if not known:
-        return Line(("MOTORS", "bold"), ": their limits are not known.")
+        return Line(("MOTORS", Style.STRONG), ": their limits are not known.")
     nearest = max(known, key=lambda use: use.tightest.share)
-    return Line(("MOTORS OK", "bold green"), f": all limits kept. Closest: {nearest.words}.")
+    return Line(("MOTORS OK", strong(Style.GOOD)), f": all limits kept. Closest: {nearest.words}.")
 
 
 # ── The report
@@ -375,7 +391,7 @@ def _heading(report: TorqueReport) -> Line:
     rows = "1 row" if report.rows == 1 else f"{report.rows:,} rows"
     motion = f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {rows}{step}"
     friction = friction_words(load.robot.model, counted=load.friction)
-    return Line((report.robot, "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
+    return Line((report.robot, Style.STRONG), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
 
 
 def _torques(
@@ -392,7 +408,7 @@ def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque]
     return Table(
         f"{title} [{units[0]}]" if len(units) == 1 else title,
         words("joint", [j.joint for j in joints]),
-        words("unit", [j.unit for j in joints], style="dim") if len(units) > 1 else None,
+        words("unit", [j.unit for j in joints], style=Style.QUIET) if len(units) > 1 else None,
         *columns,
     )
 
@@ -400,7 +416,7 @@ def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque]
 def _peaks(report: TorqueReport) -> Table:
     joints, column = report.joints, partial(_torques, report)
 
-    unknown = Line((MISSING, "dim"))
+    unknown = Line((MISSING, Style.QUIET))
     known = [math.isfinite(j.limit) for j in joints]
     bars = [share_bar(j.share, f"  {percent_of_limit(j.share):>5}") for j in joints]
     bars = [bar if limited else unknown for bar, limited in zip(bars, known, strict=True)]
@@ -424,7 +440,7 @@ def _causes(report: TorqueReport) -> Table:
 
     def cause(j: JointTorque, term: str) -> Line:
         main = term == j.main_cause[0] and not report.is_zero(j.largest)
-        return Line((report.label(j.terms[term]), "bold" if main else ""), value=j.terms[term])
+        return Line((report.label(j.terms[term]), Style.STRONG if main else ""), value=j.terms[term])
 
     def mostly(j: JointTorque) -> str:
         term, share = j.main_cause
@@ -448,7 +464,9 @@ def _beside_measured(report: TorqueReport) -> Table:
     measured, column = [m for _, m in pairs], partial(_torques, report)
 
     def difference(m: MeasuredTorque) -> Line:
-        return Line((torque(m.residual), "red" if m.contradicts else "yellow" if m.differs else ""), value=m.residual)
+        return Line(
+            (torque(m.residual), Style.OVER if m.contradicts else Style.NEAR if m.differs else ""), value=m.residual
+        )
 
     return _joint_table(
         report,
@@ -488,7 +506,7 @@ def _why(report: TorqueReport, k: int) -> Table:
             for head, cells, column in zip(heads[1:], terms, values.T.tolist(), strict=True)
             if set(cells) != {"·"}
         ),
-        styles=[""] * (len(rows) - 1) + ["bold"],
+        styles=[""] * (len(rows) - 1) + [Style.STRONG],
     )
 
 
@@ -507,7 +525,7 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         column("worst", [value(e, e.value) for e in excesses]),
         column("limit", [value(e, e.limit) for e in excesses]),
         numbers("when", [e.time for e in excesses], seconds, "s"),
-        style="bold red",
+        style=strong(Style.OVER),
     )
 
 

@@ -5,26 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal, TypeAlias
 
-Part: TypeAlias = Literal["q", "dq", "ddq", "tau"]
-"""Coordinates, velocities, accelerations, and torques or forces."""
+Part: TypeAlias = Literal["q", "dq", "ddq", "dddq", "tau"]
+"""Coordinates, velocities, accelerations, jerks, and torques or forces."""
 
 _UNITS: dict[str, tuple[str, str]] = {
     "q": ("rad", "m"),
     "dq": ("rad/s", "m/s"),
     "ddq": ("rad/s²", "m/s²"),
+    "dddq": ("rad/s³", "m/s³"),
     "tau": ("N m", "N"),
 }
 """Units of angular and of linear entries."""
 
 
 def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
-    """Unit of one entry of q, dq, ddq or tau, angular if ``turns``, else linear; ``degrees`` in place of radians."""
+    """Unit of one entry of q, dq, ddq, dddq or tau, angular if ``turns``, else linear; ``degrees`` in place of radians."""
     unit = _UNITS[part][not turns]
     return unit.replace("rad", "°") if degrees else unit
 
 
 def units_of(part: str, turning: Iterable[bool]) -> tuple[str, ...]:
-    """Units of the entries of q, dq, ddq or tau, angular and linear."""
+    """Units of the entries of q, dq, ddq, dddq or tau, angular and linear."""
     return tuple(unit_of(part, bool(turns)) for turns in turning)
 
 

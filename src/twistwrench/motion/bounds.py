@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,13 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
+from ..joints.units import Part, unit_of
 from ..model.assembly import follower_torques
-from ..model.couplings import motor_torques
+from ..model.couplings import drive_turns, motor_torques
 from ..model.limits import TOLERANCE, Limits, margin
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
+from .coordinates import Coordinates
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -89,7 +92,9 @@ def bounds_of(
 
 # ── Limit check of a motion
 
-KINDS = ("position", "velocity", "acceleration", "jerk", "torque")
+_PARTS: dict[str, Part] = {"position": "q", "velocity": "dq", "acceleration": "ddq", "jerk": "dddq", "torque": "tau"}
+"""Quantity of each kind of limit."""
+KINDS = tuple(_PARTS)
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,8 @@ class Violation:
     """Limit; if it bounds a magnitude, with the sign of the value."""
     time: float
     """Time of the largest excess [s]."""
+    unit: str = ""
+    """Unit of value and limit."""
 
     @property
     def by(self) -> float:
@@ -113,9 +120,28 @@ class Violation:
         return abs(self.value - self.limit)
 
     def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
         return (
-            f"{self.joint}: {self.kind} {number(self.value, 5)} beyond {number(self.limit, 5)} at {number(self.time)} s"
+            f"{self.joint}: {self.kind} {number(self.value, 5)} beyond {number(self.limit, 5)}{unit} "
+            f"at {number(self.time)} s"
         )
+
+    def in_degrees(self) -> Violation:
+        """The same violation with angles in degrees.
+
+        Returns
+        -------
+        violation : Violation
+
+        Examples
+        --------
+        >>> print(Violation("elbow", "velocity", 3.2, 3.0, 0.5, "rad/s").in_degrees())
+        elbow: velocity 183.35 beyond 171.89 °/s at 0.5 s
+        """
+        if "rad" not in self.unit:
+            return self
+        value, limit = math.degrees(self.value), math.degrees(self.limit)
+        return replace(self, value=value, limit=limit, unit=self.unit.replace("rad", "°"))
 
 
 class RunningExtrema:
@@ -186,6 +212,7 @@ class LimitCheck:
     def violations(self) -> tuple[Violation, ...]:
         """Violations, sorted by their ratio to the tolerance, largest first."""
         found = []
+        turning, drives = Coordinates.from_model(self.model).angular_velocity, drive_turns(self.model)
         for kind, worst in self._worst.items():
             for k, value in enumerate(worst.signed.tolist()):
                 beyond = float(worst.value[k])
@@ -195,13 +222,16 @@ class LimitCheck:
                     continue
                 share = beyond / allowed if allowed > 0 else np.inf
                 name = (self.model.drive_labels if kind == "torque" else self.model.velocity_names)[k]
-                found.append((share, Violation(name, kind, value, limit, float(worst.time[k]))))
+                turns = bool((drives if kind == "torque" else turning)[k])
+                violation = Violation(name, kind, value, limit, float(worst.time[k]), unit_of(_PARTS[kind], turns))
+                found.append((share, violation))
         for i, body in enumerate(self._followers):
             value, beyond = float(self._borne.signed[i]), float(self._borne.value[i] - body.effort)
             slack = float(margin(body.effort))
             if beyond > slack:
                 limit, time = float(np.copysign(body.effort, value)), float(self._borne.time[i])
-                found.append((beyond / slack, Violation(body.joint.name, "torque", value, limit, time)))
+                unit = unit_of("tau", bool(body.joint.turning[0]))
+                found.append((beyond / slack, Violation(body.joint.name, "torque", value, limit, time, unit)))
         return tuple(v for _, v in sorted(found, key=lambda item: -item[0]))
 
     def _limit(self, kind: str, k: int, value: float, beyond: float) -> float:

@@ -588,6 +588,11 @@ class Columns:
             ),
         )
 
+    @property
+    def in_degrees(self) -> bool:
+        """True if the file has angles in degrees."""
+        return bool((self.angle == math.radians(1.0)).any())
+
     def in_si(self, table: Array, part: str) -> Any:
         """Columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns) in SI units; None if absent."""
         where = self.places[part]

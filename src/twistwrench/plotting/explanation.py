@@ -169,7 +169,7 @@ def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: A
     half = 0.5 * float(np.median(np.abs(np.diff(x)))) if len(x) > 1 else 0.5
     for count, (first, last) in enumerate(runs(marked)):
         label = mark if count == 0 else None
-        axis.axvspan(x[first] - half, x[last] + half, color=style.OVER, alpha=0.13, linewidth=0, label=label)
+        axis.axvspan(x[first] - half, x[last] + half, color=style.POINTED, alpha=0.13, linewidth=0, label=label)
 
 
 def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..bodies.mesh import hull_faces
+from ..core.colours import Style
 from ..core.numbers import estimate, number, percent, plus_minus
 from ..core.text import listed
 from ..errors import ValueRangeError
@@ -344,7 +345,7 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
     left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
     poor = f"{len(found.poorly_determined)} of {int((~found.base.held).sum())} parameter groups poorly determined."
     yield verdict(found.verdict.word, f": {left} ({listed(joints, _MOST_NAMES)}). {poor}")
-    yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
+    yield from (Line((f"• {doubt.sentence}", Style.OVER if doubt.refuses else "")) for doubt in found.doubts)
     yield from found.notes
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
     yield Table(

@@ -51,7 +51,7 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
         names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
         axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
-        (cross,) = axis.plot(*place, "x", color=style.OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
+        (cross,) = axis.plot(*place, "x", color=style.POINTED, markeredgewidth=1.8, markersize=7, linestyle="none")
     axes[0].set_ylabel(f"{names[1]} [m]")
     figure.legend([cross], ["the pose above"], loc="outside lower center")
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
@@ -248,11 +248,11 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     n = tip / np.linalg.norm(tip)
     nearest = _face(polytope, n, float(n @ tip))
     if len(nearest) >= 3:
-        look: dict[str, Any] = {"facecolor": style.OVER, "edgecolor": style.OVER, "linewidth": 1.2, "alpha": 0.25}
+        look: dict[str, Any] = {"facecolor": style.POINTED, "edgecolor": style.POINTED, "linewidth": 1.2, "alpha": 0.25}
         axis.add_collection3d(Poly3DCollection([nearest], zorder=3, **look))
     rim = [Stroke(linewidth=6, foreground="white"), Normal()]
-    axis.plot(*([0, x] for x in tip), color=style.OVER, linewidth=3, label=label, zorder=10, path_effects=rim)
-    for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.OVER, 9)):
+    axis.plot(*([0, x] for x in tip), color=style.POINTED, linewidth=3, label=label, zorder=10, path_effects=rim)
+    for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.POINTED, 9)):
         axis.plot(*([x] for x in place), "o", color=colour, markersize=size, markeredgecolor="white", zorder=11)
 
 
@@ -261,10 +261,10 @@ def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     first, second = _plane(polytope)
     n = tip / np.linalg.norm(tip)
     on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
-    axis.plot(on @ first, on @ second, color=style.OVER, linewidth=2.5, alpha=0.5, zorder=9)
-    axis.plot([0, tip @ first], [0, tip @ second], color=style.OVER, linewidth=3, label=label, zorder=10)
+    axis.plot(on @ first, on @ second, color=style.POINTED, linewidth=2.5, alpha=0.5, zorder=9)
+    axis.plot([0, tip @ first], [0, tip @ second], color=style.POINTED, linewidth=3, label=label, zorder=10)
     axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor="white", zorder=11)
-    axis.plot(tip @ first, tip @ second, "o", color=style.OVER, markersize=8, markeredgecolor="white", zorder=11)
+    axis.plot(tip @ first, tip @ second, "o", color=style.POINTED, markersize=8, markeredgecolor="white", zorder=11)
 
 
 def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
@@ -273,7 +273,8 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     rows = np.arange(len(found.joint_names))
     driven = np.where(found.limits > 0, found.limits, np.inf)  # a limit of zero has no share to draw
     alone, full = found.unloaded / driven, found.torques / driven
-    colours = [style.OVER if k == int(found.joint) or over_limit(abs(full[k])) else style.SKY for k in rows]
+    over = over_limit(np.abs(full))
+    colours = np.where(over, style.OVER, np.where(rows == int(found.joint), style.NEAR, style.SKY)).tolist()
     axis.barh(rows, full, color=colours, height=0.62)
     axis.barh(rows, alone, color=style.LINE, height=0.22)
     axis.axvline(0, color=style.AXIS, linewidth=0.7)
@@ -287,8 +288,11 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.set_xlabel("torque as a share of its limit")
     axis.grid(visible=False, axis="y")
     style.titles(axis, "Holding torques")
-    labels = ("robot as it is" if carried else "robot alone", "with the payload", "at its limit or over")
-    patches = [Patch(color=c, label=x) for x, c in zip(labels, (style.LINE, style.SKY, style.OVER), strict=True)]
+    labels = ("robot as it is" if carried else "robot alone", "with the payload", "at its limit")
+    shades = [style.LINE, style.SKY, style.NEAR]
+    if over.any():
+        labels, shades = (*labels, "over its limit"), [*shades, style.OVER]
+    patches = [Patch(color=c, label=x) for x, c in zip(labels, shades, strict=True)]
     axis.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3)
 
 

@@ -92,7 +92,7 @@ def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
 
 
 def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
-    axis.plot(result.times, result.drift, color=style.OVER)
+    axis.plot(result.times, result.drift, color=style.LINE)
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     drift = residual(result.relative_drift)
     axis.set_title(f"Drift [J]: energy gain not explained by work; at most {drift} of the energy exchanged", loc="left")

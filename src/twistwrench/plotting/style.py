@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ..core.colours import COLOURS, Style
 from ..core.files import picture_path, replacing
 from ..core.glossary import complete
 from ..errors import MissingExtraError
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 
-LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#6b7079", "#555b63", "#222222", "#d5d9df"
-"""Colours of curves, of excess and doubt, remarks, axes and zero lines, marks over colours, and backgrounds of curves."""
+OVER, NEAR, POINTED, QUIET = (COLOURS[s].plot for s in (Style.OVER, Style.NEAR, Style.POINTED, Style.QUIET))
+LINE, AXIS, INK, PALE = "#1f4e79", "#555b63", "#222222", "#d5d9df"
+"""Colours of curves, axes and zero lines, marks over colours, and backgrounds of curves."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, GREY = "#D55E00", "#8C8C8C"
 """Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only."""
@@ -148,10 +150,9 @@ _PAGE = {
     INK: "ink",
     AXIS: "axis",
     **dict.fromkeys(("#e6e8eb", "#f2f2f2", "#e6e6e6", "#e5e5e5", "#ececec"), "grid"),  # also panes of 3-D figures
-    QUIET: "quiet",
     PALE: "pale",
     LINE: "curve",
-    OVER: "over",
+    **{COLOURS[s].plot: str(s) for s in (Style.OVER, Style.NEAR, Style.QUIET)},
 }
 """Colours that a page replaces by its own, which differ on dark screens."""
 

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..core.colours import NEAR_LIMIT, Style, word_style
 from ..core.numbers import MISSING, number, percent_of_limit
 from ..core.text import ReadingNote
 from ..core.verdict import Word
@@ -23,7 +24,7 @@ Piece: TypeAlias = str | tuple[str, str]
 
 
 class Line:
-    """Text in pieces, each with an optional style: ``Line(("OK", "bold green"), ": no limit is passed.")``.
+    """Text in pieces, each with an optional style: ``Line(("OK", strong(Style.GOOD)), ": no limit is passed.")``.
 
     ``value`` is the number of a cell with all digits.
     """
@@ -93,7 +94,7 @@ class Table:
     """Columns of equal length below a title; columns that are None are left out. Each row may have a style."""
 
     def __init__(
-        self, title: str, *columns: Column | None, styles: Iterable[str] | None = None, style: str = "bold"
+        self, title: str, *columns: Column | None, styles: Iterable[str] | None = None, style: str = Style.STRONG
     ) -> None:
         self.title, self.style = title, style
         self.columns = [column for column in columns if column is not None]
@@ -119,32 +120,39 @@ Block: TypeAlias = str | Line | Table | Branch
 
 # ── Verdicts, notes, and shares of limits
 
-_NEAR, _BAR = 0.8, 12
-"""Share of a limit above which it is coloured, and width of a bar in characters."""
+_BAR = 12
+"""Width of a bar in characters."""
 
 
 def verdict(word: str, *pieces: Piece) -> Line:
     """The word of a verdict in its colour, and the text after it."""
-    colours: dict[str, str] = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}
-    return Line((word, colours.get(word, "bold red")), *pieces)
+    return Line((word, word_style(word)), *pieces)
 
 
 def remarks(sentences: Iterable[str]) -> list[Line]:
     """One line for each sentence; notes on how a file was read come last."""
     ordered = sorted(sentences, key=lambda sentence: isinstance(sentence, ReadingNote))
-    return [Line(("! ", "yellow"), sentence) for sentence in ordered]
+    return [Line(("! ", Style.NEAR), sentence) for sentence in ordered]
 
 
-def limit_style(share: float) -> str:
-    """The colour of a share of a limit: red beyond it, yellow near it."""
-    return "red" if over_limit(share) else "yellow" if share > _NEAR else "green"
+def limit_style(share: float) -> Style:
+    """Style of a share of a limit: over, near, or good."""
+    if over_limit(share):
+        return Style.OVER
+    return Style.NEAR if share > NEAR_LIMIT else Style.GOOD
+
+
+def mark_style(share: float) -> Style:
+    """Style of the joint that a sentence names, with its share of a limit (nan without one)."""
+    style = limit_style(share)
+    return Style.POINTED if style is Style.GOOD or math.isnan(share) else style
 
 
 def share_bar(share: float, text: str = "") -> Line:
     """A share of a limit as a bar of twelve characters and a text, in its colour."""
     filled = min(_BAR, round(share * _BAR))
     style = limit_style(share)
-    return Line(("━" * filled, style), ("─" * (_BAR - filled), "dim"), (text, style), value=share)
+    return Line(("━" * filled, style), ("─" * (_BAR - filled), Style.QUIET), (text, style), value=share)
 
 
 def share_cell(share: float) -> str | Line:
@@ -197,7 +205,7 @@ def plain(block: str | Line | Branch | Any) -> str:
 
 def is_remark(block: Block) -> bool:
     """True if the block is one of :func:`remarks`."""
-    return isinstance(block, Line) and block.pieces[:1] == [("! ", "yellow")]
+    return isinstance(block, Line) and block.pieces[:1] == [("! ", Style.NEAR)]
 
 
 def is_reading_note(block: Block) -> bool:

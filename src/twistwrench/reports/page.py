@@ -14,12 +14,14 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
 
+from ..core.colours import page_colours
 from .blocks import Block, Branch, Line, Table, is_bar, is_remark, plain, table_data
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
 """Content-Security-Policy: no requests and no scripts."""
 TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
+    "DONE": "The work is done. No question was asked, so nothing was judged.",
     "UNSURE": "The data do not decide. This is not a yes.",
     "OVER LIMIT": "A limit is exceeded for certain.",
     "COLLISION": "Two links of the robot are in contact, by the exact distance of their shapes.",
@@ -65,7 +67,7 @@ class ReportPage:
 
     Examples
     --------
-    >>> page = ReportPage("torques", "ur5", [Line(("OK", "bold green"), ": all limits kept."), "", "A line."])
+    >>> page = ReportPage("torques", "ur5", [Line(("OK", "strong good"), ": all limits kept."), "", "A line."])
     >>> text = page.html()
     >>> text[:15], "<h1>" in text
     ('<!doctype html>', True)
@@ -119,7 +121,7 @@ class ReportPage:
         return _TEMPLATE.format(
             policy=html.escape(POLICY),
             title=html.escape(f"{self.command}: {self.subject}"),
-            style=(resources.files(__package__) / "page.css").read_text("utf-8"),
+            style=page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8"),
             kind=html.escape(f"twistwrench {self.command} · {self.subject}"),
             body=text,
             data=self.shorten(self._data()).replace("<", "\\u003c"),

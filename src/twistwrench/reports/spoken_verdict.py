@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
 from ..core.verdict import Word
@@ -24,7 +25,6 @@ from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
 from .torque_verdict import (
     KINDS,
-    NEAR,
     SHARE,
     SURE_FORCE,
     WEIGHTLESS,
@@ -71,7 +71,7 @@ def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Line:
     if report.clearance is not None:
         line.pieces += [f"\n{text}" for text in report.clearance.lines]
     for question, remark in _questions(report):
-        line.pieces += [(f"\n{question}", "bold yellow"), f" {remark}"]
+        line.pieces += [(f"\n{question}", strong(Style.NEAR)), f" {remark}"]
     return line
 
 
@@ -155,7 +155,7 @@ def verdict_data(
         },
         "bounds": {
             "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
-            "near": NEAR, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
+            "near": NEAR_LIMIT, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
         "driven": load_case.driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],

@@ -181,6 +181,11 @@ class TorqueReport:
         """True if noise of the log matters; peaks are then estimates."""
         return any(j.estimate is not None for j in self.joints)
 
+    @property
+    def in_degrees(self) -> bool:
+        """True if the log has angles in degrees."""
+        return self.differentiation.trajectory.columns.in_degrees
+
     @cached_property
     def verdict(self) -> Verdict:
         """Verdict with reasons: OK, UNSURE, OVER LIMIT, COLLISION or LOOK AGAIN."""

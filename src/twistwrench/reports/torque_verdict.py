@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..core.colours import NEAR_LIMIT
 from ..core.gravity import STRENGTH
 from ..core.numbers import deviation, number, percent, percent_of_limit, seconds, torque
 from ..core.text import ReadingNote, listed
@@ -168,8 +169,8 @@ _HALF = 0.5
 """Fraction of a peak above which half its 95 % interval, or its noise correction, makes it unsure."""
 _COUNTS, _SMALL = 0.5, 0.02
 """Fraction of a joint's limit, or without one of the largest torque, above which an unsure peak matters."""
-HIDDEN, NEAR = 0.15, 0.8
-"""Fraction of the time above which a gap with motion hides too much, and fraction of a limit above which any such gap does."""
+HIDDEN = 0.15
+"""Fraction of the time above which a gap with motion hides too much; near a limit any such gap does."""
 _BESIDE = 3
 """Distance in median steps of the log within which a peak is at the end of a gap."""
 _MOST_LISTED = 4
@@ -186,7 +187,7 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     stated = _grouped([*over, *passed])
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
-    near = max((j.share for j in report.joints), default=0.0) > NEAR
+    near = max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT
     before, after = carried_doubts(report, report.joints)
     gaps = [report.gaps.hidden_words] if report.gaps.hidden > (0.0 if near else most_hidden(report)) else []
     own = Verdict.from_reasons(

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.colours import COLOURS as MEANINGS
+from ..core.colours import NEAR_LIMIT, Style
 from ..lie import se3, so3
 from ..plotting import style
 from ..typing import Array
@@ -19,16 +21,16 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 SHARES = (
-    (0.0, (0.20, 0.55, 0.80)),
-    (0.5, (0.30, 0.72, 0.60)),
-    (0.8, (0.93, 0.72, 0.13)),
+    (0.0, (0.78, 0.89, 0.84)),
+    (0.5, MEANINGS[Style.GOOD].scene),
+    (NEAR_LIMIT, MEANINGS[Style.NEAR].scene),
     (1.0, (0.84, 0.37, 0.0)),
-    (1.001, (0.75, 0.12, 0.16)),
+    (1.001, MEANINGS[Style.OVER].scene),
 )
 """(share of the limit, colour): distinguishable by colour-blind readers, with a step at the limit."""
 COLOURS: MappingProxyType[str, Any] = MappingProxyType(
     {
-        "unlimited": (0.45, 0.52, 0.62),
+        "unlimited": MEANINGS[Style.QUIET].scene,
         "com": (0.10, 0.12, 0.16),
         "wrench": (0.62, 0.30, 0.55),
         "ellipsoid": (0.90, 0.60, 0.0),

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.colours import COLOURS, Style, word_style
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
-from ..core.verdict import Word
 from ..errors import MissingExtraError, ShapeError, ValueRangeError
 from ..model.limits import over_limit
 from ..model.model import BASE
@@ -42,7 +42,6 @@ _SHADOWS = 1500
 _COLOURS = 256
 """Number of colours in a GIF."""
 _ALPHA = {"looks": 1.0, "inertia": 0.3}
-_MARKED = (0.84, 0.20, 0.16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,15 +225,22 @@ def draw(
 
 
 def still(
-    robot: Robot, q: ArrayLike | None = None, joint: str | None = None, label: str = "", *, scene: Scene | None = None
+    robot: Robot,
+    q: ArrayLike | None = None,
+    joint: str | None = None,
+    label: str = "",
+    *,
+    mark: Style = Style.POINTED,
+    scene: Scene | None = None,
 ) -> bytes:
-    """Picture of a robot at one configuration, with the link moved by ``joint`` in red.
+    """Picture of a robot at one configuration, with the link moved by ``joint`` in the colour ``mark``.
 
     Parameters
     ----------
     q : (nq,) array_like, optional, configuration; None: neutral, within the limits
     joint : str, optional, highlighted joint
     label : str, label of the joint
+    mark : Style, meaning of the colour: over a limit, near it, or only named
 
     Returns
     -------
@@ -250,15 +256,17 @@ def still(
     moved = {j for c in model.couplings for m in c.motors if c.label(m) == joint for j in c.joints} | {joint}
     marked = [k for k, b in enumerate(model.bodies) if b.joint.name in moved]
     scene = scene_of(robot) if scene is None else scene
-    shapes = [replace(s, colour=_MARKED) if s.body in marked and s.layer == "looks" else s for s in scene.shapes]
+    shapes = [
+        replace(s, colour=COLOURS[mark].scene) if s.body in marked and s.layer == "looks" else s for s in scene.shapes
+    ]
     with style.figure(6.4, 4.6, "", "Drawing the report (--report)") as drawn:
         axes = drawn.subplots()
         scene = replace(scene, shapes=tuple(shapes)).decimated(_TRIANGLES)
         camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest(scene, q))
         for k in marked[:1] if label else ():
             x, y = camera.project(scene.body_poses(q)[k, :3, 3])[0]
-            line = {"arrowstyle": "-", "color": style.OVER, "linewidth": 1.0}
-            look: dict[str, Any] = {"color": style.OVER, "fontsize": 11, "fontweight": "bold", "va": "center"}
+            line = {"arrowstyle": "-", "color": COLOURS[mark].plot, "linewidth": 1.0}
+            look: dict[str, Any] = {"color": COLOURS[mark].plot, "fontsize": 11, "fontweight": "bold", "va": "center"}
             (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
             beside, side = (1.02, "left") if x > (left + right) / 2 else (-0.02, "right")
             place: dict[str, Any] = {"xytext": (beside, (y - low) / (high - low)), "textcoords": "axes fraction"}
@@ -378,14 +386,16 @@ def _reddened(scene: Scene, motion: DrawnMotion) -> Scene:
     over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
     red = {k for k, body in enumerate(scene.robot.model.bodies) if not body.follows and over[body.places[1]].any()}
     looks = [s for s in scene.shapes if s.layer == "looks"]
-    return replace(scene, shapes=tuple(replace(s, colour=_MARKED) if s.body in red else s for s in looks))
+    return replace(
+        scene, shapes=tuple(replace(s, colour=COLOURS[Style.OVER].scene) if s.body in red else s for s in looks)
+    )
 
 
 def _write_verdict(figure: Any, report: TorqueReport) -> None:
     """Write payload and verdict in the upper left corner."""
     word, first = report.verdict.word, verdict_text(report).split("\n", 1)[0]
     carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
-    colour = {Word.OK: style.GREEN, Word.UNSURE: style.ORANGE}.get(word, style.OVER)
+    colour = COLOURS[Style(word_style(word).split()[-1])].plot
     at: dict[str, Any] = {"x": 0.03, "va": "top", "ha": "left"}
     figure.text(
         y=0.97, s=f"payload {carried}" if carried else "no payload", fontsize=style.SMALL, color=style.INK, **at

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.colours import COLOURS, Style, page_colours
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number
@@ -223,7 +224,7 @@ def page_text(
     return Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
         policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",
-        style=(parts / "page.css").read_text("utf-8"),
+        style=page_colours() + (parts / "page.css").read_text("utf-8"),
         programs=scripts[0],
         script=scripts[1],
         data=box.packed(data),
@@ -435,7 +436,7 @@ def _switches(
 
 # ── The doctor's findings on a robot
 
-_COLOURS: dict[str, Colour] = {"error": (0.84, 0.20, 0.16), "warning": (0.90, 0.60, 0.0), "note": (0.95, 0.90, 0.55)}
+_STYLES = {"error": Style.OVER, "warning": Style.NEAR, "note": Style.QUIET}
 _BEFORE: Colour = (0.84, 0.37, 0.0)
 _AFTER: Colour = (0.0, 0.45, 0.70)
 _NOTES = 40
@@ -452,7 +453,7 @@ def findings_scene(report: DoctorReport) -> Scene:
     for finding in report.findings:
         named = [link for link in model.frames if f"{link!r}" in finding.where]
         for link in named if finding.where.startswith("link") else []:
-            colours.setdefault(model.frames[link].body, _COLOURS[finding.severity])
+            colours.setdefault(model.frames[link].body, COLOURS[_STYLES[finding.severity]].scene)
         for link, after in finding.repair.inertias.items() if finding.repair is not None else ():
             frame = model.frames[link]
             for inertia, colour in ((model.link_inertias[link], _BEFORE), (after, _AFTER)):
