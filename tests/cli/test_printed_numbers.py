@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from twistwrench.cli.terminal import console, rendered
+from twistwrench.core.colours import terminal_style
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
+from twistwrench.core.colours import terminal_style
 from twistwrench.core.verdict import Word
 from twistwrench.joints.units import unit_of
 from twistwrench.reports.blocks import Table, share_bar, verdict, words
@@ -63,7 +65,8 @@ def test_a_bar_is_off_by_half_a_character_at_most():
 def test_verdicts_that_differ_have_colours_that_differ_and_only_ok_is_green():
     green, doubt, bad = (verdict(word).pieces[0][1] for word in (Word.OK, Word.UNSURE, Word.OVER_LIMIT))
     assert len({green, doubt, bad}) == 3
-    assert "green" in green and "red" in bad
+    assert terminal_style(green) == "bold green" and terminal_style(bad) == "bold red"
+    assert verdict(Word.DONE).pieces[0][1] == "strong"
 
 
 def test_counts_and_names_that_do_not_fold_stand_in_full():

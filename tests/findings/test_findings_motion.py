@@ -118,9 +118,8 @@ def test_finding_28_simulate_says_that_a_torque_given_is_above_the_effort_limit(
     (tmp_path / "arm.urdf").write_text(arm())
     fall = ("simulate", "arm.urdf", "--duration", 0.05)
     code, said = run(*fall, "--torque", "shoulder=1000")
-    assert code == 0
-    assert "! The torques given are more than the motors have: shoulder: torque 1000 beyond 30 at 0 s" in said
-    assert "the motors have" not in run(*fall, "--torque", "shoulder=30")[1]
+    assert code == 1 and said.startswith("OVER LIMIT: shoulder is given 1000 N m at t = 0.000 s, limit 30")
+    assert "is given" not in run(*fall, "--torque", "shoulder=30")[1]
 
 
 # ── 42: names and numbers of arrays are shown as what they are ──

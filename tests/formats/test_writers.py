@@ -420,7 +420,7 @@ def run(*arguments):
 
 def test_convert_writes_says_what_is_lost_and_ends_with_1_if_strict(tmp_path):
     fine = run("convert", "ur5", str(tmp_path / "ur5.urdf"))
-    assert (fine.exit_code, fine.stdout) == (0, f"OK: wrote {tmp_path / 'ur5.urdf'}.\n")
+    assert (fine.exit_code, fine.stdout) == (0, f"DONE: wrote {tmp_path / 'ur5.urdf'}.\n")
     words = ("convert", str(tmp_path / "ur5.urdf"), str(tmp_path / "ur5.xml"), "--floating-base")
     less = run(*words)
     assert less.exit_code == 0 and run(*words, "--overwrite", "--strict").exit_code == 1

@@ -158,11 +158,11 @@ def test_the_page_of_torques_shows_the_robot_with_the_worst_joint(tmp_path):
     assert [spaced(x) for x in Reader(facts).texts["dd"]] == ["-167.0 N m", "150 N m", "111 %", "1.808 s"]
 
 
-def test_the_caption_names_the_joint_that_is_red(report):
+def test_the_caption_names_the_marked_joint_and_its_colour(report):
     name, _, page = report
     captions = Reader(page).texts.get("figcaption", [])
-    red = {"torques": "shoulder_lift_joint, 111 %", "size": "shoulder_pan_joint, average torque 83 %"}
-    assert (name not in red) or f"red: {red[name]} of its limit" in captions[0]
+    marked = {"torques": "red: shoulder_lift_joint, 111 %", "size": "amber: shoulder_pan_joint, average torque 83 %"}
+    assert (name not in marked) or f"{marked[name]} of its limit" in captions[0]
 
 
 @pytest.mark.slow
@@ -170,7 +170,7 @@ def test_the_caption_names_the_joint_that_is_red(report):
     ("more", "said"),
     [
         ((), "ur5 at t = 1.200 s; red: wrist_1_joint, position over its limit"),
-        (("--stop-at-limits",), "ur5 at the end, t = 1.15117 s; red: wrist_1_joint, at its limit"),
+        (("--stop-at-limits",), "ur5 at the end, t = 1.15117 s; amber: wrist_1_joint, at its limit"),
     ],
 )
 def test_the_picture_of_a_simulation_shows_the_joint_that_passes_its_limit(tmp_path, more, said):

@@ -567,7 +567,7 @@ def test_the_command_prints_and_writes(tmp_path):
         "--torque", "joint1=3", "--degrees", "--csv", tmp_path / "a.csv", "--npz", tmp_path / "a.npz",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    for word in ("joint1", "drift", "OK: simulated 0.5 s.", "wrote", "50 steps"):
+    for word in ("joint1", "drift", "DONE: simulated 0.5 s.", "wrote", "50 steps"):
         assert word in done.output
     found = SimulationResult.load(tmp_path / "a.npz")
     np.testing.assert_allclose(found.q[0], [np.pi / 2, 0])
@@ -684,13 +684,13 @@ def test_the_command_says_first_how_it_ended_and_what_was_not_simulated(tmp_path
     (tmp_path / "r.urdf").write_text(text.replace("</joint>", stop, 1).replace('type="continuous"', 'type="revolute"'))
     done = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--step", 0.01)
     words = " ".join(done.stdout.split())
-    assert words.startswith("OK: simulated 1.5 s. Energy drift")
-    assert "! Joints were not held at their limits: hinge: position -0.945" in words
+    assert words.startswith("DONE: simulated 1.5 s. Energy drift")
+    assert "! hinge is at -0.945" in words and "limit -0.2. Nothing held the joint" in words
     assert "with friction" in words and "work of friction" in words
     held = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--stop-at-limits", "--no-friction")
     words = " ".join(held.stdout.split())
-    assert re.match(r"STOPPED at t = [\d.]+ s: joint 'hinge' reaches its lower limit -0.2 rad", words)
-    assert "not held" not in words
+    assert re.match(r"STOPPED at t = [\d.]+ s: hinge reached its lower position limit, -0.2 rad", words)
+    assert "Nothing held" not in words
     assert "without friction" in words and "work of friction" not in words
 
 

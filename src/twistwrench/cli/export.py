@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ..core.verdict import ExitCode, Word
+from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import ValueRangeError
 from ..model.description import grouped
 from ..reports.blocks import plain, verdict
@@ -121,17 +121,18 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
 def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     """Write a robot file in another format: OUT.urdf, OUT.xml (MJCF) or OUT.sdf.
 
-    Properties that the format cannot represent are listed. Exit code: 1 for these with --strict.
+    Properties that the format cannot represent are listed. With --strict they make the verdict UNSURE and the exit code 1.
     """
     given.check_files(options.files)
     robot = options.load()
     lost = save(robot, given.out, overwrite=given.overwrite)
     less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
-    line = verdict(Word.OK, f": wrote {given.out}.{less}")
+    judged = Verdict(Word.UNSURE, (less,)) if lost and given.strict else Verdict(Word.DONE)
+    line = verdict(judged.word, f": wrote {given.out}.{less}")
     printed_blocks().append(line)
     click.echo(plain(line))  # not wrapped, so that the path stays whole
     for sentence in grouped(lost):
         show(f"lost: {sentence}")
     if shaped := len(robot.model.shaped):
         note(f"the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.")
-    return ExitCode.NO if lost and given.strict else ExitCode.FINE
+    return judged.exit_code

@@ -81,8 +81,11 @@ def word_style(word: str) -> str:
     >>> word_style("OK"), word_style("UNSURE"), word_style("OVER LIMIT"), word_style("DONE")
     ('strong good', 'strong near', 'strong over', 'strong')
     """
-    plain = {Word.OK: Style.GOOD, Word.UNSURE: Style.NEAR, Word.CONTACT: Style.NEAR}
-    return str(Style.STRONG) if word == Word.DONE else strong(plain.get(Word(word), Style.OVER))
+    if word == Word.DONE:
+        return str(Style.STRONG)
+    if word == Word.OK:
+        return strong(Style.GOOD)
+    return strong(Style.NEAR if word in (Word.UNSURE, Word.CONTACT) else Style.OVER)
 
 
 def terminal_style(names: str) -> str:
