@@ -223,6 +223,10 @@ def test_units_of_joints_are_derived_in_one_module():
     )
 
 
+def test_colours_of_the_terminal_are_named_in_one_module():
+    assert not lines_with(r"""["'](bold )?(red|green|yellow|cyan|blue|dim)["']""", but=("core/colours.py",))
+
+
 def test_limits_have_one_tolerance():
     assert not lines_with(r"\b(share|most) > 1\b|1 \+ 1e-6|1 \+ TOLERANCE", but=("model/limits.py",))
 

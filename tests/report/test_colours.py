@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from twistwrench.core.colours import COLOURS, Style
 from twistwrench.core.verdict import Word
 from twistwrench.reports.blocks import limit_style, mark_style, verdict
 
-SOURCE = Path(tw.__file__).parent
 RED = re.compile(r"\x1b\[(?:\d+;)*31(?:;\d+)*m")
 CONTRAST = 4.5
 """Least contrast of text with its background (WCAG 2, level AA)."""
@@ -52,18 +49,6 @@ def test_only_an_accepting_word_is_without_warning_and_done_has_no_colour():
     assert [word for word in Word if "near" in styles[word]] == [Word.UNSURE, Word.CONTACT]
 
 
-def test_colours_of_the_terminal_are_named_in_one_module():
-    names = {"red", "green", "yellow", "cyan", "blue", "dim", "bold red", "bold green", "bold yellow"}
-    found = [
-        f"{path.name}:{node.lineno}"
-        for path in SOURCE.rglob("*.py")
-        if path.name != "colours.py"
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.Constant) and node.value in names
-    ]
-    assert found == []
-
-
 ACCEPTED = {
     "torques": ("torques", "ur5", "--trajectory", "demo", "--payload", "5"),
     "move": ("move", "ur5", "--to", "0.9,-0.9,1.0,-0.4,1.2,1.0", "--fastest"),
@@ -87,7 +72,12 @@ ACCEPTED = {
 }
 
 
-@pytest.mark.parametrize("name", ACCEPTED)
+SLOW = ("size", "identify")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in ACCEPTED]
+)
 def test_nothing_is_red_in_an_accepting_report(monkeypatch, name):
     """The joint nearest to its limit is amber or blue, and a passive fall is not judged."""
     monkeypatch.setenv("FORCE_COLOR", "1")

@@ -37,7 +37,7 @@ class Word(StrEnum):
 
     OK = "OK"
     DONE = "DONE"
-    """Done; no question was asked, so nothing was judged."""
+    """Done, and nothing was judged."""
     UNSURE = "UNSURE"
     OVER_LIMIT = "OVER LIMIT"
     COLLISION = "COLLISION"

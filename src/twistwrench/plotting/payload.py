@@ -288,11 +288,14 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.set_xlabel("torque as a share of its limit")
     axis.grid(visible=False, axis="y")
     style.titles(axis, "Holding torques")
-    labels = ("robot as it is" if carried else "robot alone", "with the payload", "at its limit")
-    shades = [style.LINE, style.SKY, style.NEAR]
+    legend = {
+        "robot as it is" if carried else "robot alone": style.LINE,
+        "with the payload": style.SKY,
+        "at its limit": style.NEAR,
+    }
     if over.any():
-        labels, shades = (*labels, "over its limit"), [*shades, style.OVER]
-    patches = [Patch(color=c, label=x) for x, c in zip(labels, shades, strict=True)]
+        legend["over its limit"] = style.OVER
+    patches = [Patch(color=colour, label=label) for label, colour in legend.items()]
     axis.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3)
 
 

@@ -21,7 +21,7 @@ POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:
 """Content-Security-Policy: no requests and no scripts."""
 TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
-    "DONE": "The work is done. No question was asked, so nothing was judged.",
+    "DONE": "The work is done, and nothing was judged.",
     "UNSURE": "The data do not decide. This is not a yes.",
     "OVER LIMIT": "A limit is exceeded for certain.",
     "COLLISION": "Two links of the robot are in contact, by the exact distance of their shapes.",

@@ -32,7 +32,7 @@ _UNTOLD = ("cranksite", "slidersite")
 
 
 def motor_joints_of(root: Element, joints: Mapping[str, MjcfJoint], defaults: Defaults) -> set[str]:
-    """Joints that actuators drive, directly or by a fixed tendon; empty if the joints of an actuator cannot be told."""
+    """Joints that actuators drive, directly or by a fixed tendon; empty if the joints of an actuator are unknown."""
     tendons = {
         one.attributes.get("name", "").strip(): one for section in root.all("tendon") for one in section.children
     }
