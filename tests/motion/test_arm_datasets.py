@@ -143,6 +143,7 @@ def test_bad_datasets_are_one_error(case, tmp_path):
 
 
 def test_lists_of_several_lengths_and_episodes_of_other_files_are_errors(tmp_path, monkeypatch):
+    monkeypatch.setenv("TWISTWRENCH_SANDBOX", "0")  # rows per portion are those of this process
     monkeypatch.setattr("twistwrench.motion.log_table.ROWS", 16)
     pytest.importorskip("pyarrow")
     import pyarrow

@@ -93,3 +93,15 @@ def test_the_environment_variable_decides(monkeypatch):
         monkeypatch.setenv("TWISTWRENCH_SANDBOX", text)
         assert sandboxed() is expected
     assert call("twistwrench.core.child_process:sandboxed") is False
+
+
+def test_without_an_interpreter_files_are_read_in_this_process(monkeypatch):
+    monkeypatch.delenv("TWISTWRENCH_SANDBOX", raising=False)
+    child_process.end_children()
+    for executable in ("", "/usr/bin/uwsgi", "/absent/python"):
+        child_process._possible.cache_clear()
+        monkeypatch.setattr("sys.executable", executable)
+        assert not sandboxed()
+    with pytest.raises(TrajectoryError, match="no child process can be started for its reader; TWISTWRENCH_SANDBOX=0"):
+        call("math:hypot", 3.0, 4.0)
+    child_process._possible.cache_clear()

@@ -19,8 +19,8 @@ from rich.segment import Segment
 from rich.text import Text
 from rich.tree import Tree
 
-from ..core.arguments import visible
 from ..core.colours import terminal_style
+from ..core.text import visible
 from ..reports.blocks import Block, Branch, Column, Line, Piece, Table, is_reading_note
 from .main import printed_blocks
 

@@ -7,7 +7,6 @@ Tables are recognised by attributes, without imports: ``columns`` (pandas, Polar
 from __future__ import annotations
 
 import operator
-import re
 import sys
 from collections.abc import Callable, Sequence
 from numbers import Rational
@@ -160,7 +159,6 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
 
 _LONGEST = 60
 """Maximum number of characters of a given value in an error message."""
-_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
 _PYTHON = (int, float, np.floating, np.integer, Rational)
@@ -333,15 +331,6 @@ def shown(x: Any) -> str:
         return f"a {type(x).__name__}"
     text = repr(x.item() if isinstance(x, np.generic) else x)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
-
-
-def visible(text: str) -> str:
-    r"""Text with control and bidirectional formatting characters as escapes; line ends and tabs are kept.
-
-    >>> print(visible("joint\x1b[2J \u202e1"))
-    joint\x1b[2J \u202e1
-    """
-    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def as_matrix(x: Any, what: str, kind: str) -> Array:

@@ -27,6 +27,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -38,7 +39,7 @@ from .third_party import reason_of
 
 VARIABLE = "TWISTWRENCH_SANDBOX"
 """Environment variable: 1 runs readers with foreign C code in a child process, 0 in this process."""
-BY_DEFAULT = False
+BY_DEFAULT = True
 """True if readers run in a child process unless the variable is 0."""
 
 _IDLE = 20
@@ -67,8 +68,9 @@ class ChildLimits:
     """Size of the result, or of all items together [bytes]."""
 
 
-_START = ChildLimits()
-"""ChildLimits of the start of a child."""
+_START = ChildLimits(seconds=10.0)
+"""Limits of the start of a child."""
+_NO_CHILD = f"no child process can be started for its reader; {VARIABLE}=0 reads it in this process"
 
 
 def sandboxed() -> bool:
@@ -79,9 +81,18 @@ def sandboxed() -> bool:
     return BY_DEFAULT and _possible()
 
 
+@cache
 def _possible() -> bool:
-    """True if this process has a Python interpreter of its own: not within another program, a frozen one, or a browser."""
-    return bool(sys.executable) and not getattr(sys, "frozen", False) and sys.platform not in ("emscripten", "wasi")
+    """True if a child starts: not within another program, a frozen one, or a browser. The child is kept."""
+    if getattr(sys, "frozen", False) or sys.platform in ("emscripten", "wasi"):
+        return False
+    if not Path(sys.executable or "").stem.lower().startswith(("python", "pypy")):
+        return False
+    try:
+        _returned(_taken())
+    except _FailedCall:
+        return False
+    return True
 
 
 def run_in_child(
@@ -127,19 +138,31 @@ class _Child:
     """Process that serves calls."""
 
     def __init__(self) -> None:
-        if not sys.executable:
-            raise _FailedCall(f"no Python interpreter is known for a child process; set {VARIABLE}=0")
         package = Path(__file__).parents[1]
-        self.process = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _BEGIN],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, **_ALONE},
-        )
         places = [str(package.parent), *(str(Path(place).absolute()) for place in sys.path if place)]
-        self.requests.write(json.dumps([places, str(package)]).encode() + b"\n")
-        self.overdue = self.ready = False
+        try:
+            self.process = subprocess.Popen(
+                [sys.executable or "python", "-I", "-S", "-c", _BEGIN],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, **_ALONE},
+            )
+            self.requests.write(json.dumps([places, str(package)]).encode() + b"\n")
+            self.requests.flush()
+        except (OSError, RuntimeError) as problem:
+            raise _FailedCall(f"{_NO_CHILD} ({reason_of(problem)})") from None
+        self.overdue = False
+
+    def await_start(self) -> None:
+        """Wait for the interpreter to start. Raises _FailedCall if it does not."""
+        try:
+            kind, _ = self.answer(_START, 1 << 10)
+        except (_FailedCall, _OutdatedChild):
+            kind = b""
+        if kind != _END:
+            self.end()
+            raise _FailedCall(_NO_CHILD)
 
     @property
     def requests(self) -> BinaryIO:
@@ -160,11 +183,7 @@ class _Child:
             raise _OutdatedChild from None
 
     def begin(self, request: bytes, limits: ChildLimits) -> tuple[bytes, bytes]:
-        """Send a call and return the first answer; the start of the interpreter does not count as time of the call."""
-        if not self.ready:
-            self.requests.flush()
-            self.answer(_START, 1 << 10)
-            self.ready = True
+        """Send a call and return the first answer."""
         self.ask(_CALL, request)
         return self.answer(limits, limits.output)
 
@@ -224,7 +243,9 @@ def _taken() -> _Child:
             if child.process.poll() is None:
                 return child
             child.end()
-    return _Child()
+    child = _Child()
+    child.await_start()
+    return child
 
 
 def _returned(child: _Child) -> None:
@@ -250,7 +271,7 @@ def _answers(
     target: str, args: tuple[Any, ...], limits: ChildLimits, error_of: Callable[[str], TwistWrenchError], *, whole: bool
 ) -> Iterator[Any]:
     """Items of a call: the result alone if ``whole``, else those of the iterator that it returns."""
-    request = pickle.dumps((target, args, limits, whole), protocol=5)
+    request = pickle.dumps((target, args, limits, whole, _folder()), protocol=5)
     try:
         child, kind, content = _begun(request, limits)
     except _FailedCall as problem:
@@ -285,6 +306,14 @@ def _error_from(name: str, text: str) -> TwistWrenchError:
     """Error of this library by its name."""
     kind = getattr(errors, name) if name in errors.__all__ else TwistWrenchError
     return kind(text) if issubclass(kind, TwistWrenchError) else TwistWrenchError(text)
+
+
+def _folder() -> str:
+    """Working folder; the root if it has been removed."""
+    try:
+        return str(Path.cwd())
+    except OSError:
+        return os.path.abspath(os.sep)  # noqa: PTH100
 
 
 def _begun(request: bytes, limits: ChildLimits) -> tuple[_Child, bytes, bytes]:
@@ -391,9 +420,10 @@ def loaded_packages() -> list[str]:
 
 def _items(request: bytes) -> Iterator[Any]:
     """Items of a call, each under the limits of processor time and memory."""
-    target, args, limits, whole = pickle.loads(request)
+    target, args, limits, whole, folder = pickle.loads(request)
     module, _, name = target.partition(":")
     function = attrgetter(name)(importlib.import_module(module))
+    os.chdir(folder)  # paths are relative to the parent's
     _limit_memory(limits.memory)
     _limit_time(limits.seconds)
     if whole:

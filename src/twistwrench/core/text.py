@@ -45,3 +45,15 @@ def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> st
     more = len(texts) - most
     tail = f"{between.rstrip().strip(',')} and {more} more" if more > 0 else ""
     return between.join(texts[:most]) + tail
+
+
+_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def visible(text: str) -> str:
+    r"""Text with control and bidirectional formatting characters as escapes; line ends and tabs are kept.
+
+    >>> print(visible("joint\x1b[2J \u202e1"))
+    joint\x1b[2J \u202e1
+    """
+    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)

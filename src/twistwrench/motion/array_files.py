@@ -22,19 +22,30 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from ..core.files import read_text
 from ..core.numbers import number
+from ..core.text import listed
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from . import log_table
 from .column_names import PART_OF, SUFFIX, time_column
-from .log_table import slices, table_of
+from .log_table import check_ratio, most_unpacked, slices, table_of
 
 MOST_UNPACKED = 1 << 30
 """Largest unpacked size [bytes] of data that must be read whole."""
+MOST_COLUMNS = 10_000
+"""Largest number of columns of an array, and of numbers in a row of it."""
+_PORTION = 1 << 26
+"""Largest size of a portion of an array [bytes]."""
 
 
 # ── Columns of a file whose header has been read
+
+
+def unreadable_rows(path: Path, row: int, reason: str) -> TrajectoryError:
+    """Error for rows that cannot be read, counted from 0."""
+    return TrajectoryError(f"{path}: cannot be read from row {row + 1} on: {reason}. Is the file cut short?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +88,8 @@ class ArrayFile:
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
         row, portions = 0, self.read(used)
-
-        def unread(reason: str) -> TrajectoryError:
-            return TrajectoryError(
-                f"{self.path}: cannot be read from row {row + 1} on: {reason}. Is the file cut short?"
-            )
-
         while True:
-            with third_party_errors(unread):
+            with third_party_errors(partial(unreadable_rows, self.path, row)):
                 table = next(portions, None)
             if table is None:
                 return
@@ -106,8 +111,8 @@ class StoredArray:
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    portions: Callable[[], Iterator[Array]]
-    """Function that yields consecutive rows, split as by :func:`.slices`."""
+    portions: Callable[[int], Iterator[Array]]
+    """Function that yields consecutive rows, as many at once as given, split as by :func:`.slices`."""
     names: tuple[str, ...] = ()
     """Names of the columns of an array (n, k); if empty, columns are numbered."""
 
@@ -116,7 +121,17 @@ class StoredArray:
         """Array in memory; (1, n) and (n, 1) become (n,)."""
         x = np.asarray(given)
         x = x.ravel() if x.ndim == 2 and 1 in x.shape else x
-        return cls(x.shape, x.dtype, lambda: (x[s] for s in slices(len(x))))
+        return cls(x.shape, x.dtype, lambda rows: (x[s] for s in slices(len(x), rows)))
+
+    @property
+    def row_size(self) -> int:
+        """Size of a row [bytes], numbers as float64."""
+        return max(8, self.dtype.itemsize) * math.prod(self.shape[1:])
+
+    @property
+    def size(self) -> int:
+        """Size of all rows [bytes], numbers as float64."""
+        return self.row_size * self.shape[0]
 
 
 Reader = Callable[[Path], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
@@ -138,19 +153,28 @@ def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
         return simulation_file(path)
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
         arrays, notes = reader(path)
+    wide = [name for name, array in arrays.items() if len(array.shape) and array.row_size > 8 * MOST_COLUMNS]
+    if wide:
+        said = f"Not read, as a row of it has more than {MOST_COLUMNS} numbers: {listed(wide)}."
+        arrays, notes = {name: array for name, array in arrays.items() if name not in wide}, (*notes, said)
     columns = _columns(arrays)
     if not columns:
         raise TrajectoryError(
-            f"{path}: has no arrays of numbers that are as long as each other. Found: {', '.join(arrays) or 'none'}."
+            f"{path}: has no arrays of numbers that are as long as each other. Found: {listed(arrays) or 'none'}."
+            + "".join(f" {note}" for note in notes)
         )
 
-    rows = _rows_of(path, arrays.get(_EPISODES), episode)
+    size = path.stat().st_size
+    with third_party_errors(lambda reason: TrajectoryError(f"{path}: {_EPISODES!r} cannot be read: {reason}.")):
+        rows = _rows_of(path, arrays.get(_EPISODES), episode)
 
     def read(used: Sequence[int]) -> Iterator[Array]:
         chosen, begin = [columns[k] for k in used or (0,)], 0
         names = dict.fromkeys(column.array for column in chosen)
+        check_ratio(path, sum(arrays[name].size for name in names), size)
+        most = max(1, min(log_table.ROWS, _PORTION // max(1, *(arrays[name].row_size for name in names))))
         begins: dict[int, Array] = {}
-        for portions in zip(*(arrays[name].portions() for name in names), strict=True):
+        for portions in zip(*(arrays[name].portions(most) for name in names), strict=True):
             parts = dict(zip(names, portions, strict=True))
             here = ... if rows is None else rows[begin : begin + len(portions[0])]
             begin += len(portions[0])
@@ -162,7 +186,7 @@ def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
 
     dataset = _lerobot(path)[1] if _EPISODES in arrays else ""
     labels = tuple(column.label for column in columns)
-    return ArrayFile(path, labels, path.stat().st_size, read, notes, dataset=dataset)
+    return ArrayFile(path, labels, size, read, notes, dataset=dataset)
 
 
 @dataclass(frozen=True)
@@ -231,14 +255,14 @@ def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArr
     rows, *inner = shape or (0,)
     width = dtype.itemsize * math.prod(inner)
 
-    def portions() -> Iterator[Array]:
+    def portions(most: int) -> Iterator[Array]:
         with open_file() as file:
             if whole:
                 x = np.lib.format.read_array(file, allow_pickle=False)
-                yield from (x[s] for s in slices(len(x)))
+                yield from (x[s] for s in slices(len(x), most))
                 return
             file.seek(offset)
-            for s in slices(rows):
+            for s in slices(rows, most):
                 data = file.read((s.stop - s.start) * width)
                 if len(data) < (s.stop - s.start) * width:
                     raise TrajectoryError(
@@ -324,25 +348,54 @@ def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, Stor
     except ImportError:
         raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
     found: dict[str, StoredArray] = {}
+    ignored: dict[str, list[str]] = {}
 
     def look(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            shape = item.shape or ()
-            shape = (math.prod(shape),) if len(shape) == 2 and 1 in shape else shape[::-1] if columns_first else shape
-            found[name] = StoredArray(shape, item.dtype, partial(portions, name, *shape[:1]))
+        if not isinstance(item, h5py.Dataset):
+            return
+        shape = item.shape or ()
+        if reason := _ignored_storage(item, path.stat().st_size):
+            ignored.setdefault(reason, []).append(name)
+            return
+        shape = (math.prod(shape),) if len(shape) == 2 and 1 in shape else shape[::-1] if columns_first else shape
+        found[name] = StoredArray(shape, item.dtype, partial(portions, name, *shape[:1]))
 
-    def portions(name: str, count: int) -> Iterator[Array]:
+    def portions(name: str, count: int, most: int) -> Iterator[Array]:
         with h5py.File(path, "r") as file:
             x: Any = file[name]
-            for s in slices(count):
-                if x.ndim == 2 and 1 in x.shape:
-                    yield x[0, s] if len(x) == 1 else x[s, 0]
+            ndim, first, line = x.ndim, len(x), x.ndim == 2 and 1 in x.shape
+            if x.dtype.names:  # texts beside numbers are left in the file
+                x = x.fields([f for f in x.dtype.names if x.dtype[f].kind in _NUMBERS])
+            for s in slices(count, most):
+                if line:
+                    yield x[0, s] if first == 1 else x[s, 0]
                 else:
-                    yield x[:, s].T if columns_first and x.ndim == 2 else x[s]
+                    yield x[:, s].T if columns_first and ndim == 2 else x[s]
 
     with h5py.File(path, "r") as file:
         file.visititems(look)
-    return found, ()
+    return found, tuple(f"Not read, as {reason}: {listed(names)}." for reason, names in ignored.items())
+
+
+_FILTERS = {1, 2, 3, 4, 5, 6, 32000}
+"""Codes of the filters that come with h5py: deflate, shuffle, fletcher32, szip, nbit, scale-offset, LZF. HDF5 would look for
+others on this machine."""
+_MOST_CHUNK = 1 << 26
+"""Largest chunk of a dataset [bytes], which HDF5 unpacks whole."""
+
+
+def _ignored_storage(item: Any, size: int) -> str:
+    """Reason to ignore a dataset of a file of ``size`` bytes: it reaches other files, or is out of proportion; else empty."""
+    plan = item.id.get_create_plist()
+    if plan.get_external_count() or item.is_virtual:
+        return "its numbers are in other files"
+    if any(plan.get_filter(k)[0] not in _FILTERS for k in range(plan.get_nfilters())):
+        return "its filter does not come with HDF5"
+    if item.chunks and math.prod(item.chunks) * item.dtype.itemsize > _MOST_CHUNK:
+        return f"its chunks are larger than {number(_MOST_CHUNK / 2**20)} MiB"
+    if math.prod(item.shape or ()) * item.dtype.itemsize > most_unpacked(size):
+        return "it is too large for the size of the file"
+    return ""
 
 
 # ── MATLAB files
@@ -460,41 +513,30 @@ def _mat_4(path: Path, data: memoryview) -> dict[str, Any]:
 
 def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     try:
-        import pyarrow.dataset
-        import pyarrow.feather
-        import pyarrow.parquet
         import pyarrow.types as kinds
     except ImportError:
         raise MissingExtraError.from_extra("pyarrow", "logs", f"Reading {path.suffix[1:]}") from None
     if path.suffix.lower() == ".parquet":
-        with pyarrow.parquet.ParquetFile(path) as file:
-            schema, rows = file.schema_arrow, int(file.metadata.num_rows)
-
-        def portions(name: str) -> Iterator[Array]:
-            with pyarrow.parquet.ParquetFile(path) as file:
-                for batch in file.iter_batches(log_table.ROWS, columns=[name], use_threads=False):
-                    batch.validate(full=True)
-                    yield batch.column(0).to_numpy(zero_copy_only=False)
+        schema, rows, read, counts = _parquet(path)
     else:
-        with path.open("rb") as source:
-            if source.read(6) == b"ARROW1":  # version 1 of the format has no compression
-                file = pyarrow.dataset.dataset(path, format="feather")
-                check_unpacked(path, 8 * file.count_rows() * len(file.schema))
-        table = pyarrow.feather.read_table(path, use_threads=False)
-        table.validate(full=True)
-        schema, rows = table.schema, table.num_rows
+        schema, rows, read = _feather(path)
+        counts = {}
 
-        def portions(name: str) -> Iterator[Array]:
-            x = table[name].to_numpy()
-            return (x[s] for s in slices(rows))
+    def portions(name: str, most: int) -> Iterator[Array]:
+        for column in read(name, most):
+            column.validate(full=True)
+            yield column.to_numpy(zero_copy_only=False)
 
-    found, number, names = {}, np.dtype(float), _lerobot(path)[0]
+    names = _lerobot(path)[0] if {_STATE, _EPISODES} & {*schema.names} else {}
+    found, number = {}, np.dtype(float)
     for field in schema:
         rows_of = partial(portions, field.name)
         if any(test(field.type) for test in (kinds.is_floating, kinds.is_integer, kinds.is_boolean)):
             found[field.name] = StoredArray((rows,), number, rows_of)
         elif any(test(field.type) for test in (kinds.is_timestamp, kinds.is_date, kinds.is_duration)):
             found[f"{field.name} [s]"] = StoredArray((rows,), number, rows_of)
+        elif kinds.is_nested(field.type) and 8 * counts.get(field.name, 0) > most_unpacked(path.stat().st_size):
+            found[field.name] = StoredArray((), np.dtype(object), rows_of)
         elif kinds.is_list(field.type) or kinds.is_fixed_size_list(field.type):
             found[field.name] = _lists(path, field.name, rows, rows_of, names.get(field.name, ()))
         else:
@@ -504,19 +546,73 @@ def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     return found, (said,) if nested else ()
 
 
+def _parquet(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]], Counter[str]]:
+    """Schema and rows of a parquet file, a function that yields a column in portions, and the number of values by column."""
+    import pyarrow.parquet
+
+    def read(name: str, most: int) -> Iterator[Any]:
+        with pyarrow.parquet.ParquetFile(path) as file:
+            for batch in file.iter_batches(most, columns=[name], use_threads=False):
+                yield batch.column(0)
+
+    counts = Counter[str]()
+    with pyarrow.parquet.ParquetFile(path) as file:
+        about = file.metadata
+        for group in map(about.row_group, range(about.num_row_groups)):
+            for part in map(group.column, range(group.num_columns)):
+                counts[part.path_in_schema.partition(".")[0]] += part.num_values
+        return file.schema_arrow, int(about.num_rows), read, counts
+
+
+def _feather(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]]]:
+    """Schema and number of rows of a feather file, and a function that yields a column in portions; only it is unpacked."""
+    import pyarrow.dataset
+    import pyarrow.ipc
+
+    with path.open("rb") as source:
+        if source.read(len(_ARROW)) != _ARROW:
+            raise TrajectoryError(
+                f"{path}: is not an Arrow file, which begins with {_ARROW.decode()}. Feather version 1 is not read: write the "
+                "table again with pyarrow.feather.write_feather, which writes version 2, or as parquet or CSV."
+            )
+
+    def opened(*fields: int) -> Any:
+        options = pyarrow.ipc.IpcReadOptions(included_fields=list(fields), use_threads=False)
+        return pyarrow.ipc.open_file(path, options=options)
+
+    def read(name: str, most: int) -> Iterator[Any]:
+        left: list[Any] = []
+        with opened(schema.get_field_index(name)) as file:
+            for k in range(file.num_record_batches):
+                left.append(file.get_batch(k).column(0))
+                while sum(map(len, left)) >= most:
+                    whole = pyarrow.concat_arrays(left)
+                    yield whole[:most]
+                    left = [whole[most:]]
+        if sum(map(len, left)):
+            yield pyarrow.concat_arrays(left)
+
+    with opened() as file:
+        schema = file.schema
+    return schema, int(pyarrow.dataset.dataset(path, format="feather").count_rows()), read
+
+
+_ARROW = b"ARROW1"
+
+
 def _lists(
-    path: Path, name: str, rows: int, portions: Callable[[], Iterator[Array]], names: Sequence[str]
+    path: Path, name: str, rows: int, portions: Callable[[int], Iterator[Array]], names: Sequence[str]
 ) -> StoredArray:
     """Array (n, k) of a column of lists; without a shape unless they are numeric and the first ones equally long."""
-    first = next(portions(), np.zeros(0))
+    first = next(portions(log_table.ROWS), np.zeros(0))
     width = np.asarray(first[0]).size if len(first) else 0
     alike = all(cell is not None and np.size(cell) == width for cell in first)
     if not (width and alike) or np.asarray(first[0]).dtype.kind not in "iufb":
         return StoredArray((), np.dtype(object), portions)
 
-    def stacked() -> Iterator[Array]:
+    def stacked(most: int) -> Iterator[Array]:
         row = 0
-        for portion in portions():
+        for portion in portions(most):
             if odd := [k for k, cell in enumerate(portion, row + 1) if cell is None or len(cell) != width]:
                 raise TrajectoryError(
                     f"{path}: row {odd[0]} of {name!r} is not a list of {width} numbers, as the first row is."
@@ -534,19 +630,22 @@ def _lists(
 
 _EPISODES = "episode_index"
 """Column of the episodes of a LeRobot dataset."""
+_LEVELS = 3
+"""Folders from an episode's file to the dataset's: ``DATASET/data/chunk-000/episode_000000.parquet``."""
+_MOST_METADATA = 1 << 22
+"""Largest size of ``meta/info.json`` [bytes]."""
 _STATE = "observation.state"
 """Column of the positions of a LeRobot dataset."""
 
 
 def _lerobot(path: Path) -> tuple[dict[str, list[str]], str]:
-    """Element names of a dataset's list columns and unit of positions, from the nearest ``meta/info.json`` above."""
-    info = next(
-        (file for folder in path.absolute().parents[:4] if (file := folder / "meta" / "info.json").is_file()), None
-    )
+    """Element names of a dataset's list columns and unit of positions, from ``meta/info.json`` of the dataset's folder."""
+    above = (folder / "meta" / "info.json" for folder in path.absolute().parents[:_LEVELS])
+    info = next((file for file in above if file.is_file()), None)
     if info is None:
         return {}, "unknown"
     try:
-        text = info.read_text(encoding="utf-8")
+        text = read_text(info, _MOST_METADATA)
         features = json.loads(text)["features"]
         named = {name: feature.get("names") for name, feature in features.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
@@ -571,7 +670,10 @@ def _rows_of(path: Path, episodes: StoredArray | None, episode: int | None) -> A
         if episode is not None:
             raise TrajectoryError(f"{path}: --episode is for datasets with a column {_EPISODES!r}, and none is here.")
         return None
-    index = np.concatenate([np.zeros(0), *episodes.portions()])
+    check_ratio(path, episodes.size, path.stat().st_size)
+    index = np.concatenate([np.zeros(0), *episodes.portions(log_table.ROWS)])
+    if not np.isfinite(index).all():
+        raise TrajectoryError(f"{path}: {_EPISODES!r} has missing numbers. Each row needs its episode.")
     there = np.unique(index).astype(int)
     if episode is None and len(there) < 2:
         return None

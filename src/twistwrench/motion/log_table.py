@@ -20,7 +20,7 @@ from typing import BinaryIO, cast
 
 import numpy as np
 
-from ..core.numbers import printed
+from ..core.numbers import number, printed
 from ..errors import NotFoundError, TrajectoryError
 from ..typing import Array
 
@@ -28,6 +28,26 @@ LARGE = 1 << 25
 """Largest table in memory [bytes]; larger ones are in a temporary file, whose pages the system can evict."""
 ROWS = 1 << 14
 """Rows per block in passes over a table."""
+
+
+MOST_RATIO = 100
+"""Largest size of data in multiples of the file's that holds it. Logs are packed to a third to a thirtieth of their size."""
+UNPACKED_FREELY = 1 << 28
+"""Size of data that a file of any size may hold [bytes]."""
+
+
+def most_unpacked(packed: int) -> int:
+    """Largest size [bytes] of the data of a file of ``packed`` bytes."""
+    return max(UNPACKED_FREELY, MOST_RATIO * packed)
+
+
+def check_ratio(path: Path, unpacked: int, packed: int) -> None:
+    """Raise TrajectoryError if data of ``unpacked`` bytes are out of proportion to their file of ``packed`` bytes."""
+    if unpacked > (most := most_unpacked(packed)):
+        raise TrajectoryError(
+            f"{path}: has {number(packed / 2**20)} MiB and unpacks to more than {number(most / 2**20)} MiB, which no log does. "
+            "If it is a log, unpack it before, or save parts of it."
+        )
 
 
 def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
@@ -140,13 +160,17 @@ class TextSource:
             with path.open("rb") as file:
                 copy = None if stat.S_ISREG(path.stat().st_mode) else _copied(_portions(file))
                 raw = copy or file
+                size, _ = raw.seek(0, 2), raw.seek(0)
                 packed, _ = raw.read(2) == _GZIP, raw.seek(0)
                 text = cast("BinaryIO", gzip.GzipFile(fileobj=raw)) if packed else raw
                 head, _ = text.read(_LOOK), text.seek(0)
                 encoding, old = _encoding(head), b"\r" in head and b"\n" not in head
                 if packed or encoding or old:
-                    copy = text = _copied(_plain(text, encoding, old=old))
+                    plain = _plain(text, encoding, old=old)
+                    copy = text = _copied(_in_proportion(plain, path, size) if packed else plain)
                 source = cls(path, text.seek(0, 2), copy)
+        except TrajectoryError:
+            raise
         except FileNotFoundError:
             raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
         except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
@@ -191,6 +215,15 @@ def _copied(portions: Iterator[bytes]) -> BinaryIO:
         raise
     copy.seek(0)
     return copy
+
+
+def _in_proportion(portions: Iterator[bytes], path: Path, packed: int) -> Iterator[bytes]:
+    """Portions of a packed text, as long as they are in proportion to its size."""
+    size = 0
+    for portion in portions:
+        size += len(portion)
+        check_ratio(path, size, packed)
+        yield portion
 
 
 def _plain(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:

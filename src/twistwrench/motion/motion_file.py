@@ -16,11 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.child_process import sandboxed
 from ..core.files import as_path
 from ..errors import TrajectoryError, TwistWrenchError
 from ..model.model import Model
 from ..typing import Array
 from .array_files import ArrayFile, array_file, is_archive, simulation_file
+from .child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning
 from .columns import absent_joints
 from .coordinates import Coordinates
@@ -194,9 +196,11 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False if the text cannot be a path
         return JoinedFile.open(path, partial(open_motion_file, topic=topic, episode=episode))
     if is_recording(place) and episode is None:
-        return ros_file(place, topic)
+        return ros_file_in_child(place, topic) if sandboxed() else ros_file(place, topic)
     if topic is not None:
         raise TrajectoryError(f"{path}: --topic is for recordings of ROS, and this is none. Leave it out.")
+    if has_foreign_reader(place) and sandboxed():
+        return array_file_in_child(place, episode)
     if (arrays := array_file(place, episode)) is not None:
         return arrays
     if episode is not None:

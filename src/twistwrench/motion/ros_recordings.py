@@ -7,9 +7,7 @@ row every 2 ms and at each point.
 from __future__ import annotations
 
 import os
-import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from .array_files import ArrayFile
 from .column_names import SUFFIX, date_note
+from .recording_bounds import check_chunks, check_folder, recording_database, values_within
 from .smoothing import FEWEST, spline_rates
 
 _DATABASE = b"SQLite format 3\0"
@@ -257,6 +256,7 @@ def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
     except ImportError:
         raise MissingExtraError.from_extra("mcap", "logs", "Reading MCAP") from None
     kinds, counts = dict[str, str](), dict[str, int]()
+    check_chunks(path)
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
@@ -296,6 +296,8 @@ def _bag(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
 
     for kind, texts in _DEFINITIONS.items():
         store = _with_definition(store, kind, texts[0])
+    if path.is_dir():
+        check_folder(path)
     with AnyReader([path], default_typestore=store) as reader:
         topics = {name: (topic.msgtype or "", topic.msgcount) for name, topic in reader.topics.items()}
         connections = reader.topics[choose(topics)].connections
@@ -306,7 +308,7 @@ def _bag(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
 def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
     """Messages of a rosbag2 database without its metadata.yaml."""
     store = _typestore()
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+    with recording_database(path) as database:
         counted = (
             "select name, type, count(messages.id) from topics left join messages on topics.id = topic_id group by name"
         )
@@ -319,7 +321,7 @@ def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
             own = "select encoded_message_definition from message_definitions where topic_type = ? and encoding = 'ros2msg'"
             texts = [str(text) for (text,) in database.execute(own, (kind,))] or texts
         rows = "select data from messages join topics on topics.id = topic_id where name = ? order by timestamp"
-        data = [bytes(raw) for (raw,) in database.execute(rows, (topic,))]
+        data = values_within((raw for (raw,) in database.execute(rows, (topic,))), path)
     yield from _deserialised(store, kind, texts, data)
 
 

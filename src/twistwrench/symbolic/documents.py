@@ -11,8 +11,8 @@ from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
-from ..core.arguments import visible
 from ..core.numbers import printed
+from ..core.text import visible
 from .names import GREEK, Notation, name_parts, sympy
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.arguments import visible
+from ..core.text import visible
 from ..errors import ValueRangeError
 from .documents import remarks_of
 from .names import sympy
