@@ -22,10 +22,10 @@ import twistwrench as tw
 from twistwrench.core import object_cache
 from twistwrench.ir.tracer import trace
 from twistwrench.lowering.reference_interpreter import NumpyKernel
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
+from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, chosen
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.runtime.gufunc import make_ufunc
-from twistwrench.runtime.jit import compiled
+from twistwrench.runtime.jit import compiled, found
 
 PROGRAM = trace(lambda x: 3.0 * x + 0.5, [("x", ())], ["y"])
 OTHER = trace(lambda x: 7.0 * x - 0.5, [("x", ())], ["y"])
@@ -195,12 +195,34 @@ def test_an_entry_under_another_s_name_is_rebuilt(place):
     assert works(OTHER)
 
 
-def test_sound_entries_that_do_not_link_are_rebuilt(place):
+FORGED = {
+    "no object file": lambda _: b"no object file",
+    "another function": lambda code: code.replace(LOOP.encode(), b"x" * len(LOOP)),
+    "a name that is no text": lambda code: code.replace(LOOP.encode(), b"\xff" * len(LOOP)),
+    "names that are no text, in a file for LLVM's linker": lambda code: (
+        b"\x7fELF\x02\x01" + code[6:].replace(b"\0", b"\xff", 40)
+    ),
+}
+
+
+@pytest.mark.parametrize("forge", FORGED)
+def test_sound_entries_that_do_not_link_are_rebuilt(place, forge):
     compiled(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
-    object_cache.store(entry.name, b"no object file")
+    object_cache.store(entry.name, FORGED[forge](object_cache.load(entry.name)))
+    assert found([entry.name], chosen()) is None
     assert not compiled(PROGRAM, DOUBLE).cached
     assert works()
+
+
+def test_sound_metadata_that_say_nothing_are_made_again(place):
+    for said in (b"\xff\xfe", b"()", b"1 +"):
+        robot = tw.robots.cart_pole()
+        expected = robot.mass_matrix(np.array([0.1, 0.2]))
+        for entry in place.iterdir():
+            if object_cache.load(entry.name)[:1] == b"(":
+                object_cache.store(entry.name, said)
+        assert np.array_equal(tw.robots.cart_pole().mass_matrix(np.array([0.1, 0.2])), expected)
 
 
 # ── folders not to be trusted, not to be written ──

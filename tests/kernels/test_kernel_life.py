@@ -287,3 +287,32 @@ for _ in range(20):
     variables = {**os.environ, "TWISTWRENCH_CACHE_DIR": "off"}
     done = subprocess.run([sys.executable, "-c", script], env=variables, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+class LateError(Exception):
+    """Exception with an argument, as raised by a timeout."""
+
+    def __init__(self, seconds):
+        super().__init__(f"late by {seconds} s")
+
+
+@pytest.mark.parametrize(
+    "problem", [LateError(2), KeyboardInterrupt(), tw.KernelError("LLVM refused a kernel")], ids=repr
+)
+def test_whatever_is_raised_below_numpy_is_raised_itself_and_the_next_call_compiles(problem, monkeypatch):
+    pytest.importorskip("llvmlite.binding", reason="compiles nothing here")
+    monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", "off")
+    robot = tw.robots.cart_pole()
+    q = np.array([[0.1, 0.2], [0.3, -0.4]])
+    for way in (robot.kernel("mass_matrix"), robot.gravity_forces):
+        right = way(q)
+
+        def fail(*_):
+            raise problem
+
+        with monkeypatch.context() as patch:
+            patch.setattr("twistwrench.runtime.gufunc.compiled", fail)
+            with pytest.raises(type(problem)) as caught:
+                way(q.astype("f"))
+        assert caught.value is problem
+        np.testing.assert_allclose(way(q.astype("f")), right, rtol=1e-5, atol=1e-6)

@@ -520,7 +520,7 @@ def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
         schema, rows, read, counts = _parquet(path)
     else:
         schema, rows, read = _feather(path)
-        counts = {}
+        counts = Counter()
 
     def portions(name: str, most: int) -> Iterator[Array]:
         for column in read(name, most):

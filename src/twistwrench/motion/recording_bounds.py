@@ -1,7 +1,7 @@
 """Bounds on recordings of ROS, checked before they are decoded: tables of a database, and sizes of packed messages.
 
-A database is read as SQLite advises for files from strangers: only plain tables, no functions of its schema, and bounds on values
-and on the steps of queries. Ctrl-C ends a query.
+A database is read as SQLite advises for files from strangers:
+plain tables only, no functions of its schema, and bounds on values and on steps. Ctrl-C ends a query.
 """
 
 from __future__ import annotations

@@ -153,7 +153,16 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
         return None
     key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
     kept = object_cache.load(key, folder)
-    return CacheEntry(data, key, None if kept is None else literal_eval(kept.decode()))
+    return CacheEntry(data, key, None if kept is None else _remarks(kept))
+
+
+def _remarks(kept: bytes) -> tuple[str, ...] | None:
+    """Warnings of an entry; None for an entry that :func:`keep_file` did not write."""
+    try:
+        remarks = literal_eval(kept.decode())
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the file is loaded again
+        return None
+    return remarks if isinstance(remarks, tuple) and all(isinstance(each, str) for each in remarks) else None
 
 
 def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:

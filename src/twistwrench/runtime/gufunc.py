@@ -91,6 +91,16 @@ def _raise_in_thread() -> Any:
     return prototype(("PyThreadState_SetAsyncExc", ctypes.pythonapi))
 
 
+def _raised_again(problem: BaseException) -> type[BaseException]:
+    """Class whose instance is an exception that exists: Python raises exceptions in threads by their class."""
+
+    class Again(BaseException):
+        def __new__(cls) -> Any:
+            return problem
+
+    return Again
+
+
 class _Owner:
     """All memory and code behind one ufunc."""
 
@@ -154,20 +164,24 @@ class _Owner:
     def _single(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
         """Stub of the float32 loop: compiles the loop, stores it in the table, and runs it.
 
-        An exception cannot leave a callback; Python prints it as ignored. If compilation fails, results are NaN instead of
-        uninitialised memory, and the next call tries again. An interrupt is raised again after NumPy has returned.
+        An exception cannot leave a callback: Python would print it as ignored. Any exception, of the compiler or of a signal
+        handler, is therefore raised after NumPy has returned. Until then results are NaN instead of uninitialised memory. The
+        next call compiles again.
         """
         try:
-            address = self.address(SINGLE)
+            _LOOP(self.address(SINGLE))(args, dims, steps, data)
         except BaseException as problem:
             self._fill_nan(args, dims, steps)
-            if isinstance(problem, Exception):
-                raise
-            returned = _Returned()
-            self.interrupt = weakref.ref(returned, partial(_raise_in_thread(), threading.get_ident(), type(problem)))
-            return returned
-        _LOOP(address)(args, dims, steps, data)
+            return self._raise_later(problem)
         return None
+
+    def _raise_later(self, problem: BaseException) -> _Returned:
+        """Result of a callback, whose release raises ``problem``; no frame of its traceback may hold the result."""
+        returned = _Returned()
+        self.interrupt = weakref.ref(
+            returned, partial(_raise_in_thread(), threading.get_ident(), _raised_again(problem))
+        )
+        return returned
 
     def _fill_nan(self, args: int, dims: int, steps: int) -> None:
         """Write NaN into every float32 result of a call of the loop."""
@@ -207,10 +221,10 @@ class _Owner:
         if not self.key:
             return compiled(self.form, precision, machine)
         mine = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
-        if (kept := object_cache.load(mine)) is not None and (
-            code := found(kept.decode().split(), machine)
-        ) is not None:
-            return code
+        kept = object_cache.load(mine)
+        known = found(kept.decode("ascii", "replace").split(), machine) if kept is not None else None
+        if known is not None:
+            return known
         code = compiled(self.form, precision, machine)
         if code.keys:
             object_cache.store(mine, " ".join(code.keys).encode())
@@ -262,8 +276,11 @@ def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
     kept = object_cache.load(key)
     if kept is None:
         return None
-    name, doc, inputs, outputs, length, cost, code = literal_eval(kept.decode())
-    ins, outs = (tuple(TensorSpec(*spec) for spec in several) for several in (inputs, outputs))
+    try:
+        name, doc, inputs, outputs, length, cost, code = literal_eval(kept.decode())
+        ins, outs = (tuple(TensorSpec(*spec) for spec in several) for several in (inputs, outputs))
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the kernel is made again
+        return None
     return make_ufunc(KernelMetadata(ins, outs, length, cost, code, form, key), name, doc)
 
 

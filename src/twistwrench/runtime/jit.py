@@ -22,6 +22,10 @@ PATIENCE = 1.0
 """Compile time [s] after which a message appears on the terminal."""
 
 
+_UNLINKED = (RuntimeError, ValueError, KeyError)
+"""Errors of linkers: LLVM's, its messages with names that are not UTF-8, and a missing function."""
+
+
 class Code(NamedTuple):
     """Function in memory; the code is freed with this object."""
 
@@ -105,7 +109,7 @@ def found(keys: Sequence[str], machine: Machine) -> Code | None:
     with _JIT.lock:
         try:
             return _loaded(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
-        except RuntimeError:
+        except _UNLINKED:
             return None
 
 
@@ -121,7 +125,7 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
             objects = [_object(text, machine) for text in texts()]
             try:
                 loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
-            except RuntimeError:  # cache entries that no longer link are compiled again
+            except _UNLINKED:  # cache entries that no longer link are compiled again
                 if not any(cached for *_, cached in objects):
                     raise
                 objects = [_object(text, machine, afresh=True) for text in texts()]
