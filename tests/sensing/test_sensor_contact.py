@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -149,6 +151,22 @@ def test_a_push_is_a_contact_and_no_drift():
     assert found.doubts == ()
     assert found.hits[60:90].mean() > 0.9
     assert found.hits.sum() <= 30
+
+
+@pytest.mark.parametrize("constant", [False, True], ids=["poses", "one pose"])
+def test_a_constant_push_is_an_offset_of_its_own_size_and_no_drift(constant):
+    """The wrench in the sentence is the one that explains the readings in it."""
+    rng = np.random.default_rng(8)
+    file = identify(dwells(rng, samples=20))
+    log = dwells(rng, samples=20)
+    if constant:
+        log = ReadingLog.from_arrays(log.readings[:20].repeat(3, axis=0), gravity=log.gravity[:20].repeat(3, axis=0))
+    log.readings[:] += [0, 0, 0, 0, 6.0, 0]
+    found = compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty)
+    (doubt,) = found.doubts
+    assert not found.hits.any() and found.verdict.word == "LOOK AGAIN"
+    said = re.search(r"fy ([\d.]+)", str(doubt))
+    assert "drifts" not in str(doubt) and said and float(said[1]) == pytest.approx(6.0, abs=0.5), str(doubt)
 
 
 @pytest.mark.parametrize("channel", range(6))

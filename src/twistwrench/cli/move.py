@@ -106,7 +106,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         raise ValueRangeError("--fastest computes the duration, and --duration sets it. Leave one of them out.")
     if not given.step > 0:
         raise ValueRangeError(f"--step {printed(given.step)}: give seconds above zero.")
-    begin, end = _ends(robot, given, degrees=options.degrees)
+    begin, end, hints = _ends(robot, given, degrees=options.degrees)
 
     def report(subject: str, blocks: list[Block], **shown: Any) -> None:
         write_report(
@@ -116,12 +116,12 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 
     path, trouble = _path_and_trouble(robot, begin, end, degrees=options.degrees, given=given)
     if path is None:
-        return _cannot(trouble, report)
+        return _cannot(trouble, hints, report)
     friction = not given.no_friction and robot.model.friction.any
     try:
         moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
-        return _cannot(problem, report)
+        return _cannot(problem, hints, report)
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
     doubts = limit_doubts(load.robot, bounds, [use.peak for use in uses]) + model_warnings(robot.model, uses)
@@ -138,6 +138,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         *_verdict(moving, bounds, over, doubts, cannot, assumed, named=not collides, degrees=options.degrees),
         *([] if clearance is None else clearance.lines),
         *_limits_of_files(bounds, given),
+        *hints,
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
     ]
@@ -171,21 +172,23 @@ def _bounds(robot: Robot, given: Given, *, degrees: bool) -> Limits:
     return bounds if given.jerk is None else replace(bounds, jerk=asked.jerk)
 
 
-def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array]:
-    """Configurations of --from and --to; prints a hint if they are plainly in degrees."""
+def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, list[Line]]:
+    """Configurations of --from and --to, and hints if they are plainly in degrees."""
     begin = parse_configuration(robot, given.begin, degrees=degrees, option="--from")
     end = parse_configuration(robot, given.to, degrees=degrees, option="--to", start=begin)
+    hints = []
     for option_, texts, q in (("--from", given.begin, begin), ("--to", given.to, end)):
-        if texts and (hint := degrees_hint(robot, q)):
-            show(*remarks([f"{option_}: {hint}"]))
-    return begin, end
+        hint = degrees_hint(robot, q) if texts else ""
+        if hint:
+            hints.append(f"{option_}: {hint}")
+    return begin, end, remarks(hints)
 
 
-def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:
+def _cannot(problem: PathError | None, hints: list[Line], report: Callable[[str, list[Block]], None]) -> ExitCode:
     """Print that the path cannot be followed."""
-    line = verdict(Word.STOPPED, f": {problem}")
-    show(line)
-    report("no path", [line])
+    blocks = [verdict(Word.STOPPED, f": {problem}"), *hints]
+    show(*blocks)
+    report("no path", blocks)
     return ExitCode.NO
 
 

@@ -89,8 +89,6 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     result: Any
     failure: BaseException | None = None
     q0 = parse_configuration(loaded, given.at, degrees=options.degrees)
-    if hint := degrees_hint(loaded, q0):
-        show(*remarks([hint]))
     dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
     settings: dict[str, Any] = {
         **given.pick("method", "rtol", "every"),
@@ -113,7 +111,8 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
             raise
     clearance = shared.clearance_along(given, loaded, [(result.times, result.q)])
     shown_as: dict[str, Any] = {"driven": bool(given.torque), "degrees": options.degrees, "friction": friction}
-    blocks = list(simulation_view(loaded, result, clearance, **shown_as))
+    hint = degrees_hint(loaded, q0)
+    blocks = [*simulation_view(loaded, result, clearance, **shown_as), *(remarks([hint]) if hint else [])]
     show(*blocks)
     to_csv = partial(result.to_csv, degrees=options.degrees)
     for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
@@ -130,9 +129,9 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
             ("energy drift, relative to the energy exchanged", residual(result.relative_drift)),
         ]
         used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
-        subject, shown = f"{loaded.name} · {end}", [*blocks, *(remarks([hint]) if hint else [])]
+        subject = f"{loaded.name} · {end}"
         write_report(
-            given, "simulate", subject, shown, files=options.files, facts=facts, pictures=pictures, robot=loaded,
+            given, "simulate", subject, blocks, files=options.files, facts=facts, pictures=pictures, robot=loaded,
             limits=loaded.limits, degrees=options.degrees, used=used,
         )  # fmt: skip
     if isinstance(failure, KeyboardInterrupt):

@@ -123,8 +123,9 @@ def departure(
 ) -> Doubt | None:
     """Cause of nearly all ``off`` readings in the residuals rest (n, 6) with noise sigma (n, 6); None if not found.
 
-    Each channel is fitted by columns X with Huber weights: 1, t, t² for a drifting bias, or 1 and the six components of
-    the load's wrench for a gain or cross-talk. Neither fits a temporary contact.
+    Each channel is fitted by columns X with Huber weights: 1 for a constant offset, 1, t, t² for a drifting bias, or 1 and
+    the six components of the load's wrench for a gain or cross-talk. None fits a temporary contact. An offset that
+    explains the readings is named before the others, which contain it.
     """
     before = int(off(rest).sum())
     if before < _LEAST:
@@ -132,7 +133,12 @@ def departure(
     t = log.clock
     s = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 0.5
     load = log.predicted(sensor) - np.asarray(sensor.bias)
-    tried = {"drift": np.stack([s**k for k in range(3)], axis=1), "gain": np.column_stack([np.ones(len(s)), load])}
+    constant = np.ones((len(s), 1))
+    tried = {
+        "offset": constant,
+        "drift": np.stack([s**k for k in range(3)], axis=1),
+        "gain": np.column_stack([constant, load]),
+    }
     best: tuple[int, str, Array] | None = None
     for name, X in tried.items():
         basis = orthonormal(X[:, X.any(axis=0)] / np.linalg.norm(X[:, X.any(axis=0)], axis=0))
@@ -142,10 +148,14 @@ def departure(
         after = int(off(rest - explained).sum())
         if after <= _CURED * before and (best is None or after < best[0]):
             best = (after, name, explained)
+            if name == "offset":
+                break
     if best is None:
         return None
     after, name, explained = best
     count: dict[str, Any] = {"count": before - after, "total": before}
+    if name == "offset":
+        return doubt("sensor-file-offset", bias=listed_bias(explained[0]), **count)
     if name == "drift":
         span = f"{number(t[-1] - t[0], 3)} s" if log.time is not None else f"the {len(t)} readings"
         return doubt("sensor-file-drift", bias=listed_bias(explained[-1] - explained[0]), span=span, **count)
