@@ -18,7 +18,7 @@ import tempfile
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from functools import wraps
 from importlib import import_module
@@ -262,6 +262,17 @@ def note(text: str) -> None:
     context = click.get_current_context(silent=True)
     if context is not None:
         context.meta.setdefault(NOTES, []).append(text)
+
+
+@contextmanager
+def noted_if_failed(hints: Iterable[str]) -> Iterator[None]:
+    """Write hints on the input as notes if the work on it fails, since no report follows."""
+    try:
+        yield
+    except TwistWrenchError:
+        for hint in hints:
+            note(hint)
+        raise
 
 
 def typed_words_and_notes() -> tuple[list[str], list[str]]:

@@ -29,7 +29,7 @@ from ..reports.torque_verdict import assumed_words, assumptions, friction_words,
 from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..typing import Array
-from .main import Given, option
+from .main import Given, noted_if_failed, option
 from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
 from .shared import (
     CLEARANCE,
@@ -119,9 +119,10 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         return _cannot(trouble, hints, report)
     friction = not given.no_friction and robot.model.friction.any
     try:
-        moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
+        with noted_if_failed(hints):
+            moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
-        return _cannot(problem, hints, report)
+        return _cannot(problem, [], report)
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
     doubts = limit_doubts(load.robot, bounds, [use.peak for use in uses]) + model_warnings(robot.model, uses)
@@ -138,7 +139,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         *_verdict(moving, bounds, over, doubts, cannot, assumed, named=not collides, degrees=options.degrees),
         *([] if clearance is None else clearance.lines),
         *_limits_of_files(bounds, given),
-        *hints,
+        *remarks(hints),
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
     ]
@@ -172,7 +173,7 @@ def _bounds(robot: Robot, given: Given, *, degrees: bool) -> Limits:
     return bounds if given.jerk is None else replace(bounds, jerk=asked.jerk)
 
 
-def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, list[Line]]:
+def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, list[str]]:
     """Configurations of --from and --to, and hints if they are plainly in degrees."""
     begin = parse_configuration(robot, given.begin, degrees=degrees, option="--from")
     end = parse_configuration(robot, given.to, degrees=degrees, option="--to", start=begin)
@@ -181,12 +182,12 @@ def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, l
         hint = degrees_hint(robot, q) if texts else ""
         if hint:
             hints.append(f"{option_}: {hint}")
-    return begin, end, remarks(hints)
+    return begin, end, hints
 
 
-def _cannot(problem: PathError | None, hints: list[Line], report: Callable[[str, list[Block]], None]) -> ExitCode:
+def _cannot(problem: PathError | None, hints: list[str], report: Callable[[str, list[Block]], None]) -> ExitCode:
     """Print that the path cannot be followed."""
-    blocks = [verdict(Word.STOPPED, f": {problem}"), *hints]
+    blocks = [verdict(Word.STOPPED, f": {problem}"), *remarks(hints)]
     show(*blocks)
     report("no path", blocks)
     return ExitCode.NO

@@ -25,7 +25,7 @@ from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
 from ..typing import Array
 from . import shared
-from .main import Given, note, option, with_option_names
+from .main import Given, note, noted_if_failed, option, with_option_names
 from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
@@ -89,6 +89,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     result: Any
     failure: BaseException | None = None
     q0 = parse_configuration(loaded, given.at, degrees=options.degrees)
+    hints = list(filter(None, [degrees_hint(loaded, q0)]))
     dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
     settings: dict[str, Any] = {
         **given.pick("method", "rtol", "every"),
@@ -99,7 +100,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         "contacts": _planes(loaded, given.touch, given.ground, given.contact),
     }
     try:
-        with progress_bar(f"{loaded.name}: {given.method}") as progress:
+        with noted_if_failed(hints), progress_bar(f"{loaded.name}: {given.method}") as progress:
             result = loaded.simulate(q0, dq0, given.duration, given.step, **settings, progress=progress)
     except SimulationError as problem:
         if problem.result is None:
@@ -111,8 +112,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
             raise
     clearance = shared.clearance_along(given, loaded, [(result.times, result.q)])
     shown_as: dict[str, Any] = {"driven": bool(given.torque), "degrees": options.degrees, "friction": friction}
-    hint = degrees_hint(loaded, q0)
-    blocks = [*simulation_view(loaded, result, clearance, **shown_as), *(remarks([hint]) if hint else [])]
+    blocks = [*simulation_view(loaded, result, clearance, **shown_as), *remarks(hints)]
     show(*blocks)
     to_csv = partial(result.to_csv, degrees=options.degrees)
     for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
