@@ -21,7 +21,6 @@ from ..model.actuators import moving
 from ..model.couplings import refuse_couplings
 from ..motion.motion import Motion
 from ..reports.motors import Demand
-from ..reports.torque_verdict import base_doubts
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .catalog import Catalog, Pair, read_catalog
@@ -192,8 +191,7 @@ class Sizing:
         """OVER LIMIT with every exceeded limit, UNSURE with every missing rating, or OK."""
         over = [f"{name}: no pair of the catalogue does it" for name, x in self.choice.items() if x.drive is None]
         over += [words for one in self._by_share for words in one.excess]
-        unsure = base_doubts(self.problem.robot.model)
-        unsure += [words for one in self._by_share for words in one.missing]
+        unsure = [words for one in self._by_share for words in one.missing]
         return Verdict.from_reasons(over=over, unsure=unsure)
 
     @property
