@@ -316,7 +316,7 @@ STATEMENTS = (
     "create table message_definitions(topic_type, encoding, encoded_message_definition); insert into message_definitions values('sensor_msgs/msg/JointState', 'ros2msg', 'int32[')",
     "update message_definitions set encoded_message_definition = 'sensor_msgs/JointState x'",
     "update message_definitions set encoded_message_definition = replace(encoded_message_definition, 'float64', 'float64[1000000000]')",
-    "attach 'x.db' as x",
+    "attach ':memory:' as x",
 )  # fmt: skip
 
 
