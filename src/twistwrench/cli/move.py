@@ -187,7 +187,7 @@ def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, l
 
 def _cannot(problem: PathError | None, hints: list[str], report: Callable[[str, list[Block]], None]) -> ExitCode:
     """Print that the path cannot be followed."""
-    blocks = [verdict(Word.STOPPED, f": {problem}"), *remarks(hints)]
+    blocks: list[Block] = [verdict(Word.STOPPED, f": {problem}"), *remarks(hints)]
     show(*blocks)
     report("no path", blocks)
     return ExitCode.NO
