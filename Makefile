@@ -77,6 +77,7 @@ bridges: $(VENV)/.dev
 	$(BIN)/pytest -n 2 -m "slow or not slow" tests/bridges
 
 docs: $(VENV)/.dev
+	$(BIN)/python docs/prose.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 outputs: $(VENV)/.dev
