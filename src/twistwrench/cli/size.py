@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -13,18 +14,25 @@ from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
+from ..motion.differentiation import Differentiation
 from ..motion.motion import Motion
+from ..motion.motion_log import MotionLog
 from ..reports.blocks import Block, Column, Line, Table, mark_style, numbers, remarks, share_cell, verdict, words
+from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
+from ..reports.torque_report import TorqueReport, analyse
+from ..reports.torque_verdict import contradictions, log_doubts, notes_on_log
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
 from ..typing import Array
-from ..viz.drawn_motion import DrawnMotion, read_motion
 from . import shared
 from .main import Given, option
 from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import show
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 _DIGITS = 3
 
@@ -82,26 +90,25 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
             "the catalogue describes the drives, and --actuators describes others. Leave --actuators out."
         )
     robot, log = shared.open_motion(options, given, path)
-    cycle = read_motion(shared.load_case(robot, options, given), log, smoothing=given.smooth)
-    notes = remarks(log.notes)
-    if not cycle.verdict.ok:
-        show(*_spoken(cycle.verdict), *notes)
-        return cycle.verdict.exit_code
-    robot = cycle.load.with_load
-    motion = Motion(cycle.time, cycle.q, cycle.dq, cycle.ddq, robot=robot, in_seconds=True)
+    report = _analysed(options, given, robot, log, smoothing=given.smooth)
+    notes = remarks(notes_on_log(report))
+    if refused := contradictions(report):
+        judged = Verdict.from_reasons(look_again=refused)
+        show(*_spoken(judged), *notes)
+        return judged.exit_code
+    states, robot = LoadStates.from_report(report), report.load.with_load
     emergency = None
     if given.emergency is not None:
-        stop = read_motion(
-            cycle.load, shared.open_motion(options, given, shared.motion_path(options, given.emergency))[1]
-        )
-        emergency = Motion(stop.time, stop.q, stop.dq, stop.ddq, robot=robot, in_seconds=True)
+        stop = shared.open_motion(options, given, shared.motion_path(options, given.emergency))
+        emergency = LoadStates.from_report(_analysed(options, given, *stop)).motion.with_robot(robot)
     found = size_drives(
-        robot, motion, source, emergency=emergency, friction=not given.no_friction,
+        robot, states.motion.with_robot(robot), source, emergency=emergency, friction=not given.no_friction,
         add_masses=not given.masses_included, shared_supply=given.regeneration == "shared",
-        **given.pick("pause", "ambient", "life", "brake"),
+        draws=[one.with_robot(robot) for one in states.draws], **given.pick("pause", "ambient", "life", "brake"),
     )  # fmt: skip
     found = found.choose() if given.choose and not found.choice else found
-    blocks = [*size_view(found, ambient=given.ambient), *notes]
+    judged = found.verdict.joined(Verdict.from_reasons(unsure=log_doubts(report)))
+    blocks = [*size_view(found, judged, ambient=given.ambient), *notes]
     show(*blocks)
     _write_figures(given.csv, found)
     from ..plotting.torques import plot_sizing
@@ -111,20 +118,32 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.out_actuators is not None:
         found.write_actuators(given.out_actuators)
     shared.show_written(given.csv, given.plot, given.out_actuators)
-    q, marked, title, state = _worst_moment(found, cycle)
-    link = write_viewer(given, cycle.load.robot, state, motion=cycle)
+    q, marked, title, state = _worst_moment(found, states.motion)
+    link = ""
+    if given.html is not None:
+        from ..viz.drawn_motion import reported_motion
+
+        link = write_viewer(given, report.load.robot, state, motion=reported_motion(report))
     if given.report is not None:
         pictures = [
             robot_picture(robot, q, marked, title, link=link),
             drawn("Drives", lambda path: plot_sizing(found, path)),
         ]
         write_report(given, "size", f"{robot.name} · {path.name}", blocks, files=files, pictures=pictures, robot=robot)
-    return found.verdict.exit_code
+    return judged.exit_code
 
 
-def _worst_moment(found: Sizing, cycle: DrawnMotion) -> tuple[Array, MarkedJoint | None, str, str]:
+def _analysed(
+    options: RobotOptions, given: Given, robot: Robot, log: MotionLog, *, smoothing: bool = False
+) -> TorqueReport:
+    """Analysis of a motion by the command ``torques``."""
+    load = shared.load_case(robot, options, given)
+    return analyse(load, Differentiation.plan(log, robot.model, smoothing=smoothing), robot.limits)
+
+
+def _worst_moment(found: Sizing, cycle: Motion) -> tuple[Array, MarkedJoint | None, str, str]:
     """Configuration in which a drive is nearest to a rating, its joint, a title, and the state of the page."""
-    name, start = cycle.load.robot.name, "at the beginning of the motion"
+    name, start = cycle.robot.name, "at the beginning of the motion"
     if not found.joints:
         return cycle.q[0], None, f"{name} {start}", ""
     joint = max(found.joints.values(), key=lambda j: j.tightest[1].share)
@@ -144,15 +163,15 @@ def _spoken(judged: Verdict) -> Iterator[Line]:
     yield from remarks(f"{reason}." for reason in rest)
 
 
-def size_view(found: Sizing, *, ambient: float) -> Iterator[Block]:
+def size_view(found: Sizing, judged: Verdict, *, ambient: float) -> Iterator[Block]:
     """Verdict, selected products, drives with their figures, and supply."""
-    if found.verdict.word is Word.OK:
+    if judged.word is Word.OK:
         one = max(found.joints.values(), key=lambda j: j.tightest[1].share)
         part, demand = one.tightest
         yield verdict(Word.OK, f": all ratings kept. Closest: {one.joint}, {part}: {demand.words}.")
     else:
-        yield from _spoken(found.verdict)
-    if not found.choice and found.verdict.word is Word.OVER_LIMIT:
+        yield from _spoken(judged)
+    if not found.choice and judged.word is Word.OVER_LIMIT:
         yield from (Line(sentence, indent=2) for sentence in smallest_drives(found, found.choose()))
     yield ""
     if found.joints:

@@ -266,13 +266,23 @@ def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
     return np.where(known, np.minimum(lower, low), low), np.where(known, np.maximum(upper, high), high)
 
 
+_NOT_NEGATIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "m", "Ixx", "Iyy", "Izz")
+"""Kinds of parameters that are never negative in a body or drive."""
+
+
+def _signed(base: BaseParameters) -> Array:
+    """(r,) bool: the group cannot be negative, as a sum of such parameters; a difference, as of coupled motors, can."""
+    never = np.isin(base.unknown.kinds, _NOT_NEGATIVE)
+    return np.asarray(((base.grouping == 0.0) | ((base.grouping > 0.0) & never)).all(axis=1))
+
+
 def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
     """Negative friction and motor inertias: two at a joint indicate the sign of its torque, one another cause."""
     kinds = np.array(seen.base.unknown.kinds)[seen.base.kept]
     drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
     parts = np.sqrt((seen.W**2).mean(axis=0)) * np.abs(seen.x)  # (nv, r) of each joint's torque
     share = (parts / np.maximum(np.sqrt((seen.tau**2).mean(axis=0)), 1e-300)[:, None])[~seen.dead].max(axis=0)
-    bad = np.flatnonzero(drive & (seen.x < -_NEGATIVE * seen.deviations) & (share > _NEGLIGIBLE))
+    bad = np.flatnonzero(drive & _signed(seen.base) & (seen.x < -_NEGATIVE * seen.deviations) & (share > _NEGLIGIBLE))
     owner = {int(k): seen.base.names[k].split(".")[0] for k in bad}
     if known or not owner:
         return []

@@ -93,6 +93,8 @@ class Motion:
     """Doubts found while the file was read; if None, :attr:`doubts` are found from the numbers."""
     epoch: int = 0
     """Stamp of time 0 in recordings [ns], since 1970 or on the clock of the original recording."""
+    derived: str = ""
+    """Source of derived rates: ``positions`` or ``velocities``; empty if all rates are given."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -120,6 +122,7 @@ class Motion:
             rates[label] = x
         given = rates["dq"] is not None or rates["ddq"] is not None
         if rates["dq"] is None or rates["ddq"] is None:
+            object.__setattr__(self, "derived", "positions" if rates["dq"] is None else "velocities")
             rates["dq"], ddq = _derived(self.robot, t, q, rates["dq"])
             rates["ddq"] = ddq if rates["ddq"] is None else rates["ddq"]
         for label, x in {"time": t, "q": q, **rates}.items():

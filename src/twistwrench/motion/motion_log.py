@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,13 +26,16 @@ from ..model.model import Model
 from ..typing import Array
 from . import log_table
 from .array_files import ArrayFile
-from .column_names import date_note
+from .column_names import date_note, time_column
 from .columns import Columns, MimicJointColumn, Reading
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of, without_times
 from .matching import varying_columns
 from .motion_file import JoinedFile, MotionFile, open_motion_file, with_sums
+
+if TYPE_CHECKING:
+    from .motion import Motion
 
 _MOST = 10_000
 """Number of rows with one time above which the clock is considered stopped."""
@@ -281,6 +284,32 @@ class MotionLog:
         if not columns and _FANUC.search(model.name.lower()) and {f"J{k}" for k in range(1, 7)} <= set(file.header):
             doubts.append(doubt("fanuc-j3", [coordinates.names[2]], joint=coordinates.names[2]))
         return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts))
+
+    @classmethod
+    def from_motion(cls, motion: Motion) -> MotionLog:
+        """Log in memory of the states from which the rates of a motion are derived.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        log : MotionLog
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> t = np.linspace(0, 1, 11)
+        >>> MotionLog.from_motion(tw.Motion(t, t[:, None] ** 2, robot=tw.robots.pendulum())).table.shape
+        (11, 2)
+        """
+        names = motion.coordinates
+        q, dq = names.headers(), names.headers("dq") if motion.derived == "velocities" else ()
+        table = np.column_stack([motion.time, motion.q, *([motion.dq] if dq else [])])
+        header = (time_column(names.names), *q, *dq)
+        file = ArrayFile.from_table(Path("motion"), header, table, table.nbytes)
+        return cls.open(file, motion.robot.model)
 
     @property
     def path(self) -> Path:

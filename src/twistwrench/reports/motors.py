@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.numbers import number, percent_of_limit, quantity, seconds
+from ..core.numbers import deviation, number, percent_of_limit, quantity, seconds
 from ..model.limits import over_limit
 from ..motion.bounds import RunningExtrema
 from ..typing import Array
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ..model.model import Model
 
 _MOST_POINTS = 4096
+SURE_LOAD = 3.0
+"""Standard deviations of a load within which noise decides; estimated from few draws, one of a thousand is farther off."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,18 @@ class Demand:
     """When [s]; nan for a mean over the motion."""
     base: float = 0.0
     """Value without load, such as the ambient temperature."""
+    sigma: float = 0.0
+    """Standard deviation of the value due to noise of a log."""
+
+    @property
+    def over(self) -> bool:
+        """True if the value exceeds its limit by more than round-off, and by more than noise explains."""
+        return bool(over_limit(replace(self, value=self.value - SURE_LOAD * self.sigma).share))
+
+    @property
+    def open(self) -> bool:
+        """True if noise decides whether the limit is exceeded."""
+        return not self.over and bool(over_limit(replace(self, value=self.value + SURE_LOAD * self.sigma).share))
 
     @property
     def share(self) -> float:
@@ -46,7 +60,9 @@ class Demand:
     def words(self) -> str:
         """Text of the demand with its limit."""
         when = "" if math.isnan(self.time) else f" at t = {seconds(self.time)} s"
-        return f"{self.what} {quantity(self.value, self.unit)} of {number(self.limit)} ({percent_of_limit(self.share)}){when}"
+        sigma = f" ± {deviation(self.sigma)}" if self.sigma else ""
+        value = f"{number(self.value)}{sigma} {self.unit}" if sigma else quantity(self.value, self.unit)
+        return f"{self.what} {value} of {number(self.limit)} ({percent_of_limit(self.share)}){when}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -216,6 +216,16 @@ def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> t
     If ``joints`` holds the peaks of all velocities, they include the missing force of a floating base.
     """
     before = _wide_peaks(report) + _judge_motion(report)[1] + model_warnings(report.load.with_load.model, joints)
+    return before, _after(report)
+
+
+def log_doubts(report: TorqueReport) -> list[str]:
+    """Reasons to be unsure of all loads of a log, whatever is judged by them."""
+    gaps = [report.gaps.hidden_words] if report.gaps.hidden > most_hidden(report) else []
+    return [*gaps, *_after(report)]
+
+
+def _after(report: TorqueReport) -> list[str]:
     after = []
     if any(outlier.matters for outlier in report.outliers):
         after.append(
@@ -226,7 +236,7 @@ def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> t
     different = _different(report)
     named = [c for c in report.causes if _alarms(c) and not any(explains(c, m.joint) for m in different)]
     doubted = [m for m in different if not m.contradicts]
-    return before, [*after, *(cause.sentence.rstrip(".") for cause in named), *_against(report, doubted)]
+    return [*after, *(cause.sentence.rstrip(".") for cause in named), *_against(report, doubted)]
 
 
 def _different(report: TorqueReport) -> list[MeasuredTorque]:
@@ -493,6 +503,14 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     yield from _measured_notes(report)
     yield from _stray_notes(report)
     yield from d.trajectory.notes
+
+
+def notes_on_log(report: TorqueReport) -> Iterator[str]:
+    """Notes on the log that affect all loads, whatever is judged by them."""
+    if report.noisy:
+        yield from _quality_notes(report)
+    yield from _stray_notes(report)
+    yield from report.differentiation.trajectory.notes
 
 
 def _friction_notes(report: TorqueReport) -> Iterator[str]:

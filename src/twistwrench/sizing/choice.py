@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,18 +17,35 @@ from ..core.numbers import number
 from ..core.verdict import Verdict
 from ..errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..formats.yaml import Source
+from ..joints.units import units_of
 from ..model.actuators import moving
 from ..model.couplings import refuse_couplings
+from ..motion.coordinates import Coordinates
 from ..motion.motion import Motion
+from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
+from ..reports.torque_verdict import model_warnings
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .catalog import Catalog, Pair, read_catalog
-from .drives import CatalogMotor, Cycle, Gear, SizedGear, SizedMotor, Supply, sized_gear, sized_motor, supply_of
+from .drives import (
+    CatalogMotor,
+    Cycle,
+    Gear,
+    SizedGear,
+    SizedMotor,
+    Supply,
+    sized_gear,
+    sized_motor,
+    supply_of,
+    with_noise,
+)
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
+_FAR = 2.0
+"""Share of a limit above which noise of a log cannot matter."""
 _LIGHTEST = 1e-15
 """Inertia used for rotors of unknown inertia [kg m²]."""
 
@@ -67,9 +84,21 @@ class SizedJoint:
         return f"{what} {part.name}", part.tightest
 
     @property
+    def open(self) -> tuple[str, ...]:
+        """Sentence without a full stop for each demand of which noise of the log decides whether its limit is exceeded."""
+        return tuple(
+            f"noise of the log decides: {_words(self.joint, part, d)}" for part in self._parts for d in part[1].open
+        )
+
+    @property
     def fits(self) -> bool:
-        """True if all limits are kept."""
+        """True if no limit is certainly exceeded."""
         return not (self.motor.excess or self.gear.excess)
+
+    @property
+    def sure(self) -> bool:
+        """True if all limits are certainly kept, and no rating is missing."""
+        return self.fits and not (self.open or self.missing)
 
     @property
     def _parts(self) -> tuple[tuple[str, SizedMotor | SizedGear], ...]:
@@ -89,6 +118,8 @@ class Chosen:
     """None if no pair of the catalogue is sufficient."""
     smaller: tuple[Pair, str] | None
     """Next smaller pair and the reason for its rejection; None if there is none."""
+    rivals: tuple[Pair, ...] = ()
+    """Smaller pairs that may be sufficient, as noise of the log decides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +127,8 @@ class SizingProblem:
     """Robot, cycle and settings shared by all candidates."""
 
     robot: Robot
-    states: tuple[Array, Array, Array]
+    states: Sequence[tuple[Array, Array, Array]]
+    """q, dq and ddq at the nodes of the cycle, followed by those of equally likely cycles."""
     time: Array
     brake: bool
     holding: slice
@@ -108,6 +140,8 @@ class SizingProblem:
     ambient: float
     life: float | None
     shared: bool
+    doubts: tuple[str, ...] = ()
+    """Reasons to be unsure of all loads."""
 
     def driven(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
         """Robot with the drives as rotors with mass, and a rotor of 1 kg m² without a gear at ``probe``."""
@@ -126,30 +160,52 @@ class SizingProblem:
             entries[probe] = {"ratio": 1, "rotor": {"inertia": "1 kg m^2", "extra": True}}
         return self.robot.with_actuators({"actuators": entries}) if entries else self.robot
 
-    def cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]], motion: Motion | None = None) -> Cycle:
-        """Loads of a joint, given the drives of other joints that load it."""
-        states, time = (self.states, self.time) if motion is None else ((motion.q, motion.dq, motion.ddq), motion.time)
-        robot = self.driven({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
+    def cycles(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> list[Cycle]:
+        """Loads of a joint in each of the cycles, given the drives of other joints that load it."""
+        robot = self._probed(joint, drives)
+        return [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
+
+    def emergency_cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Cycle | None:
+        """Loads of a joint in the emergency; None without one."""
+        if (stop := self.emergency) is None:
+            return None
+        return self._cycle(
+            self._probed(joint, drives), joint, (stop.q, stop.dq, stop.ddq), stop.time, slice(len(stop), None)
+        )
+
+    def _probed(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
+        return self.driven({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
+
+    def _cycle(
+        self, robot: Robot, joint: str, states: tuple[Array, Array, Array], time: Array, holding: slice
+    ) -> Cycle:
         q, dq, ddq = states
         k = robot.model.velocity_names.index(joint)
         carried, rotor = robot.drive_torques(q, dq, ddq)
         torque = np.array(carried[:, k])
         if self.friction:
             torque = torque + robot.friction_forces(moving(dq), load=carried)[:, k]
-        if self.brake and motion is None:
-            torque[self.holding] = 0.0
+        if self.brake:
+            torque[holding] = 0.0
         mass = robot.mass_matrix(q)[:, k, k] - 1.0  # subtract the probe's inertia
         return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
 
-    def sized(self, joint: str, drive: tuple[CatalogMotor, Gear], cycle: Cycle, emergency: Cycle | None) -> SizedJoint:
-        """One drive under the loads of its joint."""
+    def sized(
+        self, joint: str, drive: tuple[CatalogMotor, Gear], cycles: Sequence[Cycle], emergency: Cycle | None
+    ) -> SizedJoint:
+        """One drive under the loads of its joint, in the cycle and in equally likely ones."""
         motor, gear = drive
         held = self.holding if self.brake else slice(0, 0)
-        return SizedJoint(
-            joint, (motor.name, gear.name), motor.mass + gear.mass,
-            sized_motor(motor, gear, cycle, ambient=self.ambient, holding=held, weighs=self.add_masses),
-            sized_gear(gear, cycle, self.life, emergency, weighs=self.add_masses), cycle,
-        )  # fmt: skip
+        given: dict[str, Any] = {"ambient": self.ambient, "holding": held, "weighs": self.add_masses}
+        motors = [sized_motor(motor, gear, cycles[0], **given)]
+        gears = [sized_gear(gear, cycles[0], self.life, emergency, weighs=self.add_masses)]
+        if len(cycles) > 1 and max(motors[0].tightest.share, gears[0].tightest.share) < _FAR:
+            motors += [sized_motor(motor, gear, c, **given) for c in cycles[1:]]
+            gears += [sized_gear(gear, c, self.life, emergency, weighs=self.add_masses) for c in cycles[1:]]
+            motors[0] = replace(motors[0], demands=with_noise(motors[0].demands, [m.demands for m in motors[1:]]))
+            gears[0] = replace(gears[0], demands=with_noise(gears[0].demands, [g.demands for g in gears[1:]]))
+        mass = motor.mass + gear.mass
+        return SizedJoint(joint, (motor.name, gear.name), mass, motors[0], gears[0], cycles[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,11 +244,16 @@ class Sizing:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating, or OK."""
+        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating or where noise decides, or OK."""
         over = [f"{name}: no pair of the catalogue does it" for name, x in self.choice.items() if x.drive is None]
         over += [words for one in self._by_share for words in one.excess]
-        unsure = [words for one in self._by_share for words in one.missing]
-        return Verdict.from_reasons(over=over, unsure=unsure)
+        unsure = [
+            f"{name}: noise of the log decides between {' and '.join(map(drive_name, (*x.rivals, x.drive)))}"
+            for name, x in self.choice.items()
+            if x.drive is not None and x.rivals
+        ]
+        unsure += [words for one in self._by_share for words in (*one.open, *one.missing)]
+        return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
 
     @property
     def _by_share(self) -> list[SizedJoint]:
@@ -298,6 +359,7 @@ def size_drives(
     friction: bool = True,
     add_masses: bool = True,
     shared_supply: bool = True,
+    draws: Sequence[Motion] = (),
 ) -> Sizing:
     """Drive sizing: loads of motors and gears over a repeated motion, compared with the ratings of a catalogue.
 
@@ -307,6 +369,7 @@ def size_drives(
     ----------
     robot : Robot, with its payload, without actuators
     motion : Motion of this robot; the cycle is the motion followed by the pause, repeated indefinitely
+        Derived rates are judged as those of a log by the command ``torques``: smoothed if noise matters.
     catalog : str, Path, mapping or Catalog; YAML file, its text or content, or "servos"; see docs/sizing.md
     pause : float, time at rest after the motion, while the motors hold the robot [s]
     ambient : float, temperature of the air [°C]
@@ -316,6 +379,7 @@ def size_drives(
     friction : bool, include joint friction of the robot file
     add_masses : bool, add the masses of the drives; False if the links include them
     shared_supply : bool, a braking drive feeds the others through a common link
+    draws : sequence of Motion, optional, equally likely motions at the same times, for the effect of noise on each load
 
     Returns
     -------
@@ -344,7 +408,7 @@ def size_drives(
     """
     require_robot(robot, "size_drives")
     refuse_couplings(robot.model, "size_drives")
-    for given in (motion, *([] if emergency is None else [emergency])):
+    for given in (motion, *([] if emergency is None else [emergency]), *draws):
         if not isinstance(given, Motion):
             raise ShapeError(f"size_drives: a motion is a tw.Motion, got {arguments.shown(given)}.")
     listed = read_catalog(catalog)
@@ -363,26 +427,49 @@ def size_drives(
             raise UnknownNameError.from_choices("joint that turns", name, turning)
     armed = {n: 0.0 for n in names if robot.armature[robot.model.velocity_names.index(n)]}
     bare = robot.with_armature(armed) if armed else robot
-    moved = motion.with_robot(bare)
-    states, time, holding = _with_pause(moved, pause)
-    stop = None if emergency is None else emergency.with_robot(bare)
+    states = LoadStates.from_motion(bare, motion.with_robot(bare), friction=friction)
+    stop = None if emergency is None else LoadStates.from_motion(bare, emergency.with_robot(bare)).motion
+    likely = states.draws or [one.with_robot(bare) for one in draws]
+    cycles, time, holding = _with_pause([states.motion, *likely], pause)
     problem = SizingProblem(
-        bare, states, time, brake, holding, stop, friction, add_masses, tuple(armed), ambient, life, shared_supply
-    )
+        bare, cycles, time, brake, holding, stop, friction, add_masses, tuple(armed), ambient, life, shared_supply,
+        tuple(_doubts(bare, states.motion)),
+    )  # fmt: skip
     if not listed.drives:
         return _chosen(problem, listed, names)
     return _sizing(problem, listed, listed.drives, {})
 
 
-def _with_pause(motion: Motion, pause: float) -> tuple[tuple[Array, Array, Array], Array, slice]:
-    """States and times of the motion followed by the pause, and the nodes of the pause."""
-    n, still = len(motion), np.zeros((2, motion.dq.shape[1]))
-    time = motion.time - motion.time[0]
+class _Peak(NamedTuple):
+    """Largest torque of a velocity."""
+
+    peak: float
+    unit: str
+    uncertainty: float = 0.0
+
+
+def _doubts(robot: Robot, motion: Motion) -> list[str]:
+    """Reasons to be unsure of the loads of a robot: links without mass, and a base that nothing holds."""
+    peaks = np.abs(robot.inverse_dynamics(motion.q, motion.dq, motion.ddq)).max(axis=0)
+    units = units_of("tau", Coordinates.from_model(robot.model).angular_velocity)
+    return model_warnings(robot.model, [_Peak(float(x), unit) for x, unit in zip(peaks, units, strict=True)])
+
+
+def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Array, Array, Array]], Array, slice]:
+    """States of each motion followed by the pause, their times, and the nodes of the pause."""
+    n, time = len(motions[0]), motions[0].time - motions[0].time[0]
     if pause == 0:
-        return (motion.q, motion.dq, motion.ddq), time, slice(n, n)
-    q = np.concatenate([motion.q, motion.q[-1:], motion.q[-1:]])
-    dq, ddq = (np.concatenate([x, still]) for x in (motion.dq, motion.ddq))
-    return (q, dq, ddq), np.append(time, [time[-1], time[-1] + pause]), slice(n, n + 2)
+        return [(one.q, one.dq, one.ddq) for one in motions], time, slice(n, n)
+    still = np.zeros((2, motions[0].dq.shape[1]))
+    states = [
+        (
+            np.concatenate([one.q, one.q[-1:], one.q[-1:]]),
+            np.concatenate([one.dq, still]),
+            np.concatenate([one.ddq, still]),
+        )
+        for one in motions
+    ]
+    return states, np.append(time, [time[-1], time[-1] + pause]), slice(n, n + 2)
 
 
 def _sizing(
@@ -390,10 +477,10 @@ def _sizing(
 ) -> Sizing:
     """Sizing of all drives."""
     parts = {name: catalog.pair(pair) for name, pair in drives.items()}
-    joints = {}
-    for name, drive in parts.items():
-        stop = problem.cycle(name, parts, problem.emergency) if problem.emergency is not None else None
-        joints[name] = problem.sized(name, drive, problem.cycle(name, parts), stop)
+    joints = {
+        name: problem.sized(name, drive, problem.cycles(name, parts), problem.emergency_cycle(name, parts))
+        for name, drive in parts.items()
+    }
     left = tuple(n for n in problem.robot.model.velocity_names if n not in joints)
     supply = supply_of([j.motor.power for j in joints.values()] or [np.zeros(len(problem.time))], np.diff(problem.time),
                        shared=problem.shared)  # fmt: skip
@@ -405,24 +492,35 @@ def _chosen(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> S
     order = [n for n in reversed(problem.robot.model.velocity_names) if n in set(names)]
     parts: dict[str, tuple[CatalogMotor, Gear]] = {}
     choice: dict[str, Chosen] = {}
-    pairs = sorted(catalog.pairs, key=catalog.size)
     for joint in order:
-        cycle = problem.cycle(joint, parts)
-        stop = problem.cycle(joint, parts, problem.emergency) if problem.emergency is not None else None
-        found = [problem.sized(joint, catalog.pair(pair), cycle, stop) for pair in pairs]
-        sure = [k for k, one in enumerate(found) if one.fits and not one.motor.missing and not one.gear.missing]
-        k = next(iter(sure or [k for k, one in enumerate(found) if one.fits]), None)
-        if k is None:
-            choice[joint] = Chosen(joint, None, None)
-            continue
-        smaller = None
-        if k:
-            before = found[k - 1]
-            smaller = pairs[k - 1], (before.excess or before.missing)[0]
-        choice[joint] = Chosen(joint, pairs[k], smaller)
-        parts[joint] = catalog.pair(pairs[k])
+        choice[joint] = found = _smallest(problem, catalog, joint, parts)
+        if found.drive is not None:
+            parts[joint] = catalog.pair(found.drive)
     back = {name: choice[name] for name in reversed(choice)}
     return _sizing(problem, catalog, {n: c.drive for n, c in back.items() if c.drive}, back)
+
+
+def _smallest(
+    problem: SizingProblem, catalog: Catalog, joint: str, parts: Mapping[str, tuple[CatalogMotor, Gear]]
+) -> Chosen:
+    """Smallest pair that certainly does it, else the smallest that may; pairs are tried by their size."""
+    cycles, stop = problem.cycles(joint, parts), problem.emergency_cycle(joint, parts)
+    tried: list[tuple[Pair, SizedJoint]] = []
+    for pair in sorted(catalog.pairs, key=catalog.size):
+        tried.append((pair, problem.sized(joint, catalog.pair(pair), cycles, stop)))
+        if tried[-1][1].sure:
+            break
+    sure = bool(tried) and tried[-1][1].sure
+    fitting = [k for k, (_, one) in enumerate(tried) if one.fits]
+    if not fitting:
+        return Chosen(joint, None, None)
+    k = fitting[-1] if sure else fitting[0]
+    smaller = None
+    if k:
+        pair, before = tried[k - 1]
+        smaller = pair, (before.excess or before.open or before.missing)[0]
+    rivals = tuple(tried[i][0] for i in fitting if i < k and not tried[i][1].missing)
+    return Chosen(joint, tried[k][0], smaller, rivals if sure else ())
 
 
 def drive_name(pair: Pair) -> str:

@@ -7,7 +7,7 @@ constant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -101,6 +101,18 @@ def between(x: Array) -> Array:
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
 
+def with_noise(demands: Sequence[Demand], draws: Sequence[Sequence[Demand]]) -> tuple[Demand, ...]:
+    """Demands less what noise adds to them on average, with standard deviations, from those of equally likely motions."""
+    found = []
+    for one in demands:
+        values = np.array([d.value for drawn in draws for d in drawn if (d.what, d.limit) == (one.what, one.limit)])
+        if len(values) > 1 and np.isfinite([one.value, *values]).all():
+            found.append(replace(one, value=2 * one.value - float(values.mean()), sigma=float(values.std(ddof=1))))
+        else:
+            found.append(one)
+    return tuple(found)
+
+
 # ── Gear
 
 
@@ -158,7 +170,12 @@ class DrivePart:
     @property
     def excess(self) -> tuple[Demand, ...]:
         """Demands beyond their limits."""
-        return tuple(d for d in self.demands if over_limit(d.share))
+        return tuple(d for d in self.demands if d.over)
+
+    @property
+    def open(self) -> tuple[Demand, ...]:
+        """Demands of which noise of the log decides whether they exceed their limits."""
+        return tuple(d for d in self.demands if d.open)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,74 @@
+"""States of a motion for its loads, the same for every command: smoothed if noise of the log matters.
+
+A log of positions has no accelerations, and its noise becomes torque. The analysis of ``torques`` decides whether that
+matters. Motors and gears are then judged by the smoothed motion; equally likely motions give the uncertainty of each load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..motion.differentiation import Differentiation, MotionSamples
+from ..motion.motion import Motion
+from ..motion.motion_log import LogRows, MotionLog
+from ..motion.smoothing import spline_rates
+from ..typing import Array
+from .load_case import LoadCase
+from .torque_report import TorqueReport, analyse
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+DRAWS = 12
+"""Number of equally likely motions."""
+_ROWS, _SEED = 8192, 0
+
+
+class LoadStates(NamedTuple):
+    """States for the loads of a motion."""
+
+    motion: Motion
+    """Velocities of joints at rest within the noise are 0."""
+    draws: tuple[Motion, ...] = ()
+    """Equally likely motions with the noise of the log; empty if noise does not matter."""
+
+    @classmethod
+    def from_report(cls, report: TorqueReport) -> LoadStates:
+        """States of the analysis of a log."""
+        plan, robot = report.differentiation, report.load.robot
+        motion = _joined(plan.states(_ROWS), robot)
+        if not report.noisy:
+            return cls(motion)
+        rng, draws = np.random.default_rng(_SEED), [list[MotionSamples]() for _ in range(DRAWS)]
+        for _, rows, inner in plan.surrounded_states(_ROWS):
+            for kept, states in zip(draws, _drawn(plan, rows, rng), strict=True):
+                kept.append(states[inner])
+        return cls(motion, tuple(_joined(parts, robot) for parts in draws))
+
+    @classmethod
+    def from_motion(cls, robot: Robot, motion: Motion, *, friction: bool = True) -> LoadStates:
+        """States of a motion in memory; rates that were derived are judged as those of a log are."""
+        if not motion.derived:
+            return cls(motion)
+        log = MotionLog.from_motion(motion)
+        load = LoadCase(robot, friction=friction)
+        return cls.from_report(analyse(load, Differentiation.plan(log, robot.model), robot.limits))
+
+
+def _joined(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
+    """Motion of consecutive states; joints at rest within the noise have no velocity."""
+    kept = [(s.time, s.q, np.where(s.stationary, 0.0, s.dq), s.ddq) for s in parts]
+    time, q, dq, ddq = (np.concatenate(x) for x in zip(*kept, strict=True))
+    return Motion(time, q, dq, ddq, robot=robot, in_seconds=True)
+
+
+def _drawn(plan: Differentiation, rows: LogRows, rng: np.random.Generator) -> list[MotionSamples]:
+    """States of random logs of the smoothed motion, each smoothed as the log is."""
+    curve = plan.smooth(rows.time, plan.curves(rows))
+    logs: Array = plan.errors.drawn(rng, curve, spline_rates(rows.time, curve)[0], DRAWS)
+    name = "q" if rows.dq is None else "dq"
+    return [plan.complete(replace(rows, **{name: logs[:, :, k]})) for k in range(DRAWS)]
