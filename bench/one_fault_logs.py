@@ -23,8 +23,8 @@ _PHASES = 160
 _SPEEDS = np.geomspace(0.04, 1.0, 40)
 _PER_RATE = 0.04
 """Cycles a second, at most, for each row a second."""
-TORQUE_NOISE = 0.01
-"""Of measured torques, as a share of their deviation."""
+TORQUE_NOISE, TORQUE_FLOOR = 0.01, 0.002
+"""Noise of measured torques, as a share of their deviation, and at least of their limit, or of the robot's largest torque."""
 
 
 # ── Motions
@@ -239,7 +239,9 @@ def recording(robot: str, seed: int, style: str, rate: float, level: float, *, m
         made.dq = dq + 10 * noise * rng.normal(size=q.shape)
     if measured:
         tau = judge.torques(q, dq, ddq)
-        made.tau = tau + TORQUE_NOISE * np.maximum(tau.std(axis=0), 1e-6) * rng.normal(size=tau.shape)
+        known = np.isfinite(judge.limits.effort) & (not judge.mechanism.placeholder)
+        floor = TORQUE_FLOOR * np.where(known, judge.limits.effort, np.abs(tau).max())
+        made.tau = tau + np.maximum(TORQUE_NOISE * tau.std(axis=0), floor) * rng.normal(size=tau.shape)
     made.digits = str(rng.choice(["%.9g", "%.6f", "%.17g"]))
     if rng.random() < 0.25:  # since 1970, or since the start of the computer
         made.t = made.t + float(rng.choice([1_700_000_000.0, 5123.25]))

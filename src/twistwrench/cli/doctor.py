@@ -12,12 +12,13 @@ from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..errors import ValueRangeError
-from ..reports.blocks import Block, Line, Table, numbers, verdict, words
+from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
+from ..reports.torque_verdict import base_doubts
 from ..robot import Robot, load
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
-from .shared import JSON, LIMITS, XACRO, RobotOptions, robot_command, robot_source, xacro_arguments
+from .shared import JSON, LIMITS, XACRO, RobotOptions, base_option, robot_command, robot_source, xacro_arguments
 from .terminal import show
 
 
@@ -46,6 +47,7 @@ from .terminal import show
     option("--strict", "Exit with 1 also for notes, and list all of them."),
     option("--model NAME", "Model to read from an SDF world."),
     option("--floating-base", "Let the base move freely, so that its inertia is checked."),
+    option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
     XACRO,
     examples_=("doctor ur5", "doctor quadruped --report quadruped.html"),
 )
@@ -68,7 +70,7 @@ def doctor_command(given: Given) -> ExitCode:
         meshes=given.meshes or True,
         metric=given.metric,
         mirror_from=given.mirror_from,
-        floating_base=given.floating_base or None,
+        floating_base=base_option(given.floating_base, given.fixed_base),
         model=given.model,
         limits=given.limits,
     )
@@ -93,7 +95,7 @@ def doctor_command(given: Given) -> ExitCode:
 
 def _expanded(source: str | Path, arguments: Mapping[str, str], given: Given) -> Robot:
     """Robot of a file with macros, with whatever inertias it has."""
-    floating_base = given.floating_base or None
+    floating_base = base_option(given.floating_base, given.fixed_base)
     return load(source, xacro=arguments, inertia="accept", floating_base=floating_base, model=given.model)
 
 
@@ -130,6 +132,7 @@ def doctor_view(report: DoctorReport, *, every: bool = False) -> Iterator[Block]
     doubtful = Severity.WARNING in severities or (every and severities)
     word = Word.LOOK_AGAIN if Severity.ERROR in severities else Word.UNSURE if doubtful else Word.OK
     yield verdict(word, f": {report.robot}, {report.summary}.")
+    yield from remarks(f"{text[0].upper()}{text[1:]}." for text in base_doubts(report.subject.robot.model))
     if not report.findings:
         return
     if str(report.effect) != "none":

@@ -20,6 +20,7 @@ from ..model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Branch, Line, Piece, Table, numbers, remarks, words
 from ..reports.robot_summary import as_text, link_of
+from ..reports.torque_verdict import base_doubts
 from ..robot import Robot
 from ..robots.finding import FoundRobot, known_robots, plain_name
 from .main import Given, command
@@ -72,7 +73,7 @@ def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
     yield from (_coupling(model, k) for k in range(len(model.couplings)))
     yield _inertias(model)
     yield _tree(model)
-    yield from remarks(grouped(model.defects))
+    yield from remarks([*grouped(model.defects), *(f"{text[0].upper()}{text[1:]}." for text in base_doubts(model))])
 
 
 def _heading(model: Model) -> Line:

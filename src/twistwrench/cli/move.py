@@ -25,9 +25,10 @@ from ..motion.csv_reader import CsvFile, table_errors
 from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
 from ..reports.load_case import limit_doubts
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
-from ..reports.torque_verdict import assumed_words, assumptions, friction_words, model_warnings
+from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, friction_words, model_warnings
 from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
+from ..trajectories.trajectory import required_torques
 from ..typing import Array
 from .main import Given, noted_if_failed, option
 from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
@@ -125,7 +126,8 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         return _cannot(problem, [], report)
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = limit_doubts(load.robot, bounds, [use.peak for use in uses]) + model_warnings(robot.model, uses)
+    doubts = base_doubts(robot.model) + limit_doubts(load.robot, bounds, [use.peak for use in uses])
+    doubts += model_warnings(robot.model, uses)
     times = np.linspace(0.0, moving.duration, _SAMPLES)
     clearance = clearance_along(given, robot, [(times, moving(times)[0])])
     unclear = [] if clearance is None or clearance.verdict.word is not Word.UNSURE else clearance.verdict.reasons
@@ -199,7 +201,7 @@ def _worst_moment(
     """Configuration in which a joint is nearest to a torque or velocity limit, the joint, and a title."""
     robot, t = trajectory.robot, np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=friction))
     speed = np.where(coupled_entries(robot.model), np.inf, bounds.velocity)
     shares = np.maximum(np.abs(tau) / bounds.effort, np.abs(dq) / speed)
     row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
@@ -219,8 +221,8 @@ def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction
     shapes: dict[str, Any] = {"quintic": quintic(1.0), "cubic": cubic(1.0), "s-curve": s_curve(1.0)}
     shape = {**shapes, "trapezoid": trapezoid(v=1.5, duration=1.0)}[given.scaling]
     if given.duration is not None:
-        return Trajectory(robot, path, shape.stretched(given.duration))
-    return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction))
+        return Trajectory(robot, path, shape.stretched(given.duration), friction=friction)
+    return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction), friction=friction)
 
 
 def _path_and_trouble(
@@ -301,8 +303,9 @@ class JointUse:
 def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> list[JointUse]:
     """Peaks for each entry of dq; coupled joints are replaced by their motors."""
     robot, model = trajectory.robot, trajectory.robot.model
-    q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
-    tau = motor_torques(model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    t = np.linspace(0.0, trajectory.duration, _SAMPLES)
+    q, dq, ddq = trajectory(t)
+    tau = motor_torques(model, required_torques(robot, t, q, dq, ddq, friction=friction))
     way, dq = motor_velocities(model, robot.subtract(q[-1], q[0])), motor_velocities(model, dq)
     units, most_speed = units_of("tau", drive_turns(model)), np.where(coupled_entries(model), np.inf, bounds.velocity)
     at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)

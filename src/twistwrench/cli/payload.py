@@ -21,7 +21,7 @@ from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
 from ..reports.load_case import Payload, limit_doubts, unlimited
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
-from ..reports.torque_verdict import assumed_words, assumptions, model_warnings
+from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot
 from ..statics.equilibrium import BeyondStop, joints_beyond_stops
 from ..statics.force_capability import largest_wrench, weakest_direction
@@ -82,7 +82,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     beyond = joints_beyond_stops(robot, q, allowed)
     loads = (np.abs(found.unloaded) + np.abs(found.per_kilogram))[: robot.nv]
     judged = not unlimited(robot.model, limits, loads)
-    doubts = limit_doubts(load.robot, allowed, loads)
+    doubts = [*base_doubts(robot.model), *limit_doubts(load.robot, allowed, loads)]
     if lacking := model_warnings(robot.model):
         doubts.append(f"{'; '.join(lacking)}: the payload may be less")
     blocks: list[Block] = [stops_view(beyond, degrees=options.degrees)] if beyond else []

@@ -94,6 +94,13 @@ def motion_path(options: RobotOptions, motion: str) -> Path:
 # ── The options
 
 
+def base_option(floating: bool, fixed: bool) -> bool | None:
+    """True for --floating-base, False for --fixed-base, None without both."""
+    if floating and fixed:
+        raise ValueRangeError("--floating-base lets the base move, and --fixed-base holds it. Leave one of them out.")
+    return floating if floating or fixed else None
+
+
 @dataclass(frozen=True)
 class RobotOptions:
     """Options for reading the robot."""
@@ -116,6 +123,7 @@ class RobotOptions:
     """Arguments of a xacro file; None if the option is not given."""
     include_paths: tuple[str, ...] = ()
     """Folders from which files that the robot file names may be read, beside its own."""
+    fixed_base: bool = False
 
     def load(self) -> Robot:
         """Load a bundled robot by name, or a file by path."""
@@ -143,8 +151,9 @@ class RobotOptions:
         """
         make = self._maker()
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
-        if self.floating_base:  # some bundled robots have a floating base already
-            options["floating_base"] = True
+        base = base_option(self.floating_base, self.fixed_base)
+        if base is not None:  # some bundled robots have a floating base already
+            options["floating_base"] = base
         own = {"keep": self.keep, "model": self.model, "xacro": self.xacro, "include_paths": self.include_paths or None}
         options |= {name: value for name, value in own.items() if value is not None}
         if not self.lock and held is None and self.chain is None:
@@ -203,6 +212,7 @@ XACRO = option(*_XACRO, multiple=True, is_flag=False, flag_value="")
 _ROBOT = option_group(
     click.argument("source", metavar="ROBOT"),
     _option("--floating-base", "Let the base move freely."),
+    _option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
     _option(
         "--lock JOINT=VALUE", "Lock a joint at a position, or all joints of a pattern: '*wheel*=0'; may be repeated.",
         multiple=True,

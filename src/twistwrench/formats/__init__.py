@@ -100,6 +100,8 @@ def load_model(
             from .urdf import read_urdf
 
             builder, floating = read_urdf(root, origin, snap), bool(floating_base)
+        if floating_base is False:
+            builder.mount()
         return builder.build(
             floating_base=floating, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity,
             quiet=quiet,

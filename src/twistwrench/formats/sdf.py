@@ -299,6 +299,8 @@ class _SdfReader:
             if one.tag == "drake:joint":
                 raise one.error("is an extension of Drake's, which is not read. Write it as a <joint>.")
         self._add_roots(held)
+        if is_true(self.model, "static") or any(word(j, "parent") == WORLD for j in self.parts.joints.values()):
+            builder.mount()
         for name, frame in self.parts.named.items():
             carrier = self.parts.link_of(name, frame)
             builder.add_site(name, carrier, self.parts.between(carrier, name, frame), where=frame.place)

@@ -181,6 +181,8 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
         )
     parent = joint.required("parent", '<parent link="base"/>').text("link")
     child = joint.required("child", '<child link="arm"/>').text("link")
+    if kind == "fixed" and parent == "world":
+        builder.mount()
     moves = kind != "fixed"  # other attributes of a fixed joint are meaningless and not read
     axis = joint.child("axis") if moves and kind != "floating" else None
     dynamics = joint.child("dynamics") if moves else None

@@ -462,6 +462,8 @@ class _Reader:
                 )
         if start is not None:
             self._hold(start)
+        else:
+            self.builder.mount()
         for link in tree:
             self._add(link)
         for joint in closing:

@@ -90,6 +90,25 @@ def bounds_of(
     return replace(robot.limits, **found)
 
 
+# ── Friction at the ends of a motion
+
+_BESIDE = 1e-9
+"""Time [s] from an end of a motion at which its friction is taken: long enough for a sign, too short for any other term."""
+
+
+def velocities_inside(time: Array, dq: Array, ddq: Array, begin: float, end: float) -> Array:
+    """Velocities (..., nv) with zeros at ``begin`` and ``end`` of a motion replaced by those just inside.
+
+    A joint that arrives with its braking acceleration slides until it stands, so that friction still helps to brake it; one
+    that leaves with an acceleration has friction against it from the start. At exactly zero speed, neither is defined.
+
+    >>> velocities_inside(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[4.0], [-4.0]]), 0.0, 1.0).tolist()
+    [[4e-09], [4e-09]]
+    """
+    way = 1.0 * (time <= begin) - 1.0 * (time >= end)
+    return np.where(dq == 0.0, _BESIDE * way[..., None] * ddq, dq) if begin < end else dq
+
+
 # ── Limit check of a motion
 
 _PARTS: dict[str, Part] = {"position": "q", "velocity": "dq", "acceleration": "ddq", "jerk": "dddq", "torque": "tau"}

@@ -14,6 +14,7 @@ from ..estimation.least_squares import MAD
 from ..estimation.noise import SampleErrors, Survey, sample_errors, survey
 from ..model.model import Model
 from ..typing import Array
+from .bounds import velocities_inside
 from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import excerpts, windows
 from .motion_log import LogRows, MotionLog
@@ -328,7 +329,13 @@ class Differentiation:
         table = self.trajectory.table
         for rows, inner in windows(len(table), max(core, self.margin), self.margin):
             motion = self.trajectory.motion(table[rows])
-            yield self.complete(motion), motion, inner
+            states = self.complete(motion)
+            if self.source == "given" and not self.derives_velocities:
+                begin = motion.time[0] if rows.start == 0 else -math.inf
+                end = motion.time[-1] if rows.stop >= len(table) else math.inf
+                dq = velocities_inside(states.time, states.dq, states.ddq, begin, end)
+                states = replace(states, dq=dq)
+            yield states, motion, inner
             if progress is not None:
                 progress(inner.stop - inner.start)
 

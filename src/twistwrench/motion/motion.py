@@ -26,7 +26,7 @@ from ..log_checks.doubts import Doubt
 from ..model.limits import Limits
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .bounds import LimitCheck, Violation, bounds_or_own
+from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
 from .coordinates import Coordinates, joint_rates
 from .smoothing import FEWEST, continuous, spline_rates, states_between
@@ -95,6 +95,8 @@ class Motion:
     """Stamp of time 0 in recordings [ns], since 1970 or on the clock of the original recording."""
     derived: str = ""
     """Source of derived rates: ``positions`` or ``velocities``; empty if all rates are given."""
+    friction: bool = False
+    """True if it was planned with joint friction, which :meth:`violations` then counts."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -357,9 +359,14 @@ class Motion:
 
         Notes
         -----
-        MR section 8.3.
+        MR section 8.3. In the first and the last sample, a joint with zero velocity that accelerates has the friction of
+        the motion just inside.
         """
-        return np.asarray(self.robot.inverse_dynamics(self.q, self.dq, self.ddq, friction=friction))
+        return np.asarray(self.robot.inverse_dynamics(self.q, self._sliding, self.ddq, friction=friction))
+
+    @property
+    def _sliding(self) -> Array:
+        return velocities_inside(self.time, self.dq, self.ddq, self.time[0], self.time[-1])
 
     def terms(self, *, friction: bool = False) -> dict[str, Array]:
         """Torques split into the terms of the equation of motion.
@@ -374,15 +381,16 @@ class Motion:
         coriolis = robot.coriolis_forces(self.q, self.dq)
         tau = robot.inverse_dynamics(self.q, self.dq, self.ddq)
         found = {"inertia": tau - coriolis - gravity, "coriolis": coriolis, "gravity": gravity}
-        return found | {"friction": robot.friction_forces(self.dq, load=tau)} if friction else found
+        return found | {"friction": robot.friction_forces(self._sliding, load=tau)} if friction else found
 
     def violations(
-        self, bounds: Limits | None = None, *, friction: bool = False, tau: Array | None = None
+        self, bounds: Limits | None = None, *, friction: bool | None = None, tau: Array | None = None
     ) -> tuple[Violation, ...]:
         """Violated limits of position, velocity, acceleration and torque, worst first.
 
         Parameters
         ----------
+        friction : bool, optional, count joint friction; None: if the motion was planned with it
         tau : (n, nv) array, optional, torques to check, such as motor torques of a closed robot
             [N m, sliding joints: N]; default: inverse dynamics
 
@@ -392,7 +400,7 @@ class Motion:
         """
         check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
         if tau is None:
-            tau = self.torques(friction=friction)
+            tau = self.torques(friction=self.friction if friction is None else friction)
             check.add_dynamics(self.robot, self.time, self.q, self.dq, self.ddq)
         elif np.shape(tau) != self.dq.shape:
             raise ShapeError(

@@ -13,6 +13,7 @@ from ..model.couplings import motor_torques
 from ..model.limits import Limits
 from ..motion.bounds import bounds_or_own
 from ..trajectories.fastest import Fastest
+from ..trajectories.trajectory import required_torques
 from . import style
 from .motion import curves, legend
 
@@ -132,7 +133,7 @@ def plot_trajectory(
     friction = fast.rows.friction if fast else friction
     t = np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=friction))
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
     with style.figure(11.25 if fast else 7.5, 6.3 if fast else 5.6, title) as drawn:
         if fast:

@@ -17,6 +17,7 @@ SENTENCES = MappingProxyType(
         "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit "
         "({limit} {unit})",
         "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
+        "hanging": "the base ({base}) is held in the air; a standing robot: --floating-base, one on a stand: --fixed-base",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",
         "no contact": "{words}, so contacts are missing from the torques",

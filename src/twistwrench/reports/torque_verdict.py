@@ -16,6 +16,7 @@ from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt, doubt_table
 from ..model.inertia_checks import massless_links
+from ..model.legs import hanging_base
 from ..model.limits import Limits, over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
@@ -75,6 +76,12 @@ def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
 
 def _weight(model: Model) -> float:
     return model.moving_mass * float(np.linalg.norm(model.gravity))
+
+
+def base_doubts(model: Model) -> list[str]:
+    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques."""
+    found = hanging_base(model)
+    return [] if found is None else [sentence("hanging", base=found.link)]
 
 
 # ── Warnings of the model: missing masses and contacts
@@ -191,7 +198,9 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     before, after = carried_doubts(report, report.joints)
     gaps = [report.gaps.hidden_words] if report.gaps.hidden > (0.0 if near else most_hidden(report)) else []
     own = Verdict.from_reasons(
-        look_again=contradictions(report), over=stated, unsure=[*limits, *unsure, *before, *gaps, *after]
+        look_again=contradictions(report),
+        over=stated,
+        unsure=[*base_doubts(report.load.robot.model), *limits, *unsure, *before, *gaps, *after],
     )
     return own if report.clearance is None else own.joined(report.clearance.verdict)
 

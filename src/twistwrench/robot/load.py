@@ -73,6 +73,7 @@ def load(
     format : "urdf", "mjcf", "sdf" or "usd", optional; None: from the root element or the suffix
     floating_base : bool, optional; None: as in the file (URDF and SDF models are fixed, free joints of MJCF and USD
         bodies without a joint float). True adds a floating base if there is none; False fixes floating bodies in place
+        and states that something holds the base, so that a robot with legs hangs on purpose
     keep : str, optional, read only this body of an MJCF scene and its descendants
     model : str, optional, read one model of an SDF world, or one articulation of a USD stage
     include_paths : folders, in addition to the file's, from which included files, layers and meshes may be read

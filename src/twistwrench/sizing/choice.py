@@ -24,7 +24,7 @@ from ..motion.coordinates import Coordinates
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
-from ..reports.torque_verdict import model_warnings
+from ..reports.torque_verdict import base_doubts, model_warnings
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .catalog import Catalog, Pair, read_catalog
@@ -452,7 +452,8 @@ def _doubts(robot: Robot, motion: Motion) -> list[str]:
     """Reasons to be unsure of the loads of a robot: links without mass, and a base that nothing holds."""
     peaks = np.abs(robot.inverse_dynamics(motion.q, motion.dq, motion.ddq)).max(axis=0)
     units = units_of("tau", Coordinates.from_model(robot.model).angular_velocity)
-    return model_warnings(robot.model, [_Peak(float(x), unit) for x, unit in zip(peaks, units, strict=True)])
+    found = [_Peak(float(x), unit) for x, unit in zip(peaks, units, strict=True)]
+    return [*base_doubts(robot.model), *model_warnings(robot.model, found)]
 
 
 def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Array, Array, Array]], Array, slice]:

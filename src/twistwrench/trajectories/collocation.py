@@ -75,6 +75,7 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     without violating another. The flag is then True if only accuracy is lacking.
     """
     end = s + way * h
+    h = abs(end - s)  # beside s = 1 the end is rounded by some 1e-16, much of a short piece; the difference is exact
     low, high = (s, end) if way > 0 else (end, s)
     found = rows.at(s + way * h * POINTS, low, high)
     u, labels, sides = _candidates(rows, found, x, way, h)

@@ -25,7 +25,7 @@ from ..core.text import listed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..model.couplings import motor_torques
 from ..model.limits import Limits
-from ..motion.bounds import bounds_of
+from ..motion.bounds import bounds_of, velocities_inside
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .collocation import AT_REST, Cell, FastestScaling, try_cell
@@ -337,7 +337,8 @@ class Fastest(Trajectory):
         """
         q, dq, ddq = self(t)
         bounds = self.bounds
-        tau = self.robot.inverse_dynamics(q, dq, ddq, friction=self.rows.friction)
+        dq = velocities_inside(np.asarray(t), dq, ddq, 0.0, self.duration)
+        tau = self.robot.inverse_dynamics(q, dq, ddq, friction=self.friction)
         tau = motor_torques(self.robot.model, tau)
         parts = [tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration_at(dq, ddq)]
         if self.time_optimal is not None:
@@ -498,7 +499,7 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
     without = replace(bounds, jerk=np.full(robot.nv, np.inf))
-    return Fastest(robot, path, FastestScaling(tuple(cells)), without, rows, tuple(arcs))
+    return Fastest(robot, path, FastestScaling(tuple(cells)), without, rows, tuple(arcs), friction=friction)
 
 
 def _reachable(rows: PathRows) -> Limits:

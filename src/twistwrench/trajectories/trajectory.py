@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -16,7 +16,7 @@ from ..core.numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
 from ..model.couplings import joint_velocities, motor_torques, motor_velocities
 from ..model.limits import TOLERANCE, Limits
-from ..motion.bounds import LimitCheck, Violation, bounds_or_own
+from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
@@ -31,7 +31,7 @@ def violations(
     trajectory: Trajectory | Motion,
     bounds: Limits | None = None,
     *,
-    friction: bool = False,
+    friction: bool | None = None,
     samples: int = 2001,
 ) -> tuple[Violation, ...]:
     """Limits that a motion exceeds, worst first.
@@ -39,6 +39,7 @@ def violations(
     Parameters
     ----------
     trajectory : Trajectory or Motion, at its own samples
+    friction : bool, optional, count joint friction; None: if the motion was planned with it
     samples : int, number of samples of a trajectory
 
     Examples
@@ -58,15 +59,22 @@ def violations(
                 f"violations: the motion is {arguments.shown(trajectory)}: give a Trajectory, a tw.Motion, or a simulation."
             )
         return motion.with_robot(robot).violations(bounds, friction=friction)
-    samples, friction = arguments.whole(samples, "samples"), arguments.flag(friction, "friction")
+    samples = arguments.whole(samples, "samples")
+    friction = trajectory.friction if friction is None else arguments.flag(friction, "friction")
     t = np.linspace(0.0, trajectory.duration, samples)
     q, dq, ddq = trajectory(t)
     check = LimitCheck(robot.model, bounds_or_own(robot, bounds))
-    check.add(t, q, dq, ddq, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    check.add(t, q, dq, ddq, required_torques(robot, t, q, dq, ddq, friction=friction))
     if samples > 2 and trajectory.duration > 0:
         check.add_jerk(t, ddq)
     check.add_dynamics(robot, t, q, dq, ddq)
     return check.violations()
+
+
+def required_torques(robot: Robot, t: Array, q: Array, dq: Array, ddq: Array, *, friction: bool) -> Array:
+    """Torques (n, nv) of a whole motion at times (n,); friction at its ends is that just inside."""
+    dq = velocities_inside(t, dq, ddq, t[0], t[-1])
+    return np.asarray(robot.inverse_dynamics(q, dq, ddq, friction=friction))
 
 
 def positions_passed(robot: Robot, s: Array, q: Array, bounds: Limits) -> tuple[Violation, ...]:
@@ -109,6 +117,8 @@ class Trajectory:
     """q(s)."""
     scaling: Scaling
     """s(t)."""
+    friction: bool = field(default=False, kw_only=True)
+    """True if it was planned with joint friction, which :meth:`violations` then counts."""
 
     def __post_init__(self) -> None:
         require_robot(self.robot, "Trajectory")
@@ -190,10 +200,14 @@ class Trajectory:
         if self.duration - t[-1] > 1e-9 * min(step, self.duration):
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
-        return Motion(t, *self(t), robot=self.robot, in_seconds=True)
+        return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=self.friction)
 
-    def violations(self, bounds: Limits | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
+    def violations(self, bounds: Limits | None = None, *, friction: bool | None = None) -> tuple[Violation, ...]:
         """Limits that the trajectory exceeds, worst first; see :func:`~twistwrench.trajectories.violations`.
+
+        Parameters
+        ----------
+        friction : bool, optional, count joint friction; None: if the motion was planned with it
 
         Examples
         --------
@@ -351,6 +365,7 @@ def shortest_durations(
 ) -> Array:
     """Shortest duration (n,) by the limits at times (n,) of a motion of 1 s; 0 if no limit applies."""
     q, dq, ddq = Trajectory(robot, path, unit)(times)
+    dq = velocities_inside(times, dq, ddq, 0.0, 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
         shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)))

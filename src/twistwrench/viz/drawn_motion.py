@@ -15,7 +15,7 @@ from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
 from ..log_checks.doubts import Doubt
 from ..model.couplings import joint_effort
-from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of
+from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of, velocities_inside
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.motion import Motion
@@ -202,6 +202,7 @@ def motion_of(
             derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
     moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
+    dq = velocities_inside(t, dq, ddq, t[0], t[-1])
     states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
     motion = _gathered(load, iter([states]))
     refused = tuple(map(str, doubts))
