@@ -171,6 +171,17 @@ def test_a_recording_has_the_word_of_its_table(ask, tmp_path):
     assert ask(arm(), tmp_path / "log.mcap")[0] == ask(arm(), table)[0] == "OK"
 
 
+def test_a_slow_log_has_the_times_and_positions_of_a_fast_one():
+    """At 0.1 rad/s the width assumed for friction's step matters; another scale of the rates must not stand for another width."""
+    robot, rng, t = tw.load(arm(friction=True)), np.random.default_rng(2), np.arange(0, 24, 0.02)
+    q, dq, ddq = Swing(0.18)(t)
+    tau = robot.inverse_dynamics(q, dq, ddq, friction=True)
+    tau += np.maximum(0.01 * tau.std(axis=0), 0.002 * EFFORTS) * rng.normal(size=tau.shape)
+    log = tw.Motion(t, q + 2e-5 * rng.normal(size=q.shape), tau=tau, robot=robot)
+    found = {doubt.kind for doubt in tw.identification.measured_causes(robot, log)}
+    assert not {"time-scale", "position-scale"} & found
+
+
 # ── 2. One number, by file, table, option and header
 
 

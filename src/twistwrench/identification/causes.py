@@ -234,8 +234,10 @@ def gain(s: LogStates, k: int, g: float) -> LogStates:
 
 
 def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
-    """Scale the position of joint k and its rates."""
-    return s.changed(**{name: _one(getattr(s, name), k, lambda x: factor * x) for name in ("q", "dq", "ddq")})
+    """Scale the position of joint k and its rates, and with them the width of its dry friction's step."""
+    scaled = {name: _one(getattr(s, name), k, lambda x: factor * x) for name in ("q", "dq", "ddq")}
+    width = np.where(np.arange(len(s.friction_speed)) == k, abs(factor) * s.friction_speed, s.friction_speed)
+    return s.changed(**scaled, friction_speed=width)
 
 
 def zero(s: LogStates, k: int, beta: float) -> LogStates:
@@ -262,8 +264,11 @@ def tilt(s: LogStates, beta: Array) -> LogStates:
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
-    """Scale the rates for a log whose times are ``factor`` times the true ones."""
-    return s.changed(dq=s.dq * factor, ddq=s.ddq * factor**2)
+    """Scale the rates for a log whose times are ``factor`` times the true ones.
+
+    The width of dry friction's step scales alike: another width would explain slow motions better without another time.
+    """
+    return s.changed(dq=s.dq * factor, ddq=s.ddq * factor**2, friction_speed=s.friction_speed * factor)
 
 
 def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Array) -> LogStates:
