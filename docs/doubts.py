@@ -19,8 +19,8 @@ _HEAD = """# My verdict is UNSURE or LOOK AGAIN
 figure can be trusted. The sentence after the word is the reason. Search this page for words of your sentence; …
 stands for names and numbers.
 
-[Verdicts and exit codes](verdicts.md) explains all words. `python docs/doubts.py` writes this page from the program's
-own sentences.
+[Verdicts and exit codes](verdicts.md) explains all words, and [what no robot does](plausibility.md) from which
+size a log is doubted. `python docs/doubts.py` writes this page from the program's own sentences.
 """
 _LIMITS = """
 ## Limits, noise and the robot file

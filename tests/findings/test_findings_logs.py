@@ -249,7 +249,7 @@ WRONG = [
     (clipped, "arm", "UNSURE or LOOK AGAIN"), (clipped, "ur5", "UNSURE or LOOK AGAIN"),
     (velocities_in_degrees, "arm", "LOOK AGAIN"), (velocities_in_degrees, "panda", "LOOK AGAIN"),
     (newton_millimetres, "arm", "LOOK AGAIN"), (newton_millimetres, "ur5", "LOOK AGAIN"),
-    (jump, "arm", "OVER LIMIT or LOOK AGAIN"), (jump, "ur5", "OVER LIMIT or LOOK AGAIN"),
+    (jump, "arm", "UNSURE or LOOK AGAIN"), (jump, "ur5", "UNSURE or LOOK AGAIN"),
     (limits_in_degrees, "arm", "error"), (limits_in_degrees, "ur5", "error"),
     (unassigned, "ur5", "UNSURE or LOOK AGAIN"), (unassigned, "panda", "UNSURE or LOOK AGAIN"),
 ]  # fmt: skip

@@ -365,6 +365,7 @@ class Given(SimpleNamespace):
 
     wrenches: tuple[str, ...] = ()
     no_friction = False
+    plan = False
     overwrite = False
     html: str | None = None
     json: str | None = None

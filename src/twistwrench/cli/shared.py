@@ -368,7 +368,11 @@ VERBOSE = option("--verbose", "Print all notes on how the log was read.")
 
 def reading_options() -> Decorator:
     """Options for how the file of a motion is read."""
-    return option_group(LOG_READING, option("--smooth", "Smooth a noisy log before differentiating it."))
+    return option_group(
+        LOG_READING,
+        option("--smooth", "Smooth a noisy log before differentiating it."),
+        option("--plan", "Judge the motion as a plan: steps that no robot makes are excesses, not errors of a log."),
+    )
 
 
 def loaded_motion_options(*, required: bool) -> Decorator:
@@ -394,7 +398,7 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": given.rate}
     reading["gain"] = current_gains(given.gain, robot.model, options.actuator_file)
     still = [name for name in missing if name in locked]
-    return robot, MotionLog.open(file, robot.model, locked=locked, held=still, **reading)
+    return robot, MotionLog.open(file, robot.model, locked=locked, held=still, plan=given.plan, **reading)
 
 
 def load_case(robot: Robot, options: RobotOptions, given: Given) -> LoadCase:

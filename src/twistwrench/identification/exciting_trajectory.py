@@ -89,7 +89,7 @@ class ExcitingMotion:
         """Samples of the motion for ``torques``, ``view`` and ``simulate``."""
         count = max(6, round(self.duration / self.step))
         t = np.linspace(0.0, self.duration, count + 1)
-        return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=True)
+        return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=True, plan=True)
 
     @cached_property
     def _rows(self) -> Array:

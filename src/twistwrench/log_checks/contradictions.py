@@ -46,12 +46,17 @@ _DEGREE = math.radians(1.0)
 
 
 def angle_doubts(
-    names: Sequence[str], extent: Array, limits: tuple[Array, Array], factor: Array, known: Array
+    names: Sequence[str],
+    extent: Array,
+    limits: tuple[Array, Array],
+    factor: Array,
+    known: Array,
+    origin: str = "either",
 ) -> list[Doubt]:
     """Doubts about the unit of angles, or notes if the unit may be intended.
 
     For the revolute joints (k,): least and largest angles as read [rad], limits (infinite if there are none), the
-    factor from the file's numbers to radians, and True if the file states that unit.
+    factor from the file's numbers to radians, and True if the file states that unit. ``origin``: plan, log or either.
     """
     size, reach = np.abs(extent).max(axis=0), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
     bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
@@ -62,6 +67,8 @@ def angle_doubts(
     small = degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any()
     if far.any() and 2 * far.sum() >= bounded.sum() and 2 * (far & wound).sum() > far.sum():
         return [_too_far(names, size, limits, reach, far)]
+    if beyond := _beyond_stops(names, extent, limits, (factor == 1.0) & ~known, origin):
+        return beyond
     if not (small and degrees.sum() >= _FEWEST):
         if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
             return [_too_far(names, size, limits, reach, wound, level="note")]
@@ -71,6 +78,68 @@ def angle_doubts(
         return []
     level: Any = None if degrees.sum() >= _FEWEST else "note"
     return [doubt("degrees-option", level=level, angle=printed(written[degrees].max(), 3))]
+
+
+# ── Joints beyond their stops: robots do not move so, but units, zeros and directions of a file differ
+
+_BEYOND_STOP = math.radians(20.0)
+"""Angle beyond a stop that play, elasticity and the tolerance of a stop do not explain."""
+_MILLI = 1e-3
+
+
+def _beyond_stops(
+    names: Sequence[str], extent: Array, limits: tuple[Array, Array], radians: Array, origin: str
+) -> list[Doubt]:
+    """Doubt about angles far beyond the stops of joints that have two, or about joints that are wound by a turn."""
+    lower, upper = limits
+    stopped = radians & np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
+    past = np.where(stopped, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
+    beyond = past > _BEYOND_STOP
+    if origin == "plan" or not beyond.any():
+        return []
+    middle = np.where(stopped, 0.5 * (lower + upper), 0.0)
+    turns = np.sign(middle - extent.mean(axis=0)) * math.tau
+    within = (extent[0] + turns >= lower) & (extent[1] + turns <= upper)
+    wound, turned = beyond & within, extent * _DEGREE
+    inside = ~stopped | ((turned[0] >= lower - _BEYOND_STOP) & (turned[1] <= upper + _BEYOND_STOP))
+    said = names_of(names, beyond & ~wound if (beyond & ~wound).any() else beyond)
+    words = _stop_words(names, extent, limits, past)
+    words["past"] = f"{printed(math.degrees(past.max()), 3)} degrees"
+    if (wound == beyond).all():
+        level: Any = "note" if origin == "log" else "unsure"
+        return [doubt("wound", said, joints_=listed(said, 6), level=level)]
+    if beyond.sum() > 1 and inside.all():
+        return [doubt("degrees-inside", said, count=f"{beyond.sum()}", **words)]
+    return [doubt("zero-or-direction", said, **words)]
+
+
+def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Array], origin: str) -> list[Doubt]:
+    """Doubt about sliding joints (k,) that leave their stops by more than the whole range."""
+    lower, upper = limits
+    stopped = np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
+    range_ = np.where(stopped, upper - lower, np.inf)
+    past = np.where(stopped, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
+    beyond = past > range_
+    if origin == "plan" or not beyond.any():
+        return []
+    small = extent * _MILLI
+    inside = ~stopped | ((small[0] >= lower - 0.1 * range_) & (small[1] <= upper + 0.1 * range_))
+    said, words = names_of(names, beyond), _stop_words(names, extent, limits, past)
+    words["past"] = f"{printed(past.max(), 3)} m"
+    return [doubt("millimetres-inside" if inside.all() else "zero-or-direction", said, **words)]
+
+
+def names_of(names: Sequence[str], which: Array) -> list[str]:
+    """Names of the joints in a mask (k,)."""
+    return [names[k] for k in np.flatnonzero(which).tolist()]
+
+
+def _stop_words(names: Sequence[str], extent: Array, limits: tuple[Array, Array], past: Array) -> dict[str, Any]:
+    """Name, farthest position and stops of the joint that is farthest beyond."""
+    k = int(past.argmax())
+    farthest = float(extent[:, k][np.abs(extent[:, k]).argmax()])
+    words: dict[str, Any] = {"joint": names[k], "position": printed(farthest, 4)}
+    return words | {"lower": printed(limits[0][k], 3), "upper": printed(limits[1][k], 3)}
 
 
 def _too_far(
@@ -262,9 +331,9 @@ class Contradictions:
             elif k not in self._jumps or found[0] > self._jumps[k][0]:
                 self._jumps[k] = found
 
-    def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> list[Doubt]:
-        """All doubts and notes; velocity limits distinguish a jump from a fast motion."""
-        time, angles = self.of_time(limits), self._of_angles(limits)
+    def doubts(self, limits: Limits | None = None, *, glitches: bool = True, origin: str = "either") -> list[Doubt]:
+        """All doubts and notes; velocity limits distinguish a jump from a fast motion. ``origin``: plan, log or either."""
+        time, angles = self.of_time(limits), [*self._of_angles(limits, origin), *self._of_lengths(limits, origin)]
         misread = any(found.refuses for found in angles)
         paths = [] if misread else [*self._of_jumps(limits), *self._of_turns(limits)]
         if glitches and not misread:
@@ -279,13 +348,21 @@ class Contradictions:
         )
         return [*time, *angles, *paths, *rates, *self._of_delays(delays), *odd, *self._sampling]
 
-    def _of_angles(self, limits: Limits | None) -> list[Doubt]:
+    def _of_lengths(self, limits: Limits | None, origin: str) -> list[Doubt]:
+        k = self._single[~self._turns]
+        if limits is None or not k.size:
+            return []
+        names = [self._names[j] for j in k.tolist()]
+        return length_doubts(names, self._range[:, ~self._turns], (limits.lower[k], limits.upper[k]), origin)
+
+    def _of_angles(self, limits: Limits | None, origin: str) -> list[Doubt]:
         turns = self._turns
         k, places, bounded = self._single[turns], self.places[turns], self._bounded[turns]
         lower = np.where(bounded, -np.inf if limits is None else limits.lower[k], -np.inf)
         upper = np.where(bounded, np.inf if limits is None else limits.upper[k], np.inf)
         names = [self._names[j] for j in k.tolist()]
-        return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], self._stated[places])
+        stated = self._stated[places]
+        return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], stated, origin)
 
     def of_time(self, limits: Limits | None) -> list[Doubt]:
         """Doubt about the unit of time, if time steps are too long for the displacements in them."""

@@ -15,7 +15,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -66,6 +66,8 @@ class ArrayFile:
     """Stamp [ns] of time 0 of a ROS recording."""
     dataset: str = ""
     """Unit of a LeRobot dataset's positions by its metadata: ``degrees``, ``radians``, ``range`` or ``unknown``."""
+    plan: bool = False
+    """True if the file is a plan, such as a JointTrajectory, and not a recording."""
 
     @classmethod
     def from_table(
@@ -335,7 +337,8 @@ def simulation_file(path: Path) -> ArrayFile:
                 names = said["coordinate_names" if part == "q" else "velocity_names"]
                 header += [f"{name}{ending}" for name in names]
                 columns.append(np.asarray(archive[part], float).reshape(len(columns[0]), len(names)))
-    return ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), path.stat().st_size)
+    found = ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), path.stat().st_size)
+    return replace(found, plan=True)  # computed, and not recorded
 
 
 # ── HDF5, and MATLAB files since version 7.3, which are HDF5

@@ -29,6 +29,7 @@ from ..typing import Array
 from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
 from .coordinates import Coordinates, joint_rates
+from .plausibility import Instant, RecordedSteps, origin_of
 from .smoothing import FEWEST, continuous, spline_rates, states_between
 
 if TYPE_CHECKING:
@@ -97,6 +98,8 @@ class Motion:
     """Source of derived rates: ``positions`` or ``velocities``; empty if all rates are given."""
     friction: bool = False
     """True if it was planned with joint friction, which :meth:`violations` then counts."""
+    plan: bool = False
+    """True for a planned or simulated motion: what no robot does is then a violation of limits, and not an error of a log."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -152,6 +155,7 @@ class Motion:
         gain: Mapping[str, float] | None = None,
         topic: str | None = None,
         episode: int | None = None,
+        plan: bool = False,
     ) -> Motion:
         """Read a log, a plan or an archive of ``simulate --npz``, like the command ``torques``.
 
@@ -163,6 +167,7 @@ class Motion:
         gain : {joint: float}, optional, torque per ampere, for torque columns that are currents [N m/A]
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
         episode : int, optional, episode of a LeRobot dataset
+        plan : bool, the file is a planner's result and not a recording, as is known of a JointTrajectory
 
         Raises
         ------
@@ -180,7 +185,8 @@ class Motion:
 
         require_robot(robot, "Motion")
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
-        return cls._of_log(MotionLog.open(path, robot.model, topic=topic, episode=episode, **reading), robot)
+        log = MotionLog.open(path, robot.model, topic=topic, episode=episode, plan=plan, **reading)
+        return cls._of_log(log, robot)
 
     @classmethod
     def from_dataframe(
@@ -238,6 +244,7 @@ class Motion:
         said = (f"LOOK AGAIN: {doubt}" if doubt.refuses else str(doubt) for doubt in doubts if doubt.level != "note")
         asked = (str(doubt) for doubt in doubts if doubt.level == "note" and doubt.kind in ASKED)
         given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "epoch": log.epoch}
+        given["plan"] = log.plan
         return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *said, *asked), in_seconds=True)
 
     def __len__(self) -> int:
@@ -306,7 +313,21 @@ class Motion:
             return self.read
         tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
         tally.add(self.time, self.q)
-        return tuple(tally.doubts(self.robot.limits))
+        origin = origin_of([(self.q, self.tau)], plan=self.plan)
+        found = tally.doubts(self.robot.limits, origin=origin)
+        steps = [] if any(each.refuses for each in found) else self._steps.doubts(self.robot.limits, origin)
+        return (*found, *steps)
+
+    @cached_property
+    def instants(self) -> tuple[Instant, ...]:
+        """Instants at which rows are missing, repeated or wrong, or a speed changes from one row to the next."""
+        return tuple(self._steps.instants)
+
+    @cached_property
+    def _steps(self) -> RecordedSteps:
+        found = RecordedSteps(self.coordinates, [(self.time, self.q)])
+        found.add(self.time, self.q)
+        return found
 
     @property
     def contradictions(self) -> tuple[Doubt, ...]:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -245,8 +246,8 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
             rows = [sum(sign * table[s, needed.index(k)] for k, sign in every[column]) for column in used]
             yield np.stack(rows, axis=1)
 
-    epoch = file.epoch if isinstance(file, ArrayFile) else 0
-    return ArrayFile(file.path, (*file.header, *labels), file.size, read, file.notes, epoch=epoch)
+    own_kind: dict[str, Any] = {"epoch": file.epoch, "plan": file.plan} if isinstance(file, ArrayFile) else {}
+    return ArrayFile(file.path, (*file.header, *labels), file.size, read, file.notes, **own_kind)
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

@@ -30,9 +30,10 @@ from .column_names import date_note, time_column
 from .columns import Columns, MimicJointColumn, Reading
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
-from .log_table import slices, table_of, without_times
+from .log_table import slices, table_of, windows, without_times
 from .matching import varying_columns
 from .motion_file import JoinedFile, MotionFile, open_motion_file, with_sums
+from .plausibility import SURROUNDINGS, Instant, Origin, RecordedSteps, origin_of
 
 if TYPE_CHECKING:
     from .motion import Motion
@@ -174,6 +175,7 @@ class _Decoded:
     stamps: dict[float, float]
     """Times of rows dropped for a wrong stamp, with the delay of the stamp [s]."""
     contradictions: Contradictions
+    steps: RecordedSteps
     mimic_joints: list[Doubt]
     """Doubts about the columns of mimic joints."""
     date: tuple[str, ...]
@@ -206,6 +208,8 @@ class MotionLog:
     """Unused varying columns, which may belong to these joints."""
     of_source: tuple[Doubt, ...] = ()
     """Doubts about conventions of the programs and makers that write such files."""
+    plan: bool = False
+    """True if the file is known to be a plan and not a recording."""
 
     @classmethod
     def open(
@@ -221,6 +225,7 @@ class MotionLog:
         held: Sequence[str] = (),
         topic: str | None = None,
         episode: int | None = None,
+        plan: bool = False,
     ) -> MotionLog:
         r"""Read and check the header of a motion file, and assign its columns.
 
@@ -240,6 +245,7 @@ class MotionLog:
         held : sequence of str, joints of ``locked`` without a column in the file
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
         episode : int, optional, episode of a LeRobot dataset
+        plan : bool, the file is a plan and not a recording, as for a JointTrajectory
 
         Returns
         -------
@@ -283,7 +289,8 @@ class MotionLog:
         doubts = _dataset_doubts(file, found, coordinates, degrees=degrees) if dataset else []
         if not columns and _FANUC.search(model.name.lower()) and {f"J{k}" for k in range(1, 7)} <= set(file.header):
             doubts.append(doubt("fanuc-j3", [coordinates.names[2]], joint=coordinates.names[2]))
-        return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts))
+        plan = plan or (isinstance(file, ArrayFile) and file.plan)
+        return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts), plan)
 
     @classmethod
     def from_motion(cls, motion: Motion) -> MotionLog:
@@ -365,7 +372,24 @@ class MotionLog:
         found.runs = [self.motion(run) for run in log_table.excerpts(table, *_RUNS)]
         portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
         mimic = mimic_doubts(self.columns.mimic_joints, portions)
-        return _Decoded(table, duplicates, clock, stamps, found, mimic, date, epoch)
+        steps = RecordedSteps(self.coordinates, [(run.time, run.q) for run in found.runs])
+        for rows, inner in windows(len(table), log_table.ROWS, SURROUNDINGS):
+            steps.add(table[rows, 0], self.columns.in_si(table[rows], "q"), inner)
+        return _Decoded(table, duplicates, clock, stamps, found, steps, mimic, date, epoch)
+
+    @cached_property
+    def origin(self) -> Origin:
+        """Plan, log or either, by what the file has."""
+        runs = log_table.excerpts(self.table, *_RUNS)
+        at = self.columns.places["q"]
+        return origin_of(
+            [(run[:, at if at is not None else []], self.columns.in_si(run, "tau")) for run in runs], plan=self.plan
+        )
+
+    @property
+    def instants(self) -> tuple[Instant, ...]:
+        """Instants at which rows are missing, repeated or wrong, or a speed changes from one row to the next."""
+        return tuple(self._decoded.steps.instants)
 
     def _contradictions(self, table: Array) -> Contradictions:
         columns = self.columns
@@ -415,11 +439,14 @@ class MotionLog:
         said += self.file.notes
         return (*said, *(str(d) for d in self.doubts() if d.level == "note" and d.kind not in ASKED))
 
-    def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[Doubt, ...]:
+    def doubts(
+        self, limits: Limits | None = None, *, own: Limits | None = None, glitches: bool = True
+    ) -> tuple[Doubt, ...]:
         """Doubts about the log, without a model: contradictions, sampling, and dropped rows.
 
         Parameters
         ----------
+        own : Limits, optional, of the robot's file, if ``limits`` are others that a user asks about
         glitches : bool, include single wrong rows; False if smoothing reports them in more detail
 
         Returns
@@ -433,9 +460,11 @@ class MotionLog:
             "columns": listed(self.unused, 6),
         }
         misread = [doubt("unused-columns", held, **words)] if self.unused else []
-        found = last.contradictions.doubts(limits, glitches=glitches)
+        found = last.contradictions.doubts(limits, glitches=glitches, origin=self.origin)
         left_out = *last.duplicates.doubts(), *stamp_doubts(last.stamps, left_out=True)
-        return (*misread, *self.of_source, *found, *last.mimic_joints, *left_out)
+        misread_units = any(each.refuses for each in found)
+        steps = [] if misread_units else last.steps.doubts(limits if own is None else own, self.origin)
+        return (*misread, *self.of_source, *found, *steps, *last.mimic_joints, *left_out)
 
     def _steady_clock(self, table: Array) -> float | None:
         """Replace rounded stamps by a steady clock and return its rate [Hz]; the first rows show the rounding."""

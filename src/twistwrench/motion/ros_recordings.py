@@ -94,7 +94,8 @@ def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
         stamp = messages[0].header.stamp
         notes, epoch = [*notes, *date_note(_seconds(stamp))], _nanoseconds(stamp)
     size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
-    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch)
+    plan = kind not in ("JointState", "JointTrajectoryControllerState") or bool(part)
+    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=plan)
 
 
 def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:

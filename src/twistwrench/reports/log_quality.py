@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.numbers import number, percent
+from ..core.numbers import number, percent, seconds, torque
 from ..core.text import listed
 from ..errors import TrajectoryError
 from ..estimation.noise import noise, quantum
@@ -17,6 +17,7 @@ from ..motion.bounds import RunningExtrema
 from ..motion.column_names import split_unit, time_factor, time_meaning
 from ..motion.log_table import LARGE, excerpts
 from ..motion.motion_file import open_motion_file, text_columns
+from ..motion.plausibility import TimeAbove
 from ..typing import Array
 
 GAP = 3.0
@@ -178,6 +179,8 @@ _NOISE = 1.5
 """Factor by which noise may exceed its estimate, as for velocities with noise of several sizes."""
 _ALIKE = 0.9
 """Correlation above which one torque is a multiple of the other."""
+_HALF, _AROUND = 0.5, 10
+"""Share of a computed torque above which the measured one supports it, and rows on either side in which it is looked for."""
 _CUT_MEASURED, _CUT_MEASURED_ROWS, _VARIES = 0.02, 30, 0.05
 """Minimum share and number of rows at the extreme of a saturated column, and relative variation of the computed torque in them.
 The variation also exceeds the column's last step, since a robot at rest and coarse torques repeat numbers too."""
@@ -211,6 +214,44 @@ class MeasuredTorque:
     """Share of the rows at the saturated extreme while the computed torque changes; 0 if not saturated."""
     cut_at: float = 0.0
     """Extreme at which the torque is saturated, with its sign."""
+    limit: float = math.inf
+    """Torque limit; inf if unknown."""
+    above: float = 0.0
+    """Longest time above the limit by more than noise [s]."""
+    lasting: bool = False
+    """True if that time is longer than an impact."""
+    computed_peak: float = math.nan
+    """Largest computed torque, with its sign."""
+
+    beside: float = math.nan
+    """Largest measured torque [magnitude] near the instant of the largest computed one."""
+
+    @property
+    def share(self) -> float:
+        """Largest measured torque over the limit; 0 without a limit, and for a constant column."""
+        return 0.0 if self.dead else abs(self.peak) / self.limit
+
+    @property
+    def refutes(self) -> bool:
+        """True if a computed torque above the limit was measured to be less than half as large, and within the limit."""
+        return abs(self.computed_peak) > self.limit > self.beside and self.beside < _HALF * abs(self.computed_peak)
+
+    @property
+    def refuting_words(self) -> str:
+        """Sentence on a computed torque that the measured one refutes."""
+        return (
+            f"the computed torque of {self.joint} exceeds its limit, {torque(self.computed_peak)} {self.unit} of "
+            f"{number(self.limit)}, and the measured one is {torque(self.beside)} at most there"
+        )
+
+    @property
+    def above_words(self) -> str:
+        """Sentence on a measured torque that stays above the limit."""
+        return (
+            f"measured torque of {self.joint}: {torque(self.peak)} {self.unit} at t = {seconds(self.time)} s, computed at "
+            f"most {torque(abs(self.computed_peak))}, limit {number(self.limit)}: friction or a load is missing from the "
+            "file, or the column's scale differs"
+        )
 
     @property
     def cut_words(self) -> str:
@@ -295,8 +336,12 @@ class _AtExtreme:
 class MeasuredTally:
     """Running sums over chunks of rows."""
 
-    def __init__(self, columns: int) -> None:
-        self._rows = 0
+    def __init__(self, limits: Array, sigma: Array) -> None:
+        """Limits, and noise of the measured torques, (nv,) each."""
+        columns = len(limits)
+        self._limits, self._over = limits, TimeAbove(limits, sigma)
+        self._largest, self._beside = RunningExtrema(columns), np.full(columns, np.nan)
+        self._rows, self._step = 0, 0.0
         self._sums, self._noise = np.zeros((5, columns)), np.zeros(columns)
         self._peak = RunningExtrema(columns)
         self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
@@ -308,6 +353,10 @@ class MeasuredTally:
         self._rows += len(time)
         self._sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
         self._peak.add(time, np.abs(m), m)
+        for k, row in self._largest.add(time, np.abs(c), c):
+            self._beside[k] = np.abs(m[max(0, row - _AROUND) : row + _AROUND + 1, k]).max()
+        self._over.add(time, m)
+        self._step = self._step or (float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
         self._above.add(c, m)
         self._below.add(c, -m)
 
@@ -338,6 +387,7 @@ class MeasuredTally:
         dead = most - least <= _STANDS * np.maximum(np.abs(most), np.abs(least))
         above, below = self._above.cut(n, vc / n), self._below.cut(n, vc / n)
         cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
+        lasting = self._over.lasting(self._step)
         return tuple(
             MeasuredTorque(
                 joint=name,
@@ -354,6 +404,11 @@ class MeasuredTally:
                 matters=bool(size[k] > _MATTERS * largest[k]),
                 cut=float(cut[k]),
                 cut_at=float(cut_at[k]),
+                limit=float(self._limits[k]),
+                above=float(self._over.length[k] + self._step) if self._over.rows[k] else 0.0,
+                lasting=bool(lasting[k]),
+                computed_peak=float(self._largest.signed[k]),
+                beside=float(self._beside[k]),
             )
             for k, name in enumerate(names)
         )

@@ -28,6 +28,7 @@ SENTENCES = MappingProxyType(
         "some": "{count} of {all} joints{named}",
         "one": "the joint {joint}",
         "nearest": "all limits kept. Closest: {joint}, {share}{sure} of its torque limit at t = {time} s{because}",
+        "near": "{kind} of {joint}: {share} of its limit at t = {time} s",
         "sure": " ± {share} (95 %)",
         "smoothed": "Without smoothing, noise would take {joints} over a limit",
         "no torque": "all limits kept. No joint needs a torque",

@@ -36,10 +36,12 @@ from .torque_verdict import (
     carried_doubts,
     confidence,
     contradictions,
+    doubted_excesses,
     force_remark,
     is_noise,
     model_warnings,
     most_hidden,
+    rows_in_doubt,
     verdict_of,
 )
 
@@ -110,9 +112,42 @@ def _nearest(report: TorqueReport) -> str:
     sure = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2)) if smoothed else ""
     share = percent_of_limit(j.share)
     nearest = sentence("nearest", joint=j.joint, share=share, sure=sure, time=seconds(j.time), because=because(j))
-    clauses = [nearest, *([sentence("smoothed", joints=smoothed)] if smoothed else [])]
+    clauses = [nearest, *_also_near(report, j.share), *([sentence("smoothed", joints=smoothed)] if smoothed else [])]
     hidden = report.gaps.hidden_words if report.gaps.hidden else ""
     return ". ".join([*clauses, *([f"{hidden[0].upper()}{hidden[1:]}"] if hidden else [])])
+
+
+AT_STOP = 0.99
+"""Share of half a range from its middle above which a joint is at its stop."""
+
+
+def _near_limits(report: TorqueReport) -> list[dict[str, Any]]:
+    """Velocity, position and measured torque nearest to a limit, with the share ``least`` from which each is named."""
+    found = []
+    for kind, least in (("velocity", NEAR_LIMIT), ("position", AT_STOP)):
+        near = next((x for x in report.near if x.kind == kind), None)
+        found += [] if near is None else [vars(near) | {"least": least}]
+    if report.measured:
+        m = max(report.measured, key=lambda m: m.share)
+        found.append(
+            {"joint": m.joint, "kind": "measured torque", "share": m.share, "time": m.time, "least": NEAR_LIMIT}
+        )
+    return found
+
+
+def _also_near(report: TorqueReport, share: float) -> list[str]:
+    """Sentences on what is nearer to a limit than the torque of this ``share``."""
+    return [
+        sentence(
+            "near",
+            kind=f"{near['kind'][0].upper()}{near['kind'][1:]}",
+            joint=near["joint"],
+            share=percent_of_limit(near["share"]),
+            time=seconds(near["time"]),
+        )
+        for near in _near_limits(report)
+        if near["share"] > max(share, near["least"])
+    ]
 
 
 def _over_as_logged(report: TorqueReport) -> str:
@@ -148,7 +183,7 @@ def verdict_data(
     before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)
     velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)
     data = {
-        "fixed": why_fixed(load),
+        "fixed": why_fixed(load) or why_doubted(report),
         "sentences": dict(SENTENCES),
         "words": {
             "kinds": KINDS, "causes": {term: cause_label(term) for term in load_case.TERMS},
@@ -170,7 +205,7 @@ def verdict_data(
         "leastPerKilogram": load_case.least_torque_per_kilogram(model),
         "margin": not (load.friction and model.friction.load.any()),
         "passed": [_passed(v, model) for v in positions],
-        "noisy": [], "joints": None, "gap": None, "asLogged": "", "questions": [],
+        "noisy": [], "joints": None, "gap": None, "asLogged": "", "near": [], "questions": [],
         "closest": [] if clearance is None else clearance.lines,
         "clearance": {} if clearance is None else {clearance.verdict.word: clearance.verdict.reasons},
     }  # fmt: skip
@@ -216,9 +251,17 @@ def _of_the_log(report: TorqueReport) -> dict[str, Any]:
         "joints": joints if report.noisy else None,
         "gap": gap,
         "asLogged": _over_as_logged(report),
+        "near": _near_limits(report),
         "questions": [f"{question} {remark}" for question, remark in _questions(report) if question != MISSING_CONTACT],
         "text": verdict_text(report),
     }
+
+
+def why_doubted(report: TorqueReport | None) -> str | None:
+    """Reason why a page cannot judge other loads of a log in doubt; None if it can."""
+    if report is None or not (doubted_excesses(report) or rows_in_doubt(report)):
+        return None
+    return "rows of the log, or its unit, are in doubt"
 
 
 def why_fixed(load: LoadCase) -> str | None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ import numpy as np
 from ..core.numbers import printed, torque
 from ..core.tables import csv_table
 from ..errors import TrajectoryError
-from ..estimation.noise import Survey
+from ..estimation.noise import Survey, noise
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt
 from ..model.couplings import drive_turns
@@ -24,7 +24,9 @@ from ..model.limits import margin
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
+from ..motion.log_table import excerpts
 from ..motion.motion_log import LogRows
+from ..motion.plausibility import SURROUNDINGS, DoubtfulSpans, InstantKind, doubtful_spans, impossible_torque
 from ..typing import Array
 from .load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
 from .log_quality import MeasuredTally, MeasuredTorque
@@ -116,6 +118,27 @@ class Excess:
     angular: bool
 
 
+@dataclass(frozen=True)
+class NearLimit:
+    """Velocity or position nearest to a limit of a joint."""
+
+    joint: str
+    kind: str
+    """``velocity`` or ``position``."""
+    share: float
+    """Share of the limit; of half the range from its middle for a position."""
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class SoundFigures:
+    """Figures of a motion without the rows in doubtful spans."""
+
+    peaks: Array
+    """Largest torques (nv,), as magnitudes; those of the whole motion if torques do not depend on derived rates."""
+    excesses: tuple[Excess, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class AsDerived:
     """Results of a noisy log before smoothing, listed beside the final results and drawn pale behind them."""
@@ -175,6 +198,12 @@ class TorqueReport:
     """Least distance between links; None if not requested."""
     derived: AsDerived | None = None
     """Results of the unsmoothed log; None if they are the final results or were not requested."""
+    near: tuple[NearLimit, ...] = ()
+    """Velocity and position nearest to their limits, nearest first."""
+    spans: DoubtfulSpans = field(default_factory=DoubtfulSpans)
+    """Spans of time with rows that are missing, repeated or wrong, so that derived figures in them are unknown."""
+    sound: SoundFigures | None = None
+    """Figures of the rows outside these spans; None without spans."""
 
     @property
     def noisy(self) -> bool:
@@ -260,6 +289,85 @@ _BAND_SAMPLES = 512
 """States of each chunk with a mass matrix, which is used up to the next one."""
 
 
+class Extremes:
+    """Largest torques, and largest excesses over the other limits, of the states that are added."""
+
+    def __init__(self, load: LoadCase, limits: Limits) -> None:
+        self._model, self._limits = load.with_load.model, limits
+        self._coordinates = Coordinates.from_model(load.robot.model)
+        self._followers = [self._model.bodies[i] for i in self._model.limited_followers]
+        nv = load.robot.nv
+        self.peak = RunningExtrema(nv)
+        self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
+        """Excess over each kind of limit."""
+        self.borne = RunningExtrema(len(self._followers))
+        """Largest torques of mimic joints with an effort limit."""
+
+    def add_motion(self, s: MotionSamples) -> None:
+        """Add positions and velocities."""
+        if not len(s):
+            return
+        at, limits = self._coordinates.position_of, self._limits
+        q = np.where(at >= 0, s.measured[:, np.maximum(at, 0)], 0.0)
+        for kind, values, beyond in (
+            ("lower", q, np.where(at >= 0, limits.lower, -np.inf) - q),
+            ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
+            ("velocity", s.dq, np.abs(s.dq) - limits.velocity),
+        ):
+            self.passed[kind].add(s.time, beyond, values)
+
+    def add_torques(self, time: Array, torques: Array, borne: Array) -> list[tuple[int, int]]:
+        """Add torques (n, nv) and those of limited mimic joints (n, k); returns (joint, row) of new maxima."""
+        if not len(time):
+            return []
+        if self._followers:
+            self.borne.add(time, np.abs(borne), borne)
+        return self.peak.add(time, np.abs(torques), torques)
+
+    def nearest(self) -> tuple[NearLimit, ...]:
+        """Velocity and position nearest to a limit; those without one are left out."""
+        names, limits = self._coordinates.velocity_names, self._limits
+        if not len(names) or not np.isfinite(self.passed["velocity"].time).any():
+            return ()
+        velocity, found = self.passed["velocity"], list[NearLimit]()
+        known = np.isfinite(limits.velocity)
+        shares = np.where(known, np.abs(velocity.signed) / np.where(known, limits.velocity, 1.0), 0.0)
+        k = int(shares.argmax())
+        found.append(NearLimit(names[k], "velocity", float(shares[k]), float(velocity.time[k])))
+        range_ = np.where(np.isfinite(limits.lower) & np.isfinite(limits.upper), limits.upper - limits.lower, 0.0)
+        for kind in ("lower", "upper"):
+            passed, known = self.passed[kind], range_ > 0.0
+            left = np.where(known, -passed.value, 0.0)
+            shares = np.where(known, 1.0 - 2.0 * left / np.where(known, range_, 1.0), 0.0)
+            k = int(shares.argmax())
+            found.append(NearLimit(names[k], "position", float(shares[k]), float(passed.time[k])))
+        return tuple(sorted(found, key=lambda near: -near.share))
+
+    def excesses(self) -> tuple[Excess, ...]:
+        """Exceeded limits, worst effort first."""
+        c, limits, model = self._coordinates, self._limits, self._model
+        found, turns = [], drive_turns(model)
+        for kind, extreme in (("effort", self.peak), *self.passed.items()):
+            bound = getattr(limits, kind)
+            over = extreme.value - bound if kind == "effort" else extreme.value
+            allowed = limits.tolerance if kind in ("lower", "upper") else margin(bound)
+            for k in np.flatnonzero(over > allowed):
+                drive = kind == "effort"
+                angular = turns[k] if drive else bool(c.angular_velocity[k])
+                unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
+                value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
+                name = (model.drive_labels if drive else c.velocity_names)[k]
+                found.append(Excess(name, kind, value, limit, time, unit, angular))
+        for i, body in enumerate(self._followers):
+            value, time, angular = float(self.borne.signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
+            if abs(value) > body.effort + margin(body.effort):
+                unit = unit_of("tau", angular)
+                found.append(Excess(body.joint.name, "effort", value, body.effort, time, unit, angular))
+        return tuple(
+            sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
+        )
+
+
 class MotionTally:
     """Running figures, accumulated over chunks of states."""
 
@@ -269,10 +377,9 @@ class MotionTally:
         self.coordinates = Coordinates.from_model(load.robot.model)
         self.rows = 0
         self.begin = self.end = np.nan
-        self.peak, self.rms = RunningExtrema(nv), Rms(nv)
+        self.rms = Rms(nv)
+        self.whole = Extremes(load, limits)
         self.terms = {name: np.zeros(nv) for name in TERMS}
-        self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
-        """Excess over each kind of limit."""
         self.envelope, self.band = MinMaxDecimation(nv), MinMaxDecimation(nv)
         """Decimated torques, and their 95 % intervals if known."""
         self.around: dict[int, MotionSamples] = {}
@@ -283,19 +390,21 @@ class MotionTally:
         self.carried = 0.0
         """Largest torque due to the payloads, in some of the states."""
         self.payload_margin = PayloadMarginTally(load, limits.effort)
-        self.followers = [load.with_load.model.bodies[i] for i in load.with_load.model.limited_followers]
-        self.borne = RunningExtrema(len(self.followers))
-        """Largest torques of mimic joints with an effort limit."""
+        self.followers = bool(load.with_load.model.limited_followers)
         self.largest = np.zeros(load.robot.nq)
         self.outliers = RunningOutliers()
         self.search = PeakSearch(plan, load) if estimating else None
         """Data for noise-corrected peaks."""
-        self._measured = [MeasuredTally(nv) for _ in range(1 + load.carries)]
+        self._measured = [MeasuredTally(limits.effort, _measured_noise(plan)) for _ in range(1 + load.carries)]
         """Comparisons with computed torques with and without payloads and wrenches, since the log may have been recorded either
         way."""
         self.motors = MotorTally(load.with_load.model)
         self.stationary = np.zeros(nv, int)
         """Number of rows with unknown direction of motion."""
+        self.alone = RunningExtrema(nv)
+        """Torques without payloads and wrenches, as recorded."""
+        self.spans, self.sound = _spans_of(plan), Extremes(load, limits)
+        """Doubtful spans of time, and the largest figures outside of them."""
 
     def add(self, states: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
         """Add an overlapping run: its states, the torques (n, nv) of its new rows, and the rows of the log."""
@@ -305,8 +414,10 @@ class MotionTally:
         if self.search is not None:
             self.search.add(s, torques, motion, inner)
             self.band.add(s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma)
+        alone = self.load.at_drives(self.load.unloaded_torques(s)) if self.load.carries else torques
+        self.alone.add(s.time, np.abs(alone), alone)
         if motion.tau is not None:
-            computed = [torques, self.load.at_drives(self.load.unloaded_torques(s))] if self.load.carries else [torques]
+            computed = [torques, alone] if self.load.carries else [torques]
             for tally, tau in zip(self._measured, computed, strict=True):
                 tally.add(s.time, tau, self.load.at_drives(motion.tau[inner]), sigma)
         self.begin = float(s.time[0]) if self.rows == 0 else self.begin
@@ -315,8 +426,14 @@ class MotionTally:
         self.rms.add(s.time, torques)
         self.envelope.add(s.time, torques)
         self.gaps.add(s.time, s.q, s.dq, s.ddq)
-        self._look_at_peaks(s, torques)
-        self._look_at_limits(s)
+        borne = self.load.follower_torques(s) if self.followers else np.zeros((len(s), 0))
+        self._look_at_peaks(s, torques, borne)
+        self.whole.add_motion(s)
+        if self.spans:
+            fine = ~self.spans.within(s.time)
+            self.sound.add_motion(s[fine])
+            steady = fine if self.plan.source != "given" else np.ones(len(s), bool)
+            self.sound.add_torques(s.time[steady], torques[steady], borne[steady])
         self.largest = np.maximum(self.largest, np.abs(s.measured).max(axis=0))
         self.stationary += s.stationary.sum(axis=0)
         if s.outlier.any():
@@ -328,10 +445,6 @@ class MotionTally:
             M = self.load.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
             self.noise = np.maximum(self.noise, spread.max(axis=0))
-        borne = np.zeros((len(s), 0))
-        if self.followers:
-            borne = self.load.follower_torques(s)
-            self.borne.add(s.time, np.abs(borne), borne)
         if self.payload_margin.determined:
             added = self.load.at_drives(self.load.payload_torques(s))
             if self.followers:
@@ -366,8 +479,8 @@ class MotionTally:
             found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
         return found
 
-    def _look_at_peaks(self, s: MotionSamples, torques: Array) -> None:
-        fresh = self.peak.add(s.time, np.abs(torques), torques)
+    def _look_at_peaks(self, s: MotionSamples, torques: Array, borne: Array) -> None:
+        fresh = self.whole.add_torques(s.time, torques, borne)
         if not fresh:
             return
         joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
@@ -377,40 +490,6 @@ class MotionTally:
             self.around[joint] = deepcopy(
                 s[max(0, row - self._reach) : row + self._reach]
             )  # a copy, so that no larger arrays stay in memory
-
-    def _look_at_limits(self, s: MotionSamples) -> None:
-        at, limits = self.coordinates.position_of, self.limits
-        q = np.where(at >= 0, s.measured[:, np.maximum(at, 0)], 0.0)
-        for kind, values, beyond in (
-            ("lower", q, np.where(at >= 0, limits.lower, -np.inf) - q),
-            ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
-            ("velocity", s.dq, np.abs(s.dq) - limits.velocity),
-        ):
-            self.passed[kind].add(s.time, beyond, values)
-
-    def excesses(self) -> tuple[Excess, ...]:
-        """Exceeded limits, worst effort first."""
-        c, limits, model = self.coordinates, self.limits, self.load.with_load.model
-        found, turns = [], drive_turns(model)
-        for kind, extreme in (("effort", self.peak), *self.passed.items()):
-            bound = getattr(limits, kind)
-            over = extreme.value - bound if kind == "effort" else extreme.value
-            allowed = limits.tolerance if kind in ("lower", "upper") else margin(bound)
-            for k in np.flatnonzero(over > allowed):
-                drive = kind == "effort"
-                angular = turns[k] if drive else bool(c.angular_velocity[k])
-                unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
-                value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
-                name = (model.drive_labels if drive else c.velocity_names)[k]
-                found.append(Excess(name, kind, value, limit, time, unit, angular))
-        for i, body in enumerate(self.followers):
-            value, time, angular = float(self.borne.signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
-            if abs(value) > body.effort + margin(body.effort):
-                unit = unit_of("tau", angular)
-                found.append(Excess(body.joint.name, "effort", value, body.effort, time, unit, angular))
-        return tuple(
-            sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
-        )
 
     def estimate(self, joint: int) -> PeakEstimate:
         """Noise-corrected peak of the joint, if the tally is ``estimating``."""
@@ -535,7 +614,7 @@ def _report(
         begin=run.begin,
         end=run.end,
         joints=joints,
-        excesses=run.excesses(),
+        excesses=run.whole.excesses(),
         gaps=run.gaps,
         quality=plan.quality,
         differentiation=plan,
@@ -548,15 +627,51 @@ def _report(
         stationary=tuple((run.stationary / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
         around=run.around[worst],
-        doubts=plan.trajectory.doubts(run.limits, glitches=not outliers),
+        doubts=_doubts(run, glitches=not outliers),
+        near=run.whole.nearest(),
+        spans=run.spans,
+        sound=SoundFigures(run.sound.peak.value, run.sound.excesses()) if run.spans else None,
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)
-        and run.carried <= ZERO * float(run.peak.value.max(initial=0.0)),
+        and run.carried <= ZERO * float(run.whole.peak.value.max(initial=0.0)),
         payload_margin=run.payload_margin.result(),
         derived=None
         if derived is None
-        else AsDerived(derived.plan, derived.excesses(), derived.envelope.result(), derived.motors.result()),
+        else AsDerived(derived.plan, derived.whole.excesses(), derived.envelope.result(), derived.motors.result()),
     )
+
+
+def _spans_of(plan: Differentiation) -> DoubtfulSpans:
+    """Doubtful spans of a log; smoothing spreads what happens in them."""
+    rows = SURROUNDINGS + math.ceil(_SPREAD * float(plan.strengths.max(initial=0.0)) ** (1 / 6))
+    log = plan.trajectory
+    return doubtful_spans(log.instants, plan.quality.step, log.origin, rows)
+
+
+def _measured_noise(plan: Differentiation) -> Array:
+    """Standard deviation (nv,) of the noise of the measured torques; 0 without a column."""
+    log, nv = plan.trajectory, plan.model.nv
+    if log.columns.places["tau"] is None:
+        return np.zeros(nv)
+    runs = [log.motion(table) for table in excerpts(log.table, *_NOISE_RUNS)]
+    torques = [rows.tau for rows in runs if rows.tau is not None]
+    return noise([rows.time for rows in runs], torques) if torques else np.zeros(nv)
+
+
+_NOISE_RUNS = 8, 2048
+_SPREAD = 16.0
+"""Rows, in units of strength^(1/6), to which smoothing spreads a wrong row by more than 1e-3 of it."""
+
+
+def _doubts(run: MotionTally, *, glitches: bool) -> tuple[Doubt, ...]:
+    """Doubts about the log without dynamics, by the robot's own limits; before them that torques are impossible."""
+    log, robot = run.plan.trajectory, run.load.robot
+    found = log.doubts(run.limits, own=robot.limits, glitches=glitches)
+    if any(doubt.refuses for doubt in found):
+        return found
+    corners = replace(run.spans, instants=tuple(i for i in log.instants if i.cause is not InstantKind.ROWS))
+    strong = impossible_torque(robot, run.alone, log.origin, corners)
+    return found if strong is None else (strong, *found)
 
 
 def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque, ...]:
@@ -567,14 +682,14 @@ def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque,
         JointTorque(
             joint=name,
             unit=units[k],
-            largest=float(run.peak.signed[k]),
-            time=float(run.peak.time[k]),
+            largest=float(run.whole.peak.signed[k]),
+            time=float(run.whole.peak.time[k]),
             rms=float(rms[k]),
             limit=float(run.limits.effort[k]),
             terms={term: float(values[k]) for term, values in run.terms.items()},
             noise=float(noisy.noise[k]),
-            raw=None if derived is None else float(derived.peak.signed[k]),
-            raw_time=None if derived is None else float(derived.peak.time[k]),
+            raw=None if derived is None else float(derived.whole.peak.signed[k]),
+            raw_time=None if derived is None else float(derived.whole.peak.time[k]),
         )
         for k, name in enumerate(run.load.with_load.model.drive_labels)
     )

@@ -14,12 +14,13 @@ from ..core.numbers import deviation, number, percent, percent_of_limit, seconds
 from ..core.text import ReadingNote, listed
 from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
-from ..log_checks.doubts import Doubt, doubt_table
+from ..log_checks.doubts import Doubt, Level, doubt_table
 from ..model.inertia_checks import massless_links
 from ..model.legs import hanging_base
 from ..model.limits import Limits, over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
+from ..motion.plausibility import Origin
 from .load_case import Payload, cause_label, limit_doubts, limits_remedy, unlimited, without_velocity_limit
 from .log_quality import MeasuredTorque
 from .sentences import sentence
@@ -191,7 +192,14 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     """
     over, unsure = _judge_torques(report)
     passed, _ = _judge_motion(report, degrees=degrees)
-    stated = _grouped([*over, *passed])
+    wound = _wound(report, level="note")
+    passed = [(e, text) for e, text in passed if not (e.kind in _STOPS and e.joint in wound)]
+    doubted = doubted_excesses(report)
+    certain = [(e, text) for e, text in (*over, *passed) if (e.joint, e.kind) not in doubted]
+    stated = _grouped(certain)
+    instead = rows_in_doubt(report)
+    if not certain and (over or passed):
+        instead += [f"{as_it_stands(report)} {Word.OVER_LIMIT}: {text}" for text in _grouped([*over, *passed])[:1]]
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
     near = max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT
@@ -200,9 +208,82 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     own = Verdict.from_reasons(
         look_again=contradictions(report),
         over=stated,
-        unsure=[*base_doubts(report.load.robot.model), *limits, *unsure, *before, *gaps, *after],
+        unsure=[
+            *base_doubts(report.load.robot.model),
+            *instead,
+            *limits,
+            *unsure,
+            *before,
+            *gaps,
+            *(text for text in after if text not in instead),
+        ],
     )
     return own if report.clearance is None else own.joined(report.clearance.verdict)
+
+
+# ── Doubts about an instant stand before an excess at that instant
+
+_EVERYWHERE = (
+    "repeated",
+    "buffered",
+    "impossible-speed",
+    "impossible-torque",
+    "impact",
+    "lone-step",
+    "zero-or-direction",
+)
+"""Doubts that concern all derived figures of the log."""
+_POINTS = 0.05
+"""Change of a share of a limit that makes rows in doubt decisive."""
+
+
+def doubted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
+    """Joint and kind of the excesses that stand only at instants, or in a log, whose rows are in doubt."""
+    every = {(e.joint, e.kind) for e in report.excesses}
+    if report.differentiation.trajectory.origin is Origin.PLAN:
+        return set()
+    if any(found.kind in _EVERYWHERE for found in report.doubts):
+        return every
+    refuted = {(m.joint, "effort") for m in report.measured if m.refutes}
+    wound = _wound(report, level="unsure")
+    refuted |= {(e.joint, e.kind) for e in report.excesses if e.kind in _STOPS and e.joint in wound}
+    return refuted & every | (
+        set() if report.sound is None else every - {(e.joint, e.kind) for e in report.sound.excesses}
+    )
+
+
+_STOPS = "lower", "upper"
+
+
+def _wound(report: TorqueReport, *, level: Level) -> set[str]:
+    """Joints whose angles are compared with their stops after a turn more or less."""
+    return {
+        joint for found in report.doubts if found.kind == "wound" and found.level == level for joint in found.joints
+    }
+
+
+def rows_in_doubt(report: TorqueReport) -> list[str]:
+    """Sentences on rows that are missing, repeated or wrong, if they decide a figure; empty otherwise."""
+    doubted = doubted_excesses(report)
+    if everywhere := [str(found) for found in report.doubts if found.kind in _EVERYWHERE and not found.refuses]:
+        return everywhere if doubted else []
+    refuted = [m.refuting_words for m in report.measured if m.refutes and (m.joint, "effort") in doubted]
+    if report.sound is None or {(m.joint, "effort") for m in report.measured if m.refutes} >= doubted:
+        return refuted
+    limits = np.array([j.limit for j in report.joints])
+    largest = np.array([abs(j.largest) for j in report.joints])
+    changed = float((largest / limits).max(initial=0.0) - (report.sound.peaks / limits).max(initial=0.0))
+    if not doubted and changed < _POINTS:
+        return []
+    times = [e.time for e in report.excesses if (e.joint, e.kind) in doubted]
+    times += [report.joints[report.worst].time] if report.worst is not None and not times else []
+    return [str(report.spans.doubt_at(times)), *refuted]
+
+
+def as_it_stands(report: TorqueReport) -> str:
+    """Condition under which the excesses of a log in doubt are certain."""
+    either = report.differentiation.trajectory.origin is Origin.EITHER
+    return "as a plan" if either else "as it stands"
 
 
 def most_hidden(report: TorqueReport) -> float:
@@ -214,7 +295,7 @@ def most_hidden(report: TorqueReport) -> float:
 
 def contradictions(report: TorqueReport) -> list[str]:
     """Reasons to look again at the input that do not depend on payload and speed."""
-    refused = [str(doubt) for doubt in report.doubts if doubt.refuses]
+    refused = [str(found) for found in report.doubts if found.refuses]
     contradicted = [m for m in _different(report) if m.contradicts]
     return [*report.load.contradictions, *refused, *_against(report, contradicted)]
 
@@ -240,7 +321,8 @@ def _after(report: TorqueReport) -> list[str]:
         after.append(
             "samples that look like glitches were smoothed away; if the robot moved so, torques there are too low"
         )
-    after += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
+    after += [str(found) for found in report.doubts if found.level == "unsure"]
+    after += [m.above_words for m in report.measured if m.lasting and not m.contradicts]
     after += [m.cut_words for m in report.measured if m.cut and m.matters]
     different = _different(report)
     named = [c for c in report.causes if _alarms(c) and not any(explains(c, m.joint) for m in different)]
@@ -555,6 +637,12 @@ def _measured_notes(report: TorqueReport) -> Iterator[str]:
             f"The file's own torques are grossly different from those computed for {', '.join(hidden)}, as noise of the log "
             "may explain: trust the file's own."
         )
+    for m in report.measured:
+        if m.above and not m.lasting:
+            yield (
+                f"The measured torque of {m.joint} has a peak of {number(1e3 * m.above, 2)} ms above its limit, "
+                f"{torque(m.peak)} {m.unit} of {number(m.limit)}, as in an impact."
+            )
     if dead := [m.joint for m in report.measured if m.dead]:
         yield f"The torque column never changes, and is not compared, for {', '.join(dead)}."
 

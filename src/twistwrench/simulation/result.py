@@ -141,7 +141,7 @@ class SimulationResult:
             )
         from ..motion.motion import Motion
 
-        return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated, in_seconds=True)
+        return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated, in_seconds=True, plan=True)
 
     def with_robot(self, robot: Robot) -> SimulationResult:
         """Result with the simulated robot, for a result read from a file.

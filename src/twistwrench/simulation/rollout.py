@@ -100,7 +100,9 @@ class Rollout:
         from ..motion.motion import Motion
 
         tau = None if self.tau is None else np.concatenate([self.tau[index], self.tau[index][-1:]])
-        return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot(), in_seconds=True)
+        return Motion(
+            self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot(), in_seconds=True, plan=True
+        )
 
     def to_xarray(self) -> Any:
         """Dataset of q, dq, and tau if requested, with named axes: samples, time, coordinate, joint.

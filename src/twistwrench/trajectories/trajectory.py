@@ -200,7 +200,7 @@ class Trajectory:
         if self.duration - t[-1] > 1e-9 * min(step, self.duration):
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
-        return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=self.friction)
+        return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=self.friction, plan=True)
 
     def violations(self, bounds: Limits | None = None, *, friction: bool | None = None) -> tuple[Violation, ...]:
         """Limits that the trajectory exceeds, worst first; see :func:`~twistwrench.trajectories.violations`.

@@ -106,6 +106,10 @@ class Verdict {
     if (Math.abs(j.largest) <= bounds.zero * scale) return this.say("no torque");
     const sure = asLogged ? this.say("sure", { share: percent((bounds.interval * j.reach) / j.limit, 2) }) : "";
     const said = [this.say("nearest", { joint: j.joint, share: percentOfLimit(j.share), sure, time: this.time(j.row), because: this.because(j) })];
+    for (const { kind, joint, share, time, least } of this.data.near) {
+      const here = kind === "velocity" ? share * this.motion.pace : share;
+      if (here > Math.max(j.share, least)) said.push(this.say("near", { kind: kind[0].toUpperCase() + kind.slice(1), joint, share: percentOfLimit(here), time: seconds(this.motion.shown(time)) }));
+    }
     if (asLogged) said.push(this.say("smoothed", { joints: asLogged }));
     if (gap) said.push(gap.words[0].toUpperCase() + gap.words.slice(1));
     return said.join(". ");

@@ -1,0 +1,98 @@
+"""What no robot does: rows that are missing, repeated or wrong are doubts about a log, and never a certain excess."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twistwrench import Motion, trajectories
+
+pytest_plugins = ("torque_fixtures",)
+
+T = np.arange(0, 8, 0.01)
+Q = 0.8 * np.sin(T[:, None] * np.arange(1, 7) / 3)
+HELD = 0.9 * np.sin(T[:, None] * 2 + np.arange(6))
+
+
+def cut():
+    kept = (T < 3) | (T >= 3.3)
+    return T[: kept.sum()], Q[kept]
+
+
+def zeros():
+    return T, np.where(np.arange(len(T))[:, None] >= len(T) - 3, 0.0, Q)
+
+
+def stuck():
+    return T, np.concatenate([Q[:300], Q[300:301].repeat(3, axis=0), Q[303:]])
+
+
+def hold():
+    return T, HELD[np.arange(len(T)) // 10 * 10]
+
+
+def frozen():
+    """The recording repeats its last row to the end."""
+    return T, np.concatenate([Q[:400], Q[400:401].repeat(len(T) - 400, axis=0)])
+
+
+FAULTS = {f.__name__: f for f in (cut, zeros, stuck, hold, frozen)}
+
+
+@pytest.fixture
+def said(run, tmp_path, ur5):
+    """First line of ``torques`` on a motion of the UR5, whose largest share of a limit is 40 %."""
+
+    def said(t, q, *options, tau=None):
+        names = ["time", *ur5.joint_names] + ([f"{n}.tau" for n in ur5.joint_names] if tau is not None else [])
+        table = np.column_stack([t, q] if tau is None else [t, q, tau])
+        np.savetxt(tmp_path / "m.csv", table, "%.9g", ",", header=",".join(names), comments="")
+        code, text = run("torques", "ur5", "--trajectory", tmp_path / "m.csv", *options)
+        assert (code == 0) == text.startswith("OK"), text
+        return " ".join(text.split("\n\n")[0].split())
+
+    return said
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_rows_that_no_robot_makes_are_not_a_certain_excess(said, fault):
+    """Each was OVER LIMIT, by up to 131,834 %; a robot with measured torques was not planned, so that the log is wrong."""
+    t, q = FAULTS[fault]()
+    verdict = said(t, q)
+    assert verdict.startswith("UNSURE") and "as a plan OVER LIMIT" in verdict
+    assert said(t, q, "--plan").startswith("OVER LIMIT")
+
+
+@pytest.mark.parametrize("fault", ["cut", "zeros", "hold"])
+def test_a_log_with_measured_torques_that_no_robot_makes_is_looked_at_again(said, ur5, fault):
+    t, q = FAULTS[fault]()
+    tau = np.asarray(ur5.gravity_forces(q))
+    assert said(t, q, tau=tau).startswith("LOOK AGAIN") or "no robot moves so" in said(t, q, tau=tau)
+
+
+def test_a_clean_log_with_too_much_to_carry_is_over_its_limit(said, ur5):
+    tau = Motion(T, Q, robot=ur5).torques()
+    for mass in (20, 100, 1000):
+        assert said(T, Q, "--payload", mass, tau=tau).startswith("OVER LIMIT: ")
+    assert said(T, Q, tau=tau).startswith("OK")
+
+
+def test_an_excess_among_sound_rows_is_certain(said):
+    """Rows are stuck at 3 s; with 60 kg the limits are passed elsewhere too."""
+    t, q = stuck()
+    assert said(t, q, "--payload", "60").startswith("OVER LIMIT: ")
+
+
+def test_what_a_planner_asks_for_is_not_a_log(ur5):
+    moving = trajectories.move(ur5, np.zeros(6), np.full(6, 0.8), trajectories.cubic(0.05)).sample(0.001)
+    assert moving.plan and moving.contradictions == ()
+    assert {v.kind for v in moving.violations()} >= {"velocity", "torque"}
+    fast = Motion(moving.time, moving.q, robot=ur5, tau=moving.torques())
+    assert [found.kind for found in fast.contradictions] == ["impossible-speed"]
+
+
+def test_starts_stops_and_impacts_are_not_missing_rows(ur5):
+    swing = np.sin(2 * np.pi * T / 4)
+    for curve in (np.where(swing > 0.6, 1.2 - swing, swing), np.clip(T - 3, 0, 1), np.abs(swing)):
+        motion = Motion(T, 0.5 * curve[:, None] * np.ones(6), robot=ur5)
+        assert not [i for i in motion.instants if i.cause == "rows"] and motion.doubts == ()
