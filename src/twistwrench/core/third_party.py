@@ -300,9 +300,17 @@ def reason_of(problem: Exception) -> str:
         return "it needs more memory than is available"
     if isinstance(problem, OSError) and problem.strerror:
         return problem.strerror
-    text = " ".join(str(problem).split()).rstrip(".")
+    text = " ".join(_text_of(problem).split()).rstrip(".")
     kind = type(problem).__name__
     return f"{kind}: {text[:_LONGEST]}{'…' * (len(text) > _LONGEST)}" if text else kind
+
+
+def _text_of(problem: Exception) -> str:
+    """Text of an error; empty if it has none, as the text of an error of C++ may not be Unicode."""
+    try:
+        return str(problem)
+    except Exception:
+        return ""
 
 
 # ── Output of other libraries to the standard error of the process, bypassing Python: captured, and shown if useful

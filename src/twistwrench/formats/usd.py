@@ -20,7 +20,8 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
-from ..core.third_party import captured_stderr, third_party_errors
+from ..core.text import clipped
+from ..core.third_party import captured_stderr, reason_of, third_party_errors
 from ..errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..joints.screw_joint import screw_through
 from ..lie import quaternion, se3, so3
@@ -44,21 +45,51 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
         from pxr import Usd
     except ImportError:
         raise MissingExtraError.from_extra("usd-core", "usd", "Reading USD") from None
+    allowed = [folder.resolve() for folder in folders]
     with (
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
         captured_stderr() as said,
     ):
+        _check_layers(path.resolve(), allowed)
         stage = Usd.Stage.Open(str(path.resolve()))
     if str(said):  # a missing layer is a warning of the library, but a missing part of the robot
         raise RobotFileError(f"it cannot be read whole: {' '.join(str(said).split())[:300]}")
-    allowed = [folder.resolve() for folder in folders]
-    for layer in stage.GetUsedLayers():
-        place = Path(layer.realPath).resolve() if layer.realPath else None
-        if place is not None and not any(place.is_relative_to(folder) for folder in allowed):
-            raise RobotFileError(
-                f"it takes in {str(place)!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
-            )
+    for layer in stage.GetUsedLayers():  # those too whose names are computed, by variables and variants
+        if layer.realPath:
+            _check_place(layer.realPath, allowed)
     return stage
+
+
+_MOST_LAYERS = 1000
+"""Largest number of layers of a stage."""
+
+
+def _check_layers(path: Path, allowed: Sequence[Path]) -> None:
+    """Raise RobotFileError if a file names a layer outside ``allowed``, itself or by its layers; none of these is opened."""
+    from pxr import Sdf
+
+    waiting = [str(path)]
+    for name in waiting:
+        layer = Sdf.Layer.FindOrOpen(name)
+        if layer is None:  # reported when the stage is opened
+            continue
+        places = [layer.ComputeAbsolutePath(named) for named in layer.GetCompositionAssetDependencies()]
+        for place in places:
+            _check_place(place, allowed)
+        waiting.extend(place for place in dict.fromkeys(places) if place not in waiting)
+        if len(waiting) > _MOST_LAYERS:
+            raise RobotFileError(f"it has more than {_MOST_LAYERS} layers.")
+
+
+def _check_place(name: str, allowed: Sequence[Path]) -> None:
+    """Raise RobotFileError if a layer is not a file below ``allowed``. A part of an archive is ``robot.usdz[part.usd]``."""
+    place = Path(name.partition("[")[0]).resolve()
+    if not any(place.is_relative_to(folder) for folder in allowed):
+        raise RobotFileError(
+            f"it takes in {clipped(str(place))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
+        )
+    if place.exists() and not place.is_file():
+        raise RobotFileError(f"it takes in {clipped(str(place))!r}, which is not a file.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +208,16 @@ def who(prim: Any) -> str:
 
 
 def value_of(prim: Any, name: str, *, default: Any) -> Any:
-    """Value of an attribute: the file's, the schema's default, or ``default``."""
+    """Value of an attribute: the file's, the schema's default, or ``default``; raises RobotFileError for an array."""
     attribute = prim.GetAttribute(name)
+    if attribute and attribute.GetTypeName().isArray:  # of any size, so it is not read
+        raise _wrong_type(prim, name, f"an array, {attribute.GetTypeName()}", "a single value")
     value = attribute.Get() if attribute else None
     return default if value is None else value
+
+
+def _wrong_type(prim: Any, name: str, found: str, expected: str) -> RobotFileError:
+    return RobotFileError(f"{who(prim)} has {name} = {clipped(found)}; expected {expected}.")
 
 
 def number_of(prim: Any, name: str, default: float = 0.0) -> float:
@@ -190,11 +227,16 @@ def number_of(prim: Any, name: str, default: float = 0.0) -> float:
 
 def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
     """Value of an attribute with several numbers."""
-    return np.array([_decimal(prim, name, x) for x in value_of(prim, name, default=default)])
+    value = value_of(prim, name, default=default)
+    if not hasattr(value, "__len__") or isinstance(value, str) or len(value) != len(default):
+        raise _wrong_type(prim, name, str(value), f"{len(default)} numbers")
+    return np.array([_decimal(prim, name, x) for x in value])
 
 
 def _decimal(prim: Any, name: str, x: Any) -> float:
     """Shortest decimal that rounds to the same single-precision number."""
+    if not isinstance(x, int | float):
+        raise _wrong_type(prim, name, str(x), "a number")
     x = float(x)
     if math.isnan(x):
         raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
@@ -206,13 +248,20 @@ def _decimal(prim: Any, name: str, x: Any) -> float:
 def quaternion_of(prim: Any, name: str) -> list[float]:
     """Quaternion (w, x, y, z); zeros mean the identity."""
     value = value_of(prim, name, default=None)
+    if value is not None and not hasattr(value, "GetImaginary"):
+        raise _wrong_type(prim, name, str(value), "a quaternion")
     Q = [1.0, 0.0, 0.0, 0.0] if value is None else [float(value.GetReal()), *map(float, value.GetImaginary())]
+    if not all(map(math.isfinite, Q)):
+        raise _wrong_type(prim, name, str(value), "finite numbers")
     return Q if any(Q) else [1.0, 0.0, 0.0, 0.0]
 
 
 def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
     """Axis (0, 1 or 2) of a joint's motion, or of a shape."""
-    return "XYZ".index(str(value_of(prim, name, default=default)))
+    axis = str(value_of(prim, name, default=default))
+    if axis not in ("X", "Y", "Z"):
+        raise _wrong_type(prim, name, repr(axis), "X, Y or Z")
+    return "XYZ".index(axis)
 
 
 def moves(prim: Any) -> bool:
@@ -435,8 +484,13 @@ def read_usd(
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
     :class:`~twistwrench.UnknownNameError` for a missing articulation.
     """
-    stage = Stage(open_stage(path, [path.parent, *include_paths]), max_bodies)
-    return _Reader(stage, source, floating_base, model).read()
+    opened = open_stage(path, [path.parent, *include_paths])
+    from pxr import Tf
+
+    try:  # the library reads on demand, so its errors come from any of its calls
+        return _Reader(Stage(opened, max_bodies), source, floating_base, model).read()
+    except (Tf.ErrorException, UnicodeError) as problem:
+        raise RobotFileError(f"it cannot be read as USD: {reason_of(problem)}.") from problem
 
 
 class _Reader:
@@ -567,7 +621,9 @@ def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
         entry = unread.entry(row, name)
         if entry is None:
             unread.unknown(kind, name, who(prim))
-        elif isinstance(entry, LeftOut) and entry.acts([str(attribute.Get())]):
+        elif isinstance(entry, LeftOut) and entry.acts(
+            [] if attribute.GetTypeName().isArray else [str(attribute.Get())]
+        ):
             if name.replace("mjc:", "newton:").removesuffix("loss") in written and name.startswith("mjc:"):
                 continue  # converters write both; Newton's is read
             unread.left_out(kind, name, entry, f"{name} of {who(prim)}")
