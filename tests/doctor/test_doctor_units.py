@@ -126,3 +126,21 @@ def test_real_files_have_no_warning_of_grams_millimetres_or_weights():
             )
     if not looked_at:
         pytest.skip("neither example-robot-data nor ../shared/robots is there")
+
+
+def test_a_helper_body_parked_far_away_changes_no_finding(tmp_path):
+    """Simulators park bodies without use far above the scene; a span that counts them would make every link look too compact."""
+    links = "".join(
+        f'<body name="l{k}" pos="0 0 0.3"><joint name="j{k}" axis="0 1 0"/><inertial pos="0 0 0.15" mass="{4 - k}" '
+        f'diaginertia="{0.02 / (k + 1)} {0.02 / (k + 1)} {0.002 / (k + 1)}"/>'
+        for k in range(4)
+    )
+    arm = f"{links}{'</body>' * 4}"
+    parked = '<body name="helper" pos="0 0 20"><joint name="h" axis="0 0 1"/><inertial pos="0 0 0" mass="0.01" diaginertia="1e-6 1e-6 1e-6"/></body>'
+
+    def units(bodies: str) -> list[str]:
+        path = tmp_path / "robot.xml"
+        path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+        return [finding.sentence for finding in tw.doctor(path, only="units").findings if "helper" not in finding.where]
+
+    assert units(arm) == units(arm + parked) == []

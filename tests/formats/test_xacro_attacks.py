@@ -183,7 +183,7 @@ FILES = {
     "YAML through a link": ("<link name=\"${xacro.load_yaml('link.xacro')}\"/>", "lies outside"),
     "YAML of a file descriptor": ('<link name="${xacro.load_yaml(0)}"/>', ""),
     "YAML of an object": ("<link name=\"${xacro.load_yaml('object.yaml')}\"/>", "could not determine a constructor"),
-    "entities of an included file": ('<xacro:include filename="entity.xacro"/>', "declares an entity"),
+    "entities of an included file": ('<xacro:include filename="entity.xacro"/>', "declares the entity"),
     "an include above a package": ('<xacro:include filename="$(find robot)/../secret.txt"/>', "lies outside"),
     "an element as a value": (
         '<xacro:property name="p"><a/></xacro:property><xacro:include filename="in.xacro" ns="n"/><link name="${n[\'**p\'].ownerDocument}"/>',

@@ -22,6 +22,7 @@ from ..core.numbers import printed
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from ..typing import Array
+from .mesh_files import load_mesh
 from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
 
 if TYPE_CHECKING:
@@ -158,7 +159,10 @@ def read_surface(path: Path) -> tuple[Array, Array]:
     if not path.is_file():
         raise NotFoundError(f"no mesh file {str(path)!r}.")
     with third_party_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):
-        loaded: Any = trimesh.load(path, force="mesh")
+        try:
+            loaded: Any = load_mesh(path, trimesh.load, force="mesh")
+        except ModelError as problem:
+            raise ModelError(f"{path} {problem}.") from None
     if not hasattr(loaded, "faces") or not len(loaded.faces):
         raise ModelError(f"{path} holds no triangles.")
     loaded.merge_vertices(merge_tex=True, merge_norm=True)  # formats such as STL repeat each vertex

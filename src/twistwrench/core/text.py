@@ -29,6 +29,20 @@ def with_clipped_quotations(message: str) -> str:
     return re.sub(_QUOTED, lambda found: f"{found[0][: _LONGEST + 1]}…{found[0][-1]}", message)
 
 
+_LONGEST_MESSAGE = 1000
+"""Maximum number of characters of a message about a file."""
+
+
+def bounded_message(message: str) -> str:
+    """Message about another author's file with long quotations shortened, and cut if it is still long.
+
+    >>> len(bounded_message(f"link {'a' * 1000!r} is not there")), len(bounded_message("a mass, " * 1000))
+    (221, 1001)
+    """
+    text = with_clipped_quotations(message)
+    return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}…"
+
+
 class ReadingNote(str):
     """A note on how a file was read, such as the columns that were matched; reports print it with --verbose only."""
 

@@ -169,8 +169,14 @@ class ParsedFile:
 
     @cached_property
     def span(self) -> float:
-        """Diagonal of the bounding box of all link frames at zero joint positions [m]."""
-        places = np.array([T[:3, 3] for T in self.neutral_poses.values()])
+        """Diagonal of the bounding box of link frames at zero joint positions [m].
+
+        The frames are those of links with at least 1 % of the mass, as simulators park helper bodies far away. With fewer than
+        two such links, all frames count.
+        """
+        poses = self.neutral_poses
+        heavy = [poses[name] for name, link in self.links.items() if name in poses and self.heavy(link)]
+        places = np.array([T[:3, 3] for T in (heavy if len(heavy) > 1 else poses.values())])
         return float(np.linalg.norm(np.ptp(places, axis=0)))
 
     @cached_property
@@ -408,7 +414,10 @@ def read_subject(
             raise
         if any(not problem.mimic for problem in problems):  # the loader's error is the first one
             others = [str(problem) for problem in problems if f"line {problem.line})" not in str(error)]
-            more = f"{str(error).rstrip('.')}. Besides: {' '.join(others)}" if others else str(error)
+            besides = " ".join(others[:_MOST_ERRORS]) + f" And {len(others) - _MOST_ERRORS} more." * (
+                len(others) > _MOST_ERRORS
+            )
+            more = f"{str(error).rstrip('.')}. Besides: {besides}" if others else str(error)
             raise type(error)(more) from None
         made = _loaded(given, floating_base, "independent", model, max_bodies)
     root = parse(text)
@@ -416,6 +425,10 @@ def read_subject(
     shapes = ShapeReader(path, folders, meshes is not False)
     parsed = replace(_parsed(root, made, shapes, path), load_errors=tuple(problems))
     return Subject(parsed, text, path, data, floating_base, model)
+
+
+_MOST_ERRORS = 12
+"""Largest number of listed errors beside the first one."""
 
 
 def _model_of(text: str, name: str) -> str | None:

@@ -12,9 +12,10 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..bodies.mesh import convex_hull
+from ..bodies.mesh_files import SUFFIXES
 from ..bodies.solids import clipped, rotational_inertia, second_moments
 from ..errors import ModelWarning, TwistWrenchError, ValueRangeError
-from ..formats.source import MESHES, find_resource
+from ..formats.source import find_resource
 from ..typing import Array
 from ..viz import surface
 
@@ -151,7 +152,7 @@ class ShapeReader:
         for folder in self.folders:
             for k in range(len(parts)):
                 place = folder.joinpath(*parts[k:])
-                if place.suffix.lower() in MESHES and place.is_file():
+                if place.suffix.lower() in SUFFIXES and place.is_file():
                     return place
         return None
 

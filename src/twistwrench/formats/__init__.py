@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..core.arguments import integer
-from ..core.text import with_clipped_quotations
+from ..core.text import bounded_message
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.assembly import DEFAULT_SNAP
 from ..model.model import Model
@@ -108,7 +108,7 @@ def load_model(
         )  # fmt: skip
     except ModelError as error:
         # Only this function has the file's name.
-        raise type(error)(f"{shown}: {with_clipped_quotations(str(error))}") from None
+        raise type(error)(f"{shown}: {bounded_message(str(error))}") from None
 
 
 def format_of_file(path: Path) -> str:

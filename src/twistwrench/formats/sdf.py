@@ -161,7 +161,7 @@ class SdfModel:
     def frame(self, name: str, asked: Element) -> SdfFrame:
         """Frame by name."""
         if name not in self.frames:
-            known = ", ".join(repr(one) for one in list(self.frames)[:12])
+            known = listed(map(repr, self.frames))
             raise asked.error(f"names {name!r}, which is not a link, joint, frame or model there. Known: {known}.")
         return self.frames[name]
 
@@ -257,7 +257,7 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
         return by_name[name]
     moving = [pair for pair in models if not is_true(pair[0], "static")]
     if len(moving) > 1:
-        names = ", ".join(repr(one.text("name")) for one, _ in moving)
+        names = listed(repr(one.text("name")) for one, _ in moving)
         raise root.error(f"has {len(moving)} models that can move: {names}. Say which, model=….")
     if not models:
         raise root.error("has no <model>.")

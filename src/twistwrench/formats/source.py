@@ -6,10 +6,11 @@ import codecs
 import difflib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
+from ..bodies.mesh_files import SUFFIXES
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
@@ -147,40 +148,68 @@ def _decoded(data: bytes, name: str) -> str:
 
 # ── Mesh files of a robot file
 
-MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
-"""Suffixes of mesh files. Others are never opened, as a robot file may come from an untrusted source."""
 _PACKAGES = ("package://", "model://")
+_PACKAGE_FILES = ("package.xml", "manifest.xml")
 
 
 def find_resource(uri: str, robot_file: Path) -> Path | None:
     """Path of ``uri`` in ``robot_file``, or None if it is not found.
 
-    Packages are searched in the folders above the robot file, then in ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
-    Files outside of the package, files without the suffix of a mesh, and remote files (http://) count as not found.
+    Packages are searched in the folders above the robot file, then in ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``. Other
+    names, those of ``file://`` too, are read below the package around the robot file, and without one below the folder above
+    the robot's. Files elsewhere, files without the suffix of a mesh, and remote files (http://) count as not found.
     """
     try:
-        places = _places(uri.strip(), robot_file)
-        return next((path for path in places if path.suffix.lower() in MESHES and path.is_file()), None)
-    except (OSError, ValueError):  # names that file systems reject
+        for place, roots in _places(uri.strip(), robot_file):
+            path = place.resolve()
+            named = all(name.suffix.lower() in SUFFIXES for name in (place, path))
+            inside = roots is None or any(path.is_relative_to(root) for root in roots)
+            if named and inside and path.is_file():
+                return place
+    except (OSError, ValueError, RuntimeError):  # names that file systems reject; links in a circle
         return None
+    return None
 
 
-def _places(uri: str, robot_file: Path) -> Iterator[Path]:
+def _places(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] | None]]:
+    """Places of a mesh, each with the folders that the file has to lie below once links are resolved; None: any.
+
+    Packages that the user names by the environment may consist of links, as those of a workspace that is built with links do.
+    """
     scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
+    around = _folders_around(robot_file)
     if scheme is not None:
         name, _, rest = unquote(uri[len(scheme) :]).partition("/")
         inside = Path(os.path.normpath(rest))
         if name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
             return
-        for folder in robot_file.resolve().parents:
-            yield folder / name / rest
+        for folder in around:
+            yield folder / name / rest, [folder]
             if folder.name == name:
-                yield folder / rest
-        for root in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-            yield Path(root) / name / rest
-        for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-            yield Path(prefix) / "share" / name / rest
+                yield folder / rest, [folder]
+        for folder in _ros_folders():
+            yield folder / name / rest, None
     elif uri.startswith("file://"):
-        yield Path(unquote(uri.removeprefix("file://")))
+        yield Path(unquote(uri.removeprefix("file://"))), [_own_folder(around), *_ros_folders()]
     elif "://" not in uri and uri:
-        yield robot_file.parent / uri
+        yield robot_file.parent / uri, [_own_folder(around), *_ros_folders()]
+
+
+def _folders_around(robot_file: Path) -> list[Path]:
+    """Folders above a robot file, the nearest first, without the user's home and what is above it."""
+    own, *above = robot_file.resolve().parents
+    home = Path.home()
+    return [own, *(folder for folder in above if folder != folder.parent and not home.is_relative_to(folder))]
+
+
+def _own_folder(around: Sequence[Path]) -> Path:
+    """The package around a robot file; without one, the folder above the robot's own, which often has the meshes."""
+    package = next((folder for folder in around if any((folder / name).is_file() for name in _PACKAGE_FILES)), None)
+    return package or around[min(1, len(around) - 1)]
+
+
+def _ros_folders() -> list[Path]:
+    """Folders of packages by the environment variables of ROS."""
+    packages = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return [*map(Path, filter(None, packages)), *(Path(prefix) / "share" for prefix in filter(None, prefixes))]

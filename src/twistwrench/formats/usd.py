@@ -20,7 +20,7 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
-from ..core.text import clipped
+from ..core.text import clipped, listed
 from ..core.third_party import captured_stderr, reason_of, third_party_errors
 from ..errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..joints.screw_joint import screw_through
@@ -50,13 +50,14 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
         captured_stderr() as said,
     ):
-        _check_layers(path.resolve(), allowed)
+        layers = _checked_layers(path.resolve(), allowed)
         stage = Usd.Stage.Open(str(path.resolve()))
     if str(said):  # a missing layer is a warning of the library, but a missing part of the robot
         raise RobotFileError(f"it cannot be read whole: {' '.join(str(said).split())[:300]}")
     for layer in stage.GetUsedLayers():  # those too whose names are computed, by variables and variants
         if layer.realPath:
             _check_place(layer.realPath, allowed)
+    del layers  # those that are held are not read again for the stage
     return stage
 
 
@@ -64,13 +65,14 @@ _MOST_LAYERS = 1000
 """Largest number of layers of a stage."""
 
 
-def _check_layers(path: Path, allowed: Sequence[Path]) -> None:
-    """Raise RobotFileError if a file names a layer outside ``allowed``, itself or by its layers; none of these is opened."""
+def _checked_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
+    """Layers that a file names, itself or by its layers. Raises RobotFileError for one outside ``allowed``, and opens none there."""
     from pxr import Sdf
 
-    waiting = [str(path)]
+    waiting, layers = [str(path)], []
     for name in waiting:
         layer = Sdf.Layer.FindOrOpen(name)
+        layers.append(layer)
         if layer is None:  # reported when the stage is opened
             continue
         places = [layer.ComputeAbsolutePath(named) for named in layer.GetCompositionAssetDependencies()]
@@ -79,6 +81,7 @@ def _check_layers(path: Path, allowed: Sequence[Path]) -> None:
         waiting.extend(place for place in dict.fromkeys(places) if place not in waiting)
         if len(waiting) > _MOST_LAYERS:
             raise RobotFileError(f"it has more than {_MOST_LAYERS} layers.")
+    return layers
 
 
 def _check_place(name: str, allowed: Sequence[Path]) -> None:
@@ -307,7 +310,7 @@ class UsdTree:
                 raise UnknownNameError.from_choices("articulation", model, by_name)
             return by_name[model]
         if len(roots) > 1:
-            paths = ", ".join(str(prim.GetPath()) for prim in roots)
+            paths = listed(prim.GetPath() for prim in roots)
             raise RobotFileError(f"it has {len(roots)} articulations: {paths}. Say which, model=….")
         return roots[0] if roots else None
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.text import clipped
+from ..core.text import clipped, listed
 from ..core.third_party import third_party_errors
 from ..errors import ModelError, RobotFileError
 from ..typing import Array
@@ -114,7 +114,7 @@ class Element:
 
     def _several(self, tag: str) -> RobotFileError:
         found = self.all(tag)
-        lines = ", ".join(str(element.line) for element in found)
+        lines = listed(element.line for element in found)
         return self.error(f"has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
 
     def required(self, tag: str, example: str) -> Element:

@@ -91,11 +91,13 @@ def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tup
 
 def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
     # Parents of a link without a root form a cycle.
-    path = [link]
-    while (above := parent_joint[path[-1]].parent) not in path:
-        path.append(above)
-    loop = [*path[path.index(above) :], above][::-1]
-    joints = ", ".join(str(parent_joint[name]) for name in loop[1:])
+    places: dict[str, int] = {}
+    above = link
+    while above not in places:
+        places[above] = len(places)
+        above = parent_joint[above].parent
+    loop = [*list(places)[places[above] :], above][::-1]
+    joints = listed(str(parent_joint[name]) for name in loop[1:])
     return (
         f"the links {listed(map(repr, loop), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
         "remove one of these joints."
@@ -433,7 +435,7 @@ class Model:
             if self.tip is None:
                 raise FrameError(
                     f"robot {self.name!r} has no single tip, so the frame must be named. "
-                    f"Its leaves: {', '.join(self.leaves)}. Load with tip=…, or name the frame in the call."
+                    f"Its leaves: {listed(self.leaves)}. Load with tip=…, or name the frame in the call."
                 )
             name = self.tip
         try:

@@ -191,10 +191,11 @@ class DerivativeMethods(RobotBase):
         δ are deviations along :meth:`add`, ``q ⊕ δ``, so there are nv of them even with quaternions; ``subtract``
         computes them. With T = T₀ exp([δ]), a joint's twist is V = Ad(exp(-[δ])) V₀ + dδ/dt + …. To first order,
 
-            dδ/dt   = δdq - ad(dq) δ        (ad(dq) δ ≠ 0 only for joints that turn and slide together, or turn in
-            space) dδdq/dt = ∂ddq/∂q δ + ∂ddq/∂dq δdq + ∂ddq/∂τ δτ.
+            dδ/dt   = δdq - ad(dq) δ
+            dδdq/dt = ∂ddq/∂q δ + ∂ddq/∂dq δdq + ∂ddq/∂τ δτ.
 
-        Deviations are from the motion through the state, an equilibrium if dq = 0 and τ holds it. Friction is excluded.
+        ad(dq) δ differs from 0 only for joints that turn and slide together, or turn in space. Deviations are from the motion
+        through the state, an equilibrium if dq = 0 and τ holds it. Friction is excluded.
 
         Examples
         --------

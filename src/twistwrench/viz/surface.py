@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..bodies.mesh_files import load_mesh
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError
 from ..typing import Array
@@ -200,7 +201,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
     except ImportError:
         raise MissingExtraError.from_extra("trimesh", "viz", "Showing meshes") from None
     with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
-        scene: Any = trimesh.load_scene(path)
+        scene: Any = load_mesh(path, trimesh.load_scene)
         parts: dict[tuple[float, float, float] | None, list[Surface]] = {}
         for node in scene.graph.nodes_geometry:
             T, name = scene.graph[node]

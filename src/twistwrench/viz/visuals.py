@@ -116,7 +116,7 @@ class _Reader:
             self.meshes[uri] = []
             try:
                 if (path := find_resource(uri, self.path)) is None:
-                    self.problems[uri] = "is not there"
+                    self.problems[uri] = "is not in its package, nor in ROS_PACKAGE_PATH"
                 else:
                     self.meshes[uri] = read_mesh(path)
             except MissingExtraError:

@@ -12,9 +12,11 @@ import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...bodies.mesh import hull_faces
+from ...bodies.mesh_files import SUFFIXES
 from ...bodies.solids import ten_parameters
 from ...core.files import read_bytes
 from ...core.gravity import GRAVITY
+from ...core.text import listed
 from ...core.third_party import third_party_errors
 from ...errors import RobotFileError, TwistWrenchError
 from ...lie import quaternion
@@ -141,7 +143,7 @@ class Folders:
             places = [(folder / name).resolve() for folder in folders]
             within = [path for path in places if any(path.is_relative_to(folder) for folder in self.allowed)]
             found = next((path for path in within if path.is_file()), None)
-        except OSError:
+        except (OSError, RuntimeError):  # a link to itself is a RuntimeError before Python 3.13
             within, found = [Path(name)], None
         if found is not None:
             return found
@@ -256,7 +258,7 @@ class Defaults:
 
     def _check(self, element: Element, name: str, verb: str) -> None:
         if name not in self._classes:
-            known = ", ".join(map(repr, self._classes))
+            known = listed(map(repr, self._classes))
             raise element.error(f"{verb} {name!r}, which no <default> describes. Known: {known}.")
 
 
@@ -330,7 +332,7 @@ class Meshes:
         """
         name = geom.text("mesh")
         if name not in self._meshes:
-            known = ", ".join(repr(one) for one in list(self._meshes)[:12]) or "none"
+            known = listed(map(repr, self._meshes)) or "none"
             raise geom.error(f"shows the mesh {name!r}, which no <asset> describes. Known: {known}.")
         if name in self._doubled:
             raise geom.error(f"shows the mesh {name!r}, and {self._doubled[name]} is the second one of that name.")
@@ -378,6 +380,8 @@ class Meshes:
             ) from None
         from ...bodies.mesh import read_surface
 
+        if path.suffix.lower() not in (*SUFFIXES, ".msh"):
+            raise element.error(f"names the file {path.name!r}, which is not a mesh: {', '.join(SUFFIXES)}, .msh.")
         try:
             return _msh(path) if path.suffix.lower() == ".msh" else read_surface(path)
         except TwistWrenchError as error:

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ...core.entities import refuse_entities
 from .expressions import Refused, evaluate
 
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
@@ -188,12 +189,8 @@ def package_name(folder: Path) -> str | None:
 def guarded_parse(source: str | None, filename: str | None = None) -> Any:
     """Document of a text or file without entities, in place of ``xacro.parse``."""
     import xml.dom.minidom
-    import xml.parsers.expat
 
     import xacro
-
-    def refuse(*_: Any) -> None:
-        raise Refused("it declares an entity, which can exhaust memory or read other files")
 
     data: str | bytes = source or ""
     if source is None:
@@ -202,9 +199,7 @@ def guarded_parse(source: str | None, filename: str | None = None) -> Any:
         except OSError as problem:
             xacro.filestack.pop()  # as xacro does, whose messages name the file that includes
             raise xacro.XacroException(f"{problem.strerror}: {filename}", exc=problem) from None
-    guard = xml.parsers.expat.ParserCreate()
-    guard.EntityDeclHandler = guard.UnparsedEntityDeclHandler = refuse
-    guard.Parse(data, True)
+    refuse_entities(data, lambda name: Refused(f"it declares the entity {name[:40]!r}, which can exhaust memory"))
     return xml.dom.minidom.parseString(data)
 
 
