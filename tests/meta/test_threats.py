@@ -27,13 +27,7 @@ OPENING = {
 }  # fmt: skip
 """Functions and methods that open or decode files, of Python and of every library that the package uses."""
 WITHOUT_ROWS = {
-    ("limits", "reach"), ("limits", "run"), ("limits", "unpack"), ("poses", "reach"), ("poses", "run"), ("poses", "unpack"),
-    ("sensor files", "run"), ("sensor files", "reach"), ("sensor readings", "run"), ("sensor readings", "reach"),
-    ("sensor readings", "unpack"), ("actuator files", "reach"), ("catalogues", "reach"), ("packages of robots", "unpack"),
-    ("USD", "run"), ("USD", "unpack"), ("meshes", "run"), ("meshes", "reach"), ("meshes", "unpack"),
-    ("kernel cache", "reach"), ("kernel cache", "unpack"),
     *((log, kind) for kind in TABLE["kinds"] for log in TABLE["readers"] if "logs" in log or log in ("ROS bags",)),
-    *((log, kind) for kind in TABLE["kinds"] for log in ("simulation results", "normal equations")),
 }  # fmt: skip
 """Kinds of threats of formats whose rows are not written yet. The list may only shrink."""
 

@@ -16,6 +16,7 @@ import numpy as np
 from ..algorithms.recursion import base_poses, joint_poses
 from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path
+from ..core.text import bounded_message
 from ..errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
 from ..formats import FORMATS, load_model, usd_path
 from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
@@ -418,7 +419,7 @@ def read_subject(
                 len(others) > _MOST_ERRORS
             )
             more = f"{str(error).rstrip('.')}. Besides: {besides}" if others else str(error)
-            raise type(error)(more) from None
+            raise type(error)(bounded_message(more)) from None
         made = _loaded(given, floating_base, "independent", model, max_bodies)
     root = parse(text)
     folders = [Path(folder) for folder in meshes] if not isinstance(meshes, bool) else []

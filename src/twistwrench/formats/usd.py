@@ -66,7 +66,7 @@ _MOST_LAYERS = 1000
 
 
 def _checked_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
-    """Layers that a file names, itself or by its layers. Raises RobotFileError for one outside ``allowed``, and opens none there."""
+    """Layers that a file names, itself or by its layers. Raises RobotFileError before one outside ``allowed`` is opened."""
     from pxr import Sdf
 
     waiting, layers = [str(path)], []

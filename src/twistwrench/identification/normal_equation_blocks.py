@@ -30,6 +30,7 @@ from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import left_unexplained
+from ..motion.array_files import check_archive
 from ..robot import Robot
 from ..typing import Array
 from .chunks import FASTER, RowFrame
@@ -307,6 +308,7 @@ class NormalEquationBlocks:
         with third_party_errors(
             lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")
         ):
+            check_archive(path)
             with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
             said = json.loads(str(arrays["said"]))

@@ -290,6 +290,13 @@ def _npz(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     return {name.removesuffix(".npy"): _in_numpy_format(path, partial(member, name)) for name in names}, ()
 
 
+def check_archive(path: Path) -> None:
+    """Raise TrajectoryError if the arrays of an archive of NumPy, by their headers, are out of proportion to the file."""
+    size = sum(math.prod(a.shape) * max(8, a.dtype.itemsize) for a in _npz(path)[0].values())
+    check_unpacked(path, size)
+    check_ratio(path, size, path.stat().st_size)
+
+
 # ── Archives written by simulate --npz
 
 _MARK = "twistwrench simulation"
@@ -327,7 +334,7 @@ def simulation_file(path: Path) -> ArrayFile:
     advice = "Give one that simulate --npz wrote, whole, or a CSV file."
     unreadable = f"{path}: an archive that cannot be read as a motion"
     with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
-        check_unpacked(path, sum(math.prod(a.shape) * max(8, a.dtype.itemsize) for a in _npz(path)[0].values()))
+        check_archive(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             if not str(archive["format"]).startswith(_MARK):
                 raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")

@@ -17,6 +17,7 @@ from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes, replacing
 from ..core.tables import CsvWriter, unescape_cell
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
+from ..motion.array_files import check_archive
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
 from ..typing import Array
@@ -112,7 +113,7 @@ def read(path: str | Path) -> SimulationResult:
         with third_party_errors(lambda reason: TrajectoryError(f"cannot be read as a simulation: {reason}. {advice}")):
             return _read(path)
     except TrajectoryError as problem:
-        raise TrajectoryError(f"{path}: {problem}") from None
+        raise TrajectoryError(f"{path}: {str(problem).removeprefix(f'{path}: ')}") from None
 
 
 def _read(path: Path) -> SimulationResult:
@@ -124,6 +125,8 @@ def _read(path: Path) -> SimulationResult:
         ) from None
     if data[:2] != b"PK":
         return _read_csv(data)
+    if not is_stream(path):
+        check_archive(path)
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         if "format" not in archive or str(archive["format"]) != _MARK:
             raise TrajectoryError("an archive of NumPy, but not of a simulation.")
