@@ -28,7 +28,7 @@ def load_mesh(path: Path, load: Callable[..., Any], **options: Any) -> Any:
     """
     from trimesh.resolvers import FilePathResolver
 
-    class Neighbours(FilePathResolver):  # type: ignore[misc]
+    class Neighbours(FilePathResolver):
         """Files beside a mesh; versions of trimesh before 5 read any file."""
 
         def get(self, name: str) -> bytes:
