@@ -306,6 +306,7 @@ def test_friction_removed_is_remarked(run, tmp_path):
 PLANS = (
     (),
     ("--fastest",),
+    ("--fastest", "--payload", "1.5"),
     ("--scaling", "trapezoid", "--acceleration", "5"),
     ("--fastest", "--acceleration", "8"),
     ("--scaling", "s-curve", "--acceleration", "6", "--jerk", "60"),
@@ -324,6 +325,15 @@ def test_a_planned_motion_is_never_over_a_limit(run, ask, tmp_path, plan, seed):
     assert code == 0, text
     load = plan[plan.index("--payload") :][:2] if "--payload" in plan else ()
     word, line, _ = ask(tmp_path / "arm.urdf", motion, *load)
+    assert word in ("OK", "UNSURE"), line
+
+
+@SLOW
+def test_an_exciting_motion_is_never_over_a_limit(run, ask, tmp_path):
+    (tmp_path / "arm.urdf").write_text(arm(friction=True), "utf-8")
+    motion = tmp_path / "excite.csv"
+    run("excite", tmp_path / "arm.urdf", "--duration", "10", "--restarts", "1", "--acceleration", "8", "--csv", motion)
+    word, line, _ = ask(tmp_path / "arm.urdf", motion)
     assert word in ("OK", "UNSURE"), line
 
 
