@@ -363,3 +363,68 @@ def test_false_alarms_of_capsules_are_those_measured():
     count, alarms, missed = totals()
     assert table() in text
     assert f"Of {count:,} configurations, {alarms:,} are false alarms and {missed:,} contacts are missed" in text
+
+
+# ── a link inside another ──
+
+
+def cube(size, place=(0.0, 0.0, 0.0), *, turned_in=False, lid=True):
+    """Triangles (k, 3, 3) of a cube, its faces outward or inward, with or without its upper side."""
+    corners = size * (np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5) + place
+    sides = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]][: 6 if lid else 5]
+    faces = np.array([[a, b, c] for a, b, c, d in sides] + [[a, c, d] for a, b, c, d in sides])
+    return corners[faces[:, ::-1] if turned_in else faces]
+
+
+def stl(folder, name, *parts):
+    """Binary STL file of triangles."""
+    triangles = np.concatenate(parts)
+    rows = np.zeros(len(triangles), dtype=[("normal", "<3f4"), ("corners", "<9f4"), ("more", "<u2")])
+    rows["corners"] = triangles.reshape(-1, 9)
+    (folder / name).write_bytes(b" " * 80 + np.uint32(len(rows)).tobytes() + rows.tobytes())
+    return f'<mesh filename="{name}"/>'
+
+
+HOLLOW = cube(0.8), cube(0.6, turned_in=True)
+INSIDE = {
+    "a mesh in a mesh": ((cube(0.2),), (cube(0.8),), 0.0, 0.0),
+    "beside it": ((cube(0.2),), (cube(0.8),), 0.7, 0.2),
+    "a part of several in a mesh": ((cube(0.1, (0, 0, 2.0)), cube(0.2)), (cube(0.8),), 0.0, 0.0),
+    "in one part of several": ((cube(0.1),), (cube(0.4, (-0.5, 0, 0)), cube(0.4, (0.5, 0, 0))), 0.5, 0.0),
+    "between parts": ((cube(0.1),), (cube(0.4, (-0.5, 0, 0)), cube(0.4, (0.5, 0, 0))), 0.0, 0.25),
+    "in overlapping parts": ((cube(0.1),), (cube(0.5, (-0.1, 0, 0)), cube(0.5, (0.1, 0, 0))), 0.0, 0.0),
+    "in the cavity of a housing": ((cube(0.2),), HOLLOW, 0.0, 0.2),
+    "in the cavity, its inner wall turned outward": ((cube(0.2),), (cube(0.8), cube(0.6)), 0.0, 0.2),
+    "in a solid in the cavity": ((cube(0.1),), (*HOLLOW, cube(0.4)), 0.0, 0.0),
+    "in a mesh whose faces point inward": ((cube(0.2),), (cube(0.8, turned_in=True),), 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", INSIDE)
+def test_a_link_inside_the_solid_of_another_is_in_contact(tmp_path, coal, name):
+    """Cubes by their own arithmetic; in a cavity, between parts and beside a mesh, a link is as far as its surface is."""
+    inner, outer, x, expected = INSIDE[name]
+    meshes = stl(tmp_path, "inner.stl", *inner), stl(tmp_path, "outer.stl", *outer)
+    for first, second, sign in ((*meshes, -1.0), (*meshes[::-1], 1.0)):
+        robot = tw.load(slider(tmp_path, first, '<sphere radius="0.001"/>', second))
+        found = robot.clearance([sign * x, 0.0])
+        assert abs(float(found.distance) - expected) < 1e-6  # float32 corners of 1 m
+        assert not found.hidden
+
+
+def test_a_simple_shape_inside_a_mesh_is_in_contact(tmp_path, coal):
+    robot = tw.load(slider(tmp_path, SPHERE, SPHERE, stl(tmp_path, "outer.stl", cube(0.8))))
+    assert robot.clearance([[0.0, 0.0], [0.7, 0.0]]).distance.round(6).tolist() == [0.0, 0.2]
+
+
+def test_whether_a_link_is_inside_an_open_mesh_is_not_known(tmp_path, coal):
+    """A box without its lid may be a housing or a badly written solid: UNSURE, and its name."""
+    robot = tw.load(slider(tmp_path, CUBE, '<sphere radius="0.001"/>', stl(tmp_path, "open.stl", cube(0.8, lid=False))))
+    found = robot.clearance([0.0, 0.0])
+    assert (found.hidden, round(float(found.distance), 6)) == (("a – c",), 0.3)
+    assert robot.clearance([2.0, 0.0]).hidden == ()
+    verdict = PathClearance.along(robot, [(np.array([0.0, 1.0]), np.zeros((2, 2)))], 0.0).verdict
+    assert str(verdict).startswith(
+        "UNSURE: a mesh is not closed, so it is not known whether one link is inside the other: a – c"
+    )
+    assert PathClearance.along(robot, [(np.array([0.0]), np.array([[0.0, 0.0]]))], 0.5).verdict.word == "OVER LIMIT"

@@ -310,14 +310,14 @@ def _inside(part: Array, other: Array) -> bool | None:
     """True if a shell (n, 3, 3) lies inside another, False if outside; None if partly inside, or on its surface."""
     points = np.concatenate([part.mean(axis=1), part.reshape(-1, 3)])
     points = points[:: max(1, len(points) // _LOOKED_AT)]
-    w = _winding(points, other)
+    w = winding(points, other)
     found = w[~np.isnan(w)] > 0.5
     if not found.size:
         return None
     return bool(found[0]) if (found == found[0]).all() else None
 
 
-def _winding(points: Array, triangles: Array) -> Array:
+def winding(points: Array, triangles: Array) -> Array:
     """Winding number of the surface about each point: 1 inside, 0 outside, NaN on it; (n, 3), (k, 3, 3) → (n,).
 
     From the solid angle of each face: van Oosterom and Strackee, 1983.

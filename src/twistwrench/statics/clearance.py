@@ -15,11 +15,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..bodies.enclosure import Enclosure
 from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import quantity, seconds
@@ -77,9 +78,47 @@ class Clearance:
     """Pairs left out because their capsules always overlap; empty if coal is used."""
     touching: tuple[str, ...] = ()
     """Pairs left out because they are in contact in 95 % of random configurations."""
+    hidden: tuple[str, ...] = ()
+    """Pairs of which one link may be inside the other in some configuration, whose mesh is not closed."""
 
 
 # ── Link pairs and the search for the nearest
+
+
+class LinkShape(NamedTuple):
+    """One shape of a link for coal, and what it encloses."""
+
+    geometry: Any
+    pose: Array
+    """Pose (4, 4) in the frame of the link."""
+    walls: Enclosure | None
+    """Solid bounded by a mesh; None for a simple shape, which coal treats as solid."""
+
+    @property
+    def parts(self) -> list[Array]:
+        """Points (n, 3) of each connected part, in the frame of the shape."""
+        if self.walls is None:
+            return [np.zeros((1, 3))]
+        return [shell.triangles.reshape(-1, 3) for shell in self.walls.shells]
+
+    def inside(self, wall: Enclosure, T: Array) -> bool | None:
+        """True if a part of this shape, whose pose in the frame of ``wall`` is T, is inside it; None if that is not known."""
+        own = np.zeros((1, 3)) if self.walls is None else self.walls.vertices
+        if not wall.reaches(own @ T[:3, :3].T + T[:3, 3]).any():
+            return False
+        held = {wall.holds(points @ T[:3, :3].T + T[:3, 3]) for points in self.parts}
+        return True if True in held else None if None in held else False
+
+
+class Nearest(NamedTuple):
+    """Smallest distance found."""
+
+    distance: float
+    """[m]."""
+    pair: int
+    """Index of the pair; -1 if none is nearer than the bound given."""
+    hidden: frozenset[int] = frozenset()
+    """Pairs of which one link may be inside the other, whose mesh is not closed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +129,7 @@ class LinkPairs:
     capsules: CapsuleDistances
     links: Array  # (p, 2), indices of the links
     starts: Array  # (p,), index of each link pair's first capsule pair; its others follow
-    shapes: Sequence[Sequence[tuple[Any, Array]]] | None  # geometries and their poses on each link; None: capsules only
+    shapes: Sequence[Sequence[LinkShape]] | None  # of each link; None: capsules only
     unknown: tuple[str, ...]
     known: int  # number of links with all their shapes
     undecided: tuple[str, ...] = ()
@@ -127,7 +166,7 @@ class LinkPairs:
             return found
         always = found._always_in_contact()
         kept = with_pairs(every[~always[np.unique(capsules.links[every], axis=0, return_inverse=True)[1]]])
-        left_out = tuple(f"{a} – {b}" for a, b in found.names[always])
+        left_out = found.named(np.flatnonzero(always).tolist())
         return replace(kept, touching=left_out) if exact else replace(kept, undecided=left_out)
 
     def _always_in_contact(self) -> Array:
@@ -139,7 +178,7 @@ class LinkPairs:
         for k in np.flatnonzero(always).tolist() if self.shapes is not None else ():
             apart = 0
             for row in np.flatnonzero(touch[:, k]):
-                apart += self.distance(poses[row], k, _CONTACT) > 0.0
+                apart += self.separation(poses[row], k, _CONTACT)[0] > 0.0
                 if apart > (1.0 - ALWAYS) * _POSES:
                     always[k] = False
                     break
@@ -149,6 +188,10 @@ class LinkPairs:
     def names(self) -> Array:
         """(p, 2) names of the links."""
         return np.array(self.robot.link_names)[self.links]
+
+    def named(self, pairs: Iterable[int]) -> tuple[str, ...]:
+        """Texts of some pairs."""
+        return tuple(f"{a} – {b}" for a, b in self.names[sorted(pairs)])
 
     def bounds(self, q: Array) -> Array:
         """Lower bounds (n, p) of the distances [m] in configurations (n, nq)."""
@@ -165,7 +208,7 @@ class LinkPairs:
         first, second = (
             [
                 (shape, coal.Transform3s(T[:3, :3], T[:3, 3]))
-                for shape, own in self.shapes[link]
+                for shape, own, _ in self.shapes[link]
                 for T in [poses[link] @ own]
             ]
             for link in self.links[k]
@@ -175,41 +218,71 @@ class LinkPairs:
                 most = min(most, coal.distance(a, T_a, b, T_b, request, result))
         return float(most)
 
-    def _least(self, poses: Array, low: Array, most: float) -> tuple[float, int]:
+    def enclosed(self, poses: Array, k: int) -> bool | None:
+        """True if a part of one link of pair k, whose surfaces do not touch, is inside a mesh of the other; None: not known."""
+        assert self.shapes is not None
+        found: bool | None = False
+        for inner, outer in (self.links[k], self.links[k][::-1]):
+            for around in self.shapes[outer]:
+                if around.walls is None:
+                    continue
+                into = np.linalg.inv(poses[outer] @ around.pose) @ poses[inner]
+                held = {shape.inside(around.walls, into @ shape.pose) for shape in self.shapes[inner]}
+                if True in held:
+                    return True
+                found = None if None in held else found
+        return found
+
+    def separation(self, poses: Array, k: int, most: float) -> tuple[float, bool]:
+        """Distance of pair k as :meth:`distance`, 0 if one link is inside the other; and True if that is not known."""
+        distance = self.distance(poses, k, most)
+        if distance <= 0.0:
+            return distance, False
+        inside = self.enclosed(poses, k)
+        return (0.0 if inside else distance), inside is None
+
+    def _least(self, poses: Array, low: Array, most: float) -> Nearest:
         """Smallest distance in one configuration and its pair, from bounds (p,); ``most`` and -1 if none is smaller."""
-        found = -1
+        found, hidden = -1, set[int]()
         for k in np.argsort(low, kind="stable").tolist():
             if low[k] >= most or most <= 0.0:
                 break
-            distance = low[k] if self.shapes is None else self.distance(poses, k, most)
+            if self.shapes is None:
+                distance, untold = float(low[k]), False
+            elif low[k] > 0.0:  # links whose capsules are apart are not inside each other
+                distance, untold = self.distance(poses, k, most), False
+            else:
+                distance, untold = self.separation(poses, k, most)
+            hidden |= {k} if untold else set()
             if distance < most:
-                most, found = max(float(distance), 0.0), k
-        return most, found
+                most, found = max(distance, 0.0), k
+        return Nearest(most, found, frozenset(hidden))
 
-    def nearest(self, q: Array) -> tuple[Array, Array]:
-        """Smallest distances (n,) [m] in configurations (n, nq), and the indices of their pairs (n,)."""
-        if not len(self.links) or not len(q):
-            return np.full(len(q), np.inf), np.zeros(len(q), int)
-        rows = zip(self.robot.link_poses(q), self.bounds(q), strict=True)
-        found = [self._least(poses, low, np.inf) for poses, low in rows]
-        return np.array([distance for distance, _ in found]), np.array([k for _, k in found])
+    def nearest(self, q: Array) -> list[Nearest]:
+        """Smallest distance in each of the configurations (n, nq)."""
+        if not len(self.links):
+            return [Nearest(np.inf, 0)] * len(q)
+        rows = zip(self.robot.link_poses(q), self.bounds(q), strict=True) if len(q) else ()
+        return [self._least(poses, low, np.inf) for poses, low in rows]
 
-    def nearest_row(self, q: Array, most: float) -> tuple[float, int, int]:
-        """Smallest distance over all configurations, its row (the first in contact) and pair; -1, -1 if above ``most``."""
-        row = found = -1
+    def nearest_row(self, q: Array, most: float) -> tuple[Nearest, int]:
+        """Smallest distance over all configurations, and its row (the first in contact); -1 if above ``most``."""
+        row, found = -1, Nearest(most, -1)
         if not len(self.links) or not len(q):
-            return most, row, found
+            return found, row
         poses, low = self.robot.link_poses(q), self.bounds(q)
         least = low.min(axis=1)
         for k in np.argsort(least, kind="stable").tolist():
-            if least[k] >= most or most <= 0.0:
+            if least[k] >= found.distance or found.distance <= 0.0:
                 break
-            most, pair = self._least(poses[k], low[k], most)
-            row, found = (row, found) if pair < 0 else (k, pair)
-        for k in np.flatnonzero(least[: row + 1] <= 0.0).tolist() if most <= 0.0 else ():
-            if (pair := self._least(poses[k], low[k], _CONTACT)[1]) >= 0:
-                return most, k, pair
-        return most, row, found
+            one = self._least(poses[k], low[k], found.distance)
+            hidden = found.hidden | one.hidden
+            row, found = (row, found) if one.pair < 0 else (k, one)
+            found = found._replace(hidden=hidden)
+        for k in np.flatnonzero(least[: row + 1] <= 0.0).tolist() if found.distance <= 0.0 else ():
+            if (one := self._least(poses[k], low[k], _CONTACT)).pair >= 0:
+                return found._replace(pair=one.pair), k
+        return found, row
 
 
 def _has_coal(exact: Exact) -> bool:
@@ -225,20 +298,22 @@ def _has_coal(exact: Exact) -> bool:
     return exact is not False
 
 
-def _geometries(solids: Sequence[Solid]) -> list[tuple[Any, Array]]:
-    """Geometries of coal and their poses (4, 4) on the link; meshes as triangles."""
+def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
+    """Shapes of a link for coal; meshes as triangles."""
     import coal
 
     from ..viz.surface import joined, read_mesh
 
     built = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    made = list[tuple[Any, Array]]()
+    made = list[LinkShape]()
     for solid in solids:
-        spec = solid.spec
+        spec, walls = solid.spec, None
         if spec.kind == "mesh" and solid.path is not None:
             surface = joined([part for part, _ in read_mesh(solid.path)])
             points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            points.extend(list(surface.vertices * np.asarray(spec.sizes)))
+            vertices = surface.vertices * np.asarray(spec.sizes)
+            walls = Enclosure(vertices, surface.faces)
+            points.extend(list(vertices))
             triangles.extend([coal.Triangle(*corners) for corners in surface.faces.tolist()])
             shape = coal.BVHModelOBBRSS()
             shape.beginModel(len(triangles), len(points))
@@ -246,7 +321,7 @@ def _geometries(solids: Sequence[Solid]) -> list[tuple[Any, Array]]:
             shape.endModel()
         else:
             shape = built.get(spec.kind, coal.Ellipsoid)(*spec.sizes)
-        made.append((shape, spec.pose))
+        made.append(LinkShape(shape, spec.pose, walls))
     return made
 
 
@@ -291,14 +366,15 @@ def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | No
     """See :meth:`twistwrench.Robot.clearance`."""
     given = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
     pairs = LinkPairs.from_robot(robot, exact, srdf)
-    found, at = pairs.nearest(np.asarray(given, float).reshape(-1, robot.nq))
+    every = pairs.nearest(np.asarray(given, float).reshape(-1, robot.nq))
+    found, at = np.array([one.distance for one in every]), np.array([one.pair for one in every], int)
     names = pairs.names[at] if len(pairs.links) else np.full((len(at), 2), "")
     if not len(pairs.links) and pairs.unknown:
         found = np.full(len(at), np.nan)
     shape = given.shape[:-1]
     return Clearance(
         found.reshape(shape), names.reshape(*shape, 2), pairs.shapes is not None, pairs.unknown, pairs.undecided,
-        pairs.touching,
+        pairs.touching, pairs.named(frozenset().union(*(one.hidden for one in every))),
     )  # fmt: skip
 
 
@@ -312,6 +388,7 @@ class PathClearance:
     pair: tuple[str, str] = ("", "")  # nearest links; empty without pairs
     time: float = np.nan  # time of the smallest distance [s]
     step: float = 0.0  # longest interval between evaluated rows [s]
+    hidden: frozenset[int] = frozenset()  # pairs of which one link may be inside the other
 
     @classmethod
     def along(
@@ -325,10 +402,11 @@ class PathClearance:
             stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9)) if len(steps) else 1
             rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
             found = replace(found, step=max(found.step, float(np.diff(time[rows]).max(initial=0.0))))
-            distance, row, k = pairs.nearest_row(q[rows], found.distance)
+            one, row = pairs.nearest_row(q[rows], found.distance)
+            found = replace(found, hidden=found.hidden | one.hidden)
             if row >= 0:
-                first, second = pairs.names[k].tolist()
-                found = replace(found, distance=distance, pair=(first, second), time=float(time[rows][row]))
+                first, second = pairs.names[one.pair].tolist()
+                found = replace(found, distance=one.distance, pair=(first, second), time=float(time[rows][row]))
         return found
 
     @property
@@ -371,6 +449,9 @@ class PathClearance:
             unsure.append(
                 f"capsules always overlap and are not judged: {listed(self.pairs.undecided, _NAMED, '; ')} ({_DECIDES})"
             )
+        if self.hidden:
+            named = listed(self.pairs.named(self.hidden), _NAMED, "; ")
+            unsure.append(f"a mesh is not closed, so it is not known whether one link is inside the other: {named}")
         if self.pairs.unknown:
             count = len(self.pairs.unknown)
             unsure.append(
