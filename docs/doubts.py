@@ -92,6 +92,8 @@ _OTHER = (
      "`LOOK AGAIN`: `--payload` was given in millimetres.", "Give the position in metres."),
     ("… may … (capsules; …)", "Capsules overlap, and coal, which could decide, is not installed.",
      "`pip install 'twistwrench[clearance]'`"),
+    ("a mesh is not closed, so it is not known whether one link is inside the other: …",
+     "Capsules of the links overlap, their surfaces do not touch, and the mesh of one has holes.", "Close the mesh."),
     ("clearance not known of … of … links, whose shapes are not in the file or could not be read: …",
      "Links without `<collision>` and `<visual>`, or meshes that were not found.",
      "Install the extra `mesh`, or correct the paths of the meshes."),
@@ -116,6 +118,11 @@ def page() -> str:
 
 def _own() -> Iterable[tuple[str, ...]]:
     """Rows of the sentences of the verdict on a motion that stand for a doubt."""
+    yield (
+        _words(SENTENCES["hanging"]),
+        "The file fixes the base of a legged robot, and nothing states that something holds it.",
+        "`--floating-base`, or `--fixed-base` if it hangs or is bolted; in Python `floating_base=True` or `False`.",
+    )
     yield _words(SENTENCES["unlimited"].replace("; {remedy}", "")), "The robot file has no `effort` there.", _template()
     yield (
         _words(SENTENCES["open"]),
