@@ -148,7 +148,7 @@ def test_rows_that_repeat_others_are_noted(tmp_path):
     assert any("rows that repeat the row before" in note for note in found.notes)
 
 
-def test_a_robot_at_rest_is_refused_without_causes():
+def test_a_robot_at_rest_is_unexciting_and_no_cause_is_sought():
     """Encoders that are noisy by a microradian: no cause is sought in their noise, and nothing warns."""
     arm, t = tw.robots.planar_2r(), np.arange(0, 10, 0.01)
     rng = np.random.default_rng(0)
@@ -156,8 +156,21 @@ def test_a_robot_at_rest_is_refused_without_causes():
     log = tw.Motion(t, q, tau=[3.0, 1.0] + 0.01 * rng.normal(size=q.shape), robot=arm)
     assert tw.identification.measured_causes(arm, log) == ()
     found = identify(arm, log)
-    assert [(doubt.kind, doubt.refuses) for doubt in found.doubts] == [("dead-position", True)]
-    assert "all joints" in found.doubts[0].sentence
+    assert [(doubt.kind, doubt.refuses) for doubt in found.doubts] == [("unexciting", False)]
+    assert str(found.verdict).startswith("UNSURE: the robot stood still")
+    moving = tw.Motion(t, q, tau=np.sin(t[:, None]) + 0.01 * rng.normal(size=q.shape), robot=arm)
+    dead = next(doubt for doubt in identify(arm, moving).doubts if doubt.kind == "dead-position")
+    assert dead.refuses and "all joints" in dead.sentence
+
+
+@pytest.mark.parametrize("noise", [1e-14, 1e-6])
+def test_torques_that_fit_exactly_at_rest_are_no_fault(noise):
+    arm = tw.robots.ur5()
+    t = np.arange(0, 2, 0.01)
+    q = np.tile(np.linspace(0.3, -0.6, 6), (len(t), 1))
+    tau = arm.gravity_forces(q) + noise * np.random.default_rng(1).standard_normal(q.shape)
+    found = identify(arm, tw.Motion(t, q, tau=tau, robot=arm), cutoff=10.0, friction_speed=0.05, shift=0.0)
+    assert [doubt.kind for doubt in found.doubts] == ["unexciting"]
 
 
 @pytest.mark.parametrize("joint", [0, 3])

@@ -96,6 +96,36 @@ class VisibleStream:
         return getattr(self.rich_proxied_file, name)
 
 
+class LastingStream:
+    """Standard output that outlasts its reader: a command writes its files although ``head`` has ended."""
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+        self.is_unread = False
+
+    def write(self, text: str) -> int:
+        """Write text; without a reader it is dropped."""
+        with self._while_read():
+            self.stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Write the buffer."""
+        with self._while_read():
+            self.stream.flush()
+
+    @contextmanager
+    def _while_read(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenPipeError:
+            self.is_unread = True
+            _drop_output(self.stream)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
 def use_utf8() -> None:
     """Write files and pipes in UTF-8, as Python does from 3.15 on; a terminal keeps its encoding.
 
@@ -160,14 +190,20 @@ class Commands(click.Group):
         """Run as a program that cleans up on SIGTERM."""
         use_utf8()
         _HEARD.clear()
-        streams: Any = (VisibleStream(stream) if stream is not None else None for stream in (sys.stdout, sys.stderr))
+        output = None if sys.stdout is None else LastingStream(sys.stdout)
+        streams: Any = (VisibleStream(stream) if stream is not None else None for stream in (output, sys.stderr))
         with (
             _handling(signal.SIGTERM, _end, (signal.SIG_DFL,)),
             _handling(signal.SIGINT, _interrupt, (signal.default_int_handler, end_at_once)),
             redirect_stdout(next(streams)),
             redirect_stderr(next(streams)),
         ):
-            return super().main(*args, **options)
+            try:
+                return super().main(*args, **options)
+            except SystemExit:
+                if output is not None and output.is_unread:
+                    raise SystemExit(ExitCode.PIPE_CLOSED) from None
+                raise
 
     def make_context(self, info_name: str | None, args: list[str], **options: Any) -> click.Context:  # type: ignore[override]
         """Parse arguments; usage errors are printed in one line."""
@@ -244,10 +280,10 @@ def _say(text: str) -> None:
         click.echo(text, err=True)
 
 
-def _drop_output() -> None:
+def _drop_output(stream: Any = None) -> None:
     """Discard the buffer of standard output, so that it does not fail again at exit."""
     with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
 def _interrupt(*_: Any) -> None:

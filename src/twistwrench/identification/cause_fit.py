@@ -32,6 +32,8 @@ LEAST_S = 0.25
 _CHANCE = 0.01
 _FLOOR = 0.005
 """Lower bound of the residual, as a share of a joint's torque (rms)."""
+_EXACT = 1e-9
+"""Smallest residual, as a share of a joint's torque (rms): a log at rest may fit exactly."""
 _SECONDS, _LENGTHS = (1.0, 2.5), 5.0
 """Minimum and maximum length of blocks of time [s]; block length in autocorrelation lengths, which other causes increase."""
 _UNTOLD = 1e-7
@@ -46,6 +48,12 @@ _LEAST_ROWS, _PER_GROUP = 40, 3
 """Minimum number of rows, and of equations per group, for a search for causes."""
 _NUMBERS = 5e6  # maximum number of entries of rows
 _TOGETHER = 64  # sets of columns per batch, to limit memory
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of I + A with A positive semidefinite, whose eigenvalues are below 1 by rounding error only."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)
 
 
 class CauseFit:
@@ -71,14 +79,14 @@ class CauseFit:
         parts = [NormalEquations.from_rows(W, tau, felt, rows=fold) for fold in self.folds]
         total = sum(parts[1:], parts[0])
         self.x, sigma = total.solve(prior)
-        self.weight = live / sigma**2
+        self.weight = live / np.maximum(sigma, _EXACT * size + 1e-300) ** 2
         self._inverse, self._held = [], []
         for part in [*parts, None]:
             rest = total if part is None else total - part
             A = np.einsum("jkl,j->kl", rest.N, self.weight)
             c = (rest.c * self.weight[:, None]).sum(axis=0)
             scaled = A * prior.size[:, None] * prior.size + np.eye(len(c))
-            inverse = prior.size[:, None] * np.linalg.inv(scaled) * prior.size
+            inverse = prior.size[:, None] * _inverse(scaled) * prior.size
             self._inverse.append(inverse)
             self._held.append(prior.mean + inverse @ (c - A @ prior.mean))
         self.spread = np.ones(tau.shape)

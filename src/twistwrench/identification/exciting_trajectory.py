@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.blas_threads import one_blas_thread
 from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.text import listed
@@ -296,7 +297,8 @@ def exciting_trajectory(
         raise ValueRangeError(
             f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
         )
-    best = search.best(times, rng, progress or (lambda _share: None))
+    with one_blas_thread():  # matrices of tens of rows: further threads only wait
+        best = search.best(times, rng, progress or (lambda _share: None))
     if best is None:
         raise ValueRangeError(
             f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "

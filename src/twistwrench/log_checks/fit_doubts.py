@@ -97,8 +97,11 @@ _COARSE = 0.15
 def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts about dead, saturated and coarse columns."""
     moved = np.any([moves(motion.q[:, : len(seen.names)]) for motion in seen.motions], axis=0)
+    rests = not moved.any() and not any(moves(np.asarray(motion.tau)).any() for motion in seen.motions)
+    if rests:
+        yield doubt("unexciting", said="the robot stood still: no position or torque changes by more than its noise.")
     for kind, which in (("dead-torque", seen.dead), ("dead-position", ~seen.dead & ~moved)):
-        if joints := [seen.names[k] for k in np.flatnonzero(which)]:
+        if joints := [seen.names[k] for k in np.flatnonzero(which) if not (rests and kind == "dead-position")]:
             still = kind == "dead-position" and not moved.any()
             yield doubt(kind, joints, named="all joints" if still else None, level="refuse" if still else None)
     cutoff = seen.settings.cutoff
@@ -162,8 +165,8 @@ _CHANCE, _POSES, _PART = 1e-6, 50, 0.3
 part in a direction from which a joint is named."""
 _NOTABLE = 0.1
 """Share of the torques not explained by rigid bodies with friction, from which it is reported."""
-_SPOILED = ("buffered", "saturated")
-"""Doubts without a model whose residuals would be mistaken for other causes."""
+_SPOILED = ("buffered", "saturated", "unexciting")
+"""Doubts without a model whose residuals would be mistaken for other causes; a log at rest has nothing to explain."""
 
 
 def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:

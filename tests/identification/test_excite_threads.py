@@ -1,0 +1,51 @@
+"""The search for exciting motions runs on one processor: its matrices are small, and further threads of BLAS would only wait."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+import twistwrench as tw
+from twistwrench.core.blas_threads import blas_threads, one_blas_thread
+
+
+def times_of_a_search():
+    """Wall time and processor time of all threads [s]."""
+    wall, processor = time.perf_counter(), time.process_time()
+    tw.identification.exciting_trajectory(
+        tw.robots.planar_3r(), 4.0, 3, acceleration=5.0, velocity=2.0, effort=60.0, restarts=1, clear_of_itself=False
+    )
+    return time.perf_counter() - wall, time.process_time() - processor
+
+
+def test_a_search_takes_the_processor_time_of_one_thread():
+    """Processor time does not depend on other programs; with two threads of BLAS it was three to five times as long."""
+    with one_blas_thread():
+        times_of_a_search()  # imports and kernels
+        _, alone = times_of_a_search()
+    wall, processor = times_of_a_search()
+    assert processor <= 1.5 * alone
+    assert processor <= 1.1 * wall
+
+
+def test_threads_of_blas_are_one_within_and_restored_after_the_last_of_several_calls():
+    before = blas_threads()
+    if not before:
+        pytest.skip("another BLAS")
+    ready, leave = threading.Event(), threading.Event()
+
+    def other():
+        with one_blas_thread():
+            ready.set()
+            leave.wait(10)
+
+    thread = threading.Thread(target=other)
+    with one_blas_thread():
+        thread.start()
+        ready.wait(10)
+    assert blas_threads() == [1] * len(before)
+    leave.set()
+    thread.join()
+    assert blas_threads() == before
