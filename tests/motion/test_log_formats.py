@@ -200,3 +200,36 @@ def test_the_row_of_a_number_that_is_not_finite_is_counted_from_the_first(tmp_pa
     np.savez(tmp_path / "log.npz", time=TIME, joint=q)
     with pytest.raises(tw.TrajectoryError, match="row 21, column 'joint2' is nan"):
         tw.Motion.from_file(tmp_path / "log.npz", ARM)
+
+
+# ── Times
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ns", 1e9), ("us", 1e6), ("ms", 1e3), (None, 1.0)])
+def test_stamps_that_can_only_count_from_1970_are_read_in_their_unit(unit, factor, tmp_path):
+    path = tmp_path / "log.csv"
+    stamps = np.round((1_700_000_000 + TIME) * factor, 0 if unit else 2)
+    rows = (
+        f"{stamp!r},{a},{b}\n"
+        for stamp, a, b in zip(stamps.astype(int if unit else float).tolist(), *Q.T.tolist(), strict=True)
+    )
+    path.write_text(f"timestamp,{','.join(NAMES)}\n" + "".join(rows))
+    motion = tw.Motion.from_file(path, ARM)
+    assert np.abs(motion.time - TIME).max() < 1e-6
+    assert any(f"read in {unit} since 1970" in note for note in motion.notes) == (unit is not None)
+    result = CliRunner().invoke(main, ["log", str(path)])
+    assert "100 Hz" in " ".join(result.output.split())
+
+
+def test_no_command_takes_the_first_row_for_names(tmp_path):
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([TIME, Q]), delimiter=",")
+    for words in (
+        ["log", str(path)],
+        ["identify", "planar_2r", str(path)],
+        ["torques", "planar_2r", "--trajectory", str(path)],
+    ):
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code == 2 and "the header is missing; the first line has numbers" in " ".join(
+            result.output.split()
+        )

@@ -219,6 +219,22 @@ def date_note(begin: float) -> tuple[str, ...]:
     return (f"Time counts from {np.datetime64(int(begin), 's').item():%Y-%m-%d %H:%M:%S} UTC.",)
 
 
+def unit_since_1970(stamps: Array) -> str | None:
+    """Unit of stamps (n,) that can only be ns, us or ms since 1970, from 2008 to 2039; else None.
+
+    >>> import numpy as np
+    >>> [unit_since_1970(np.array([x, x + 1.0])) for x in (1.7e18, 1.7e15, 1.7e12, 1.7e9, 5.0)]
+    ['ns', 'us', 'ms', None, None]
+    """
+    if not len(stamps):
+        return None
+    dates = (unit for unit, size in _DATES.items() if size * _FROM <= stamps.min() and stamps.max() <= size * _TO)
+    return next(dates, None)
+
+
+_DATES, _FROM, _TO = {"ns": 1e18, "us": 1e15, "ms": 1e12}, 1.2, 2.2
+
+
 def ros_nanoseconds(stamps: Array) -> bool:
     """True if stamps (n,) are nanoseconds: integers of the size of a date, or with steps of at least 10 µs.
 

@@ -29,6 +29,7 @@ from .column_names import (
     time_factor,
     time_meaning,
     unit_factor,
+    unit_since_1970,
 )
 from .coordinates import Coordinates, MimicJoint
 from .csv_reader import is_number
@@ -97,6 +98,14 @@ class Reading:
     """Joints whose columns are ignored."""
 
 
+def check_header(cells: Sequence[str], where: str) -> None:
+    """Raise TrajectoryError if the first line has numbers in place of names."""
+    if all(is_number(cell) or not cell for cell in cells):
+        raise TrajectoryError(
+            f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
+        )
+
+
 class Assignment:
     """Assignment of a header's columns to the coordinates of a robot; errors begin with ``where``."""
 
@@ -139,10 +148,7 @@ class Assignment:
 
         ``look`` returns the first numbers of a column.
         """
-        if all(is_number(cell) or not cell for cell in cells):
-            raise TrajectoryError(
-                f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
-            )
+        check_header(cells, where)
         found = cls(cells, where, coordinates, reading)
         requested = found.requested(reading.columns or {})
         found.time = found.assign_time(requested.pop(("time", 0), None), reading.rate, look)
@@ -295,6 +301,11 @@ class Assignment:
             kind = "whole numbers, so time is read in ns" if whole else "no whole nanoseconds, so time is read in s"
             self.notes.append(f"Column {ROS_TIME!r} has {kind}.")
             choice, noted = Choice(choice.column, "ns" if whole else None), True
+        if choice.unit is None and not noted and (unit := unit_since_1970(look(choice.column))) is not None:
+            self.notes.append(
+                f"Time is read in {unit} since 1970 from column {self.cells[choice.column]!r}, by its numbers."
+            )
+            choice, noted = Choice(choice.column, unit), True
         if choice.unit is not None and time_factor(choice.unit) is None:
             raise TrajectoryError(
                 f"{self.where}, column {self.cells[choice.column]!r}: {choice.unit!r} is not a unit of time. Known: s, ms, us, "

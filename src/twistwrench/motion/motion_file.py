@@ -24,7 +24,7 @@ from ..model.model import Model
 from ..typing import Array
 from .array_files import ArrayFile, array_file, is_archive, simulation_file
 from .child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
-from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning
+from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970
 from .columns import absent_joints
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
@@ -96,7 +96,7 @@ class JoinedFile:
         for k, (part, stamp) in enumerate(zip(self.parts, self.stamps, strict=True)):
             own = [c for file, c in wanted if file == k]
             whole = part.table(own if stamp is None else [*own, stamp])
-            times.append(None if stamp is None else whole[:, -1] * _seconds(part.header[stamp]))
+            times.append(None if stamp is None else whole[:, -1] * _seconds(part.header[stamp], whole[:, -1]))
             tables.append(whole[:, : len(own)])
         rows, columns, first = self._matched(tables, times), _in_order(wanted), times[0]
         alike = [
@@ -167,9 +167,10 @@ def _time_of(header: Sequence[str]) -> int | None:
     return ranked[0][1] if ranked else None
 
 
-def _seconds(cell: str) -> float:
+def _seconds(cell: str, stamps: Array) -> float:
+    """Factor of a time column to seconds, by its name, or by its numbers if they count from 1970."""
     name, unit = split_unit(cell)
-    said = unit or (time_meaning(name) or (0, None))[1]
+    said = unit or (time_meaning(name) or (0, None))[1] or unit_since_1970(stamps)
     return (time_factor(said) or 1.0) if said else 1.0
 
 

@@ -14,7 +14,9 @@ from ..core.text import listed
 from ..errors import TrajectoryError
 from ..estimation.noise import noise, quantum
 from ..motion.bounds import RunningExtrema
-from ..motion.column_names import split_unit, time_factor, time_meaning
+from ..motion.column_names import split_unit, time_factor, time_meaning, unit_since_1970
+from ..motion.columns import check_header
+from ..motion.csv_reader import CsvFile
 from ..motion.log_table import LARGE, excerpts
 from ..motion.motion_file import open_motion_file, text_columns
 from ..motion.plausibility import TimeAbove
@@ -92,10 +94,11 @@ class LogQuality:
             if len(used) < len(every)
             else []
         )
+        check_header(header, f"{path}: line {file.header_line}" if isinstance(file, CsvFile) else str(path))
         table = file.table(used)
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
-        place = _time_of(header)
+        place = _time_of(header, table)
         clock = (np.nan, np.nan, 0, np.nan, 0, 0, np.nan)
         if place is not None:
             clock = _clock(table[:, place[0]] * place[1])
@@ -125,14 +128,15 @@ def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
     return grid, float(noise(rows, [x[:, None] for x in runs], grid)[0])
 
 
-def _time_of(header: Sequence[str]) -> tuple[int, float] | None:
-    """Time column and its factor to seconds."""
+def _time_of(header: Sequence[str], table: Array) -> tuple[int, float] | None:
+    """Time column and its factor to seconds, by its unit, or by its numbers if they count from 1970."""
     ranked = []
     for k, cell in enumerate(header):
         name, unit = split_unit(cell)
         meant = time_meaning(name)
         if meant is not None:
-            ranked.append((meant[0], k, time_factor(unit or meant[1] or "s") or 1.0))
+            unit = unit or meant[1] or unit_since_1970(table[:, k]) or "s"
+            ranked.append((meant[0], k, time_factor(unit) or 1.0))
     if not ranked:
         return None
     _, k, factor = min(ranked)
