@@ -14,9 +14,11 @@ import zipfile
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from ros_logs import JOINT_STATE, header, write_messages
 
 import twistwrench as tw
+from twistwrench.cli.main import main
 from twistwrench.motion.motion_file import open_motion_file
 
 ARM = tw.robots.planar_2r()
@@ -350,3 +352,69 @@ def test_control_characters_of_a_file_reach_no_message(tmp_path):
     assert "\x1b" not in str(caught.value) and r"\x1b[2J" in str(caught.value)
     for text in ("a\x00b", "a\x9bb", "a\u202eb", "a\rb"):
         assert text not in str(tw.ModelError(text)) and "a\n\tb" in str(tw.UnknownNameError("a\n\tb"))
+
+
+# ── Archives of this program, and tables beside robots
+
+
+class Harm:
+    def __reduce__(self):
+        return os.abort, ()
+
+
+def test_pickled_objects_are_never_created(tmp_path, monkeypatch):
+    pickled = np.array([Harm()], object)
+    np.savez(tmp_path / "log.npz", time=TIME, joint1=Q[:, 0], joint2=pickled)
+    assert open_motion_file(tmp_path / "log.npz").header == ("time", "joint1")
+    np.save(tmp_path / "log.npy", pickled)
+    assert "has no arrays of numbers" in refused(tmp_path / "log.npy", sandbox=False, monkeypatch=monkeypatch)
+    (tmp_path / "log.csv").write_text("time,joint1\n0,=SYSTEM()\n")
+    assert "which is not a number" in refused(tmp_path / "log.csv", sandbox=False, monkeypatch=monkeypatch)
+    for read in (
+        tw.simulation.SimulationResult.load,
+        lambda path: tw.identification.NormalEquationBlocks.load(path, ARM),
+    ):
+        np.savez(tmp_path / "result.npz", format=pickled, said=pickled)
+        with pytest.raises(tw.TwistWrenchError):
+            read(tmp_path / "result.npz")
+
+
+def test_archives_of_results_are_bounded(tmp_path):
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (1 << 28,)})
+    with zipfile.ZipFile(tmp_path / "result.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("times.npy", head.getvalue() + bytes(1 << 20))
+    for read in (
+        tw.simulation.SimulationResult.load,
+        lambda path: tw.identification.NormalEquationBlocks.load(path, ARM),
+    ):
+        with pytest.raises(tw.TwistWrenchError, match="GiB once unpacked"):
+            read(tmp_path / "result.npz")
+
+
+def test_a_folder_of_ros_names_no_files_elsewhere(tmp_path, monkeypatch):
+    pytest.importorskip("rosbags")
+    database(tmp_path / "secret.db3", *TOPICS, f"create table messages({COLUMNS}, data blob)")
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    about = "\n  ".join(
+        ["version: 5", "storage_identifier: sqlite3", "relative_file_paths: [../secret.db3]", "message_count: 0"]
+    )
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {about}\n")
+    for sandbox in (True, False):
+        assert "are missing" in refused(folder, sandbox=sandbox, monkeypatch=monkeypatch)
+
+
+def test_tables_are_data(tmp_path):
+    (tmp_path / "limits.csv").write_text("joint,effort\njoint1,=SYSTEM()\njoint2,1\n")
+    (tmp_path / "poses.csv").write_text("joint1,joint2\n=SYSTEM(),1\n")
+    (tmp_path / "readings.csv").write_text("fx,fy,fz,tx,ty,tz,qx,qy,qz,qw\n" + "=SYSTEM(),0,0,0,0,0,0,0,0,1\n")
+    (tmp_path / "sensor.json").write_text('{"py/reduce": [{"py/function": "os.abort"}]}')
+    for words in (
+        ["payload", "planar_2r", "--limits", "limits.csv"],
+        ["payload", "planar_2r", "--at", "poses.csv"],
+        ["sensor", "identify", "readings.csv"],
+        ["sensor", "compensate", "readings.csv", "--sensor", "sensor.json"],
+    ):
+        result = CliRunner().invoke(main, [str(tmp_path / word) if "." in word else word for word in words])
+        assert result.exit_code == 2 and result.output.startswith("error: "), result.output

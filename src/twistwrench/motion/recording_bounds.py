@@ -6,6 +6,7 @@ plain tables only, no functions of its schema, and bounds on values and on steps
 
 from __future__ import annotations
 
+import io
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -123,13 +124,26 @@ def _check_packed(path: Path) -> None:
             check_ratio(path, unpacked, size)
 
 
+class BoundedFile(io.BufferedReader):
+    """File of bytes that reserves no more memory for a read than is left of it, whatever lengths it names."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self.size = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most ``size`` bytes."""
+        left = max(0, self.size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
 def check_chunks(path: Path) -> None:
     """Raise TrajectoryError if the chunks of an MCAP file unpack out of proportion to the file."""
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
 
     size, unpacked = path.stat().st_size, 0
-    with path.open("rb") as file:
+    with BoundedFile(path) as file:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=max(1, size)).records:
             if isinstance(record, Chunk):
                 unpacked += max(record.uncompressed_size, _packed_size(record))

@@ -21,7 +21,7 @@ from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from .array_files import ArrayFile
 from .column_names import SUFFIX, date_note
-from .recording_bounds import check_chunks, check_folder, recording_database, values_within
+from .recording_bounds import BoundedFile, check_chunks, check_folder, recording_database, values_within
 from .smoothing import FEWEST, spline_rates
 
 _DATABASE = b"SQLite format 3\0"
@@ -258,7 +258,7 @@ def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
         raise MissingExtraError.from_extra("mcap", "logs", "Reading MCAP") from None
     kinds, counts = dict[str, str](), dict[str, int]()
     check_chunks(path)
-    with path.open("rb") as file:
+    with BoundedFile(path) as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         if summary is not None and summary.statistics is not None:
