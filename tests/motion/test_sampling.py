@@ -170,3 +170,18 @@ def test_rows_are_cut_or_parted_before_a_fit(log, fault):
     assert found.doubts[0].kind == fault
     assert not found.doubts[0].refuses
     assert found.held_out.all < 0.03
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_samples_that_were_held_are_called_repeated_and_not_missing(count, tmp_path):
+    """Steps of 0, …, 0 and then the whole: no row is missing, and the clock did not stop."""
+    robot = tw.robots.ur5()
+    t = np.arange(0, 8, 0.01)
+    q = 0.4 * np.sin(t[:, None] * np.arange(1, 7) / 2 + np.arange(6))
+    held = q.copy()
+    held[300 : 300 + count] = held[299]
+    said = [doubt for doubt in tw.Motion(t, held, robot=robot).doubts if doubt.kind in ("held", "pause")]
+    assert [(doubt.kind, doubt.value) for doubt in said] == [("held", float(count))]
+    kept = (t < 3.0) | (t >= 3.0 + 0.01 * (count + 1))
+    cut = tw.Motion(t[: int(kept.sum())], q[kept], robot=robot)
+    assert [doubt.kind for doubt in cut.doubts if doubt.kind in ("held", "pause")] in (["pause"], [])

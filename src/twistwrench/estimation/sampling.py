@@ -37,6 +37,8 @@ class Gap(NamedTuple):
     time: float
     late: float
     """Delay [s] of positions after the step, if all joints deviate in proportion to their speeds; else nan."""
+    held: int = 0
+    """Number of rows before the step that repeat an earlier one, if the step makes up for them; else 0."""
 
 
 def pauses(time: Array, least: float = 0.0) -> Array:
@@ -78,6 +80,8 @@ _FAR, _MADS = 3.0, 8.0
 """Minimum departure from the path, in typical steps of a joint and in deviations of e."""
 _ALONE, _BESIDE = 5, 0.5
 """Rows on either side, and largest relative departure of others there; a single wrong row makes two departures."""
+_STILL = 1e-3
+"""Largest step of a repeated row, in usual steps."""
 _ALIKE = 0.35
 """Largest share of |e| that is not proportional to the speeds."""
 
@@ -104,8 +108,28 @@ def gaps(time: Array, q: Array) -> list[Gap]:
             continue
         late = -float(a[i] @ b[i]) / max(float(b[i] @ b[i]), 1e-300)
         told = float(np.linalg.norm(a[i] + late * b[i])) < _ALIKE * norm[i]
-        found.append(Gap(float(time[i + 2]), late if told else np.nan))
+        held = _held_rows(i + 2, np.diff(q, axis=0)[:, moving] / size[moving])
+        found.append(Gap(float(time[i + 2]), late if told else np.nan, held))
     return found
+
+
+def _held_rows(step: int, steps: Array) -> int:
+    """Number of rows before a step (of steps (n, k) in usual ones) that repeat an earlier one; 0 unless the sums agree."""
+    first = step
+    while first > 0 and np.abs(steps[first - 1]).max() <= _STILL:
+        first -= 1
+    beside = [steps[k] for k in (first - 2, first - 1, step + 1, step + 2) if 0 <= k < len(steps)]
+    missing = steps[step] - (step - first + 1) * np.mean(beside, axis=0)
+    return step - first if np.linalg.norm(missing) < _ALIKE * np.linalg.norm(steps[step]) else 0
+
+
+def held_rows(time: Array, found: Sequence[Gap]) -> Array:
+    """Mask (n,) of the rows at times (n,) that repeat an earlier one."""
+    held = np.zeros(len(time), bool)
+    for gap in found:
+        last = int(np.searchsorted(time, gap.time))
+        held[last - gap.held + 1 : last + 1] = True
+    return held
 
 
 def late_by_turns(found: Sequence[Gap], begin: float, end: float) -> tuple[float, float] | None:

@@ -15,7 +15,7 @@ from ..errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, 
 from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, moves, new_rows, pauses, spikes
+from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, held_rows, moves, new_rows, pauses, spikes
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
@@ -356,7 +356,10 @@ def _believed(motion: Motion) -> Motion:
         kept &= new
     if "pause" in found:
         length = max(_CLOSED[0], _CLOSED[1] * float(np.median(np.diff(time))))
-        time = time + length * np.searchsorted([gap.time for gap in gaps(time, q)], time)
+        closed_up = [gap.time for gap in gaps(time, q) if not gap.held]
+        time = time + length * np.searchsorted(closed_up, time)
+    if "held" in found:
+        kept &= ~held_rows(motion.time, gaps(motion.time, q))
     if "dropout" in found:
         kept &= ~dropouts(time, np.asarray(motion.tau), q).any(axis=1)
     if 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):

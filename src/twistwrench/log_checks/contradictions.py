@@ -527,6 +527,12 @@ def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
         said: dict[str, Any] = {"late": number(1e3 * late, 3), "count": len(found), "time": first}
         yield doubt("buffered", found=told, share=percent(share, 2), **said)
         return
+    if held := [gap for gap in found if gap.held]:
+        said = {"when": listed((f"{seconds(gap.time, 4)} s" for gap in held), 3), "rows": max(gap.held for gap in held)}
+        yield doubt("held", found={"value": float(said["rows"]), "unit": "rows"}, **said)
+    found = [gap for gap in found if not gap.held]
+    if not found:
+        return
     when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
     back = [1e3 * gap.late for gap in found if gap.late > 0]  # excludes missing rows
     why = "rows are missing there, and the stamps were closed up"
