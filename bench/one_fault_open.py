@@ -47,7 +47,7 @@ def stuck_rows(log: Recording) -> None:
 
 def one_in_degrees(log: Recording) -> None:
     """One turning joint in degrees."""
-    k = _moving(log)
+    k = moving(log)
     log.q[:, k] = np.degrees(log.q[:, k])
 
 
@@ -58,7 +58,7 @@ def all_in_degrees(log: Recording) -> None:
 
 def rezeroed(log: Recording) -> None:
     """One encoder counts from another zero."""
-    k = _moving(log)
+    k = moving(log)
     off = float(log.rng.choice([-1, 1]) * log.rng.uniform(0.5, 2.5))
     log.q[:, k] += off
     log.value |= {"joint": log.names[k], "by": round(off, 3)}
@@ -83,7 +83,7 @@ def torque_in_percent(log: Recording) -> None:
 
 def spike(log: Recording) -> None:
     """One position of one joint is off by a radian or 0.2 m."""
-    k, row = _moving(log), int(log.rng.uniform(0.2, 0.8) * len(log.t))
+    k, row = moving(log), int(log.rng.uniform(0.2, 0.8) * len(log.t))
     log.q[row, k] += 1.0 if log.judge.turns[k] else 0.2
 
 
@@ -94,7 +94,7 @@ def stamps_shaken(log: Recording) -> None:
 
 def sign(log: Recording) -> None:
     """One joint counts the other way."""
-    log.q[:, _moving(log)] *= -1
+    log.q[:, moving(log)] *= -1
 
 
 def exchanged(log: Recording) -> None:
@@ -111,12 +111,12 @@ def wrapped(log: Recording) -> None:
 
 def stuck_encoder(log: Recording) -> None:
     """One joint keeps its value for a while."""
-    k, n = _moving(log), len(log.t)
+    k, n = moving(log), len(log.t)
     start, length = int(log.rng.uniform(0.2, 0.5) * n), max(4, int(log.rng.uniform(0.05, 0.15) * n))
     log.q[start : start + length, k] = log.q[start, k]
 
 
-def _moving(log: Recording) -> int:
+def moving(log: Recording) -> int:
     """One of the three turning joints that move most; any joint where none turns."""
     size = np.ptp(log.q, axis=0) * np.where(log.judge.turns, 1.0, 1e-3)
     return int(log.rng.choice(np.argsort(-size)[:3]))
