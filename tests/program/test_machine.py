@@ -387,6 +387,18 @@ def test_a_kernel_keeps_the_processor_it_was_made_for(monkeypatch):
     assert other.mass_matrix(q).tobytes() == whole.tobytes()
 
 
+@on_x86
+def test_bits_are_equal_within_the_two_sets_of_processors(monkeypatch):
+    """With fused multiply–add or without; between the sets, products and sums round differently."""
+    q = np.linspace(-3, 3, 33 * 3).reshape(33, 3)
+    bits: dict[bool, set[bytes]] = {True: set(), False: set()}
+    for name, machine in choices().items():
+        monkeypatch.setenv("TWISTWRENCH_CPU", name)
+        bits[machine.fused].add(tw.robots.planar_3r().inverse_dynamics(q, q[::-1], q).tobytes())
+    assert all(len(found) <= 1 for found in bits.values())
+    assert not bits[True] & bits[False]
+
+
 EVERYWHERE = """
 import numpy as np, twistwrench as tw
 robot = tw.robots.ur5()
