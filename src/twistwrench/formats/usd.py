@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.child_process import ChildLimits, run_in_child, sandboxed
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
 from ..core.text import clipped, listed
@@ -482,11 +483,37 @@ def read_usd(
 
     ``model`` selects the articulation by the name or path of its root. ``floating_base`` None follows the file: a root
     without a joint to the world floats; False fixes it at its pose on the stage. Layers are read only from the folder
-    of the file and from ``include_paths``.
+    of the file and from ``include_paths``. Unless TWISTWRENCH_SANDBOX is 0, the stage is read in a child process first.
 
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
     :class:`~twistwrench.UnknownNameError` for a missing articulation.
     """
+    asked = path, source, include_paths, floating_base, model, max_bodies
+    if sandboxed():
+        run_in_child(
+            "twistwrench.formats.usd:rehearse", *asked, limits=ChildLimits(_SECONDS, _MEMORY),
+            error_of=lambda reason: RobotFileError(f"it cannot be read as USD: {reason}."),
+        )  # fmt: skip
+    return _read(*asked)
+
+
+_SECONDS, _MEMORY = 30.0, 1 << 30
+"""Largest processor time [s] and memory [bytes] of reading a stage in a child process."""
+
+
+def rehearse(*asked: Any) -> None:
+    """Read a stage in a child process, which ends at damage that crashes the library or takes all memory."""
+    _read(*asked)
+
+
+def _read(
+    path: Path,
+    source: str,
+    include_paths: Sequence[Path],
+    floating_base: bool | None,
+    model: str | None,
+    max_bodies: int,
+) -> tuple[ModelBuilder, bool]:
     opened = open_stage(path, [path.parent, *include_paths])
     from pxr import Tf
 
