@@ -152,7 +152,6 @@ STANDING = [
     "solo",
     "talos_data",
     "beside/atlas",
-    "beside/g1",
     "beside/icub",
     "beside/mit",
     "beside/nao",
@@ -161,8 +160,8 @@ STANDING = [
     "beside/unitree_h1",
 ]
 PARTS = ("talos_left_arm",)
-UNTOLD = ("human", "cassie", "beside/minitaur")
-"""Legged, and not told: its height is not along z, its file is not read, its legs lie flat."""
+"""Beside them are a human whose height is not along z and a minitaur whose legs lie flat, which are not told, and a humanoid on
+six joints to the world, whose base is not fixed."""
 
 
 @pytest.mark.slow
