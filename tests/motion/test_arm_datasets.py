@@ -100,10 +100,20 @@ def test_an_episode_of_a_dataset_in_degrees_is_understood_and_its_zero_doubted(f
     assert np.abs(torques_of("out.csv", MOTORS[:5]) - expected).max() < 1e-9 * np.abs(expected).max()
 
 
-def test_a_dataset_in_radians_needs_no_word(tmp_path):
-    path = dataset(tmp_path, Q, names=MOTORS, episodes=(3,))
-    motion = tw.Motion.from_file(path, tw.load(named(MOTORS)))
+def test_a_dataset_in_radians_by_its_metadata_needs_no_word(tmp_path):
+    info = {"features": {"observation.state": {"dtype": "float32", "names": list(MOTORS), "unit": "radians"}}}
+    motion = tw.Motion.from_file(dataset(tmp_path, Q, info=info, episodes=(3,)), tw.load(named(MOTORS)))
     assert np.abs(motion.q - Q).max() < 1e-12 and motion.doubts == ()
+
+
+def test_positions_of_a_dataset_without_a_unit_are_never_read_as_radians_without_a_word(tmp_path):
+    """Degrees may stay within 2π: UNSURE where LeRobot's own motors record degrees, else a note."""
+    for folder, names, level in (("so", MOTORS, "unsure"), ("other", [f"joint_{k}" for k in range(1, 7)], "note")):
+        (tmp_path / folder).mkdir()
+        path = dataset(tmp_path / folder, np.degrees(0.05 * Q), names=names, episodes=(0,))
+        motion = tw.Motion.from_file(path, tw.load(named(names)))
+        assert [(one.kind, one.level) for one in motion.doubts] == [("dataset-unit", level)]
+        assert any("state no unit" in note and "--degrees" in note for note in motion.notes)
 
 
 def test_motors_named_in_a_group_and_units_of_the_metadata_are_read(tmp_path):

@@ -23,6 +23,7 @@ from ros_logs import (
     write_messages,
     write_ros1,
 )
+from scipy.interpolate import BPoly, CubicHermiteSpline
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -190,6 +191,22 @@ def test_the_topic_with_most_messages_is_read_and_another_by_its_name(tmp_path, 
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["torques", "planar_2r", "--trajectory", "two.mcap", "--topic", "/plan"])
     assert result.exit_code == 1 and "Plan of 21 points" in " ".join(result.output.split()), result.output
+
+
+def test_accelerations_at_some_points_bend_the_segments_between_them_alone(tmp_path):
+    """As ros2_controllers: a quintic where both ends have accelerations, a cubic where one has none."""
+    message = plan(NAMES, TIME, Q, DQ, DDQ)
+    for k in (0, 1, 2, 7, 15):
+        message["points"][k] = message["points"][k] | {"accelerations": []}
+    write_messages(tmp_path / "p.mcap", {"/plan": (TRAJECTORY, f"{PLAN}{POINT}{HEADER}", [(1.0, message)])})
+    motion = tw.Motion.from_file(tmp_path / "p.mcap", ARM)
+    assert any("a quintic where both have accelerations, else a cubic" in note for note in motion.notes)
+    cubic, quintic = CubicHermiteSpline(TIME, Q, DQ), BPoly.from_derivatives(TIME, np.stack([Q, DQ, DDQ], axis=1))
+    for k in range(len(TIME) - 1):
+        inside = (motion.time > TIME[k] + 1e-9) & (motion.time < TIME[k + 1] - 1e-9)
+        curve = cubic if {k, k + 1} & {0, 1, 2, 7, 15} else quintic
+        for x, order in ((motion.q, 0), (motion.dq, 1), (motion.ddq, 2)):
+            assert np.abs(x[inside] - curve.derivative(order)(motion.time[inside])).max() < 1e-8, (k, order)
 
 
 def bad_plan(path, message):

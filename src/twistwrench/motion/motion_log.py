@@ -509,6 +509,10 @@ _FANUC = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
 """Names of Fanuc robots."""
 
 
+_MOTORS = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"}
+"""Motors of the arms SO-100 and SO-101 in LeRobot datasets."""
+
+
 def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates, *, degrees: bool) -> list[Doubt]:
     """Doubts about a LeRobot dataset; raises TrajectoryError if units are unknown or need its calibration file."""
     at, stated = columns.places["q"], columns.angle_stated
@@ -535,7 +539,14 @@ def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates
         raise TrajectoryError(
             f"{file.path}: the gripper's column is from 0 to 100 of its range, and not an angle. Hold it still: {held}"
         )
-    return [doubt("dataset-zero", [coordinates.names[k] for k in asked])] if degrees and asked else []
+    joints = [coordinates.names[k] for k in asked]
+    if degrees and asked:
+        return [doubt("dataset-zero", joints)]
+    if not asked or not isinstance(file, ArrayFile) or file.dataset != "unknown":
+        return []
+    own = bool(_MOTORS & {part for cell in cells.values() for part in cell.split(".")})
+    usual = ", although LeRobot records these motors in degrees or in shares of their range" if own else ""
+    return [doubt("dataset-unit", joints, level="unsure" if own else "note", named=listed(joints, 6), usual=usual)]
 
 
 # ── Columns of mimic joints, compared with those of their leaders

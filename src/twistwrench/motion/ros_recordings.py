@@ -172,6 +172,13 @@ def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
     return found
 
 
+def _accelerations(points: Sequence[Any], count: int) -> tuple[Array, Array]:
+    """Accelerations (n, count) of points, NaN where a point has none, and the mask (n,) of points that have them."""
+    parts = [np.asarray(point.accelerations, float) for point in points]
+    mine = np.array([len(x) == count for x in parts])
+    return np.array([x if own else np.full(count, np.nan) for x, own in zip(parts, mine, strict=True)]), mine
+
+
 def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     """Header and table of the longest plan, evaluated between its points, and a note on it."""
     plans = [_points(m) for m in messages]
@@ -183,12 +190,15 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
         raise TrajectoryError(
             f"{where}: point {k + 2} at {number(time[k + 1])} s does not come after the one before, at {number(time[k])} s."
         )
-    q, dq, ddq, _ = _values(points, len(names), where)
-    for name, x in {"positions": q, "velocities": dq, "accelerations": ddq}.items():
-        if x is not None and not np.isfinite(x).all():
-            k = int((~np.isfinite(x)).any(axis=1).argmax())
+    q, dq, _, _ = _values(points, len(names), where)
+    ddq, bent = _accelerations(points, len(names))
+    for name, x, mine in (("positions", q, True), ("velocities", dq, True), ("accelerations", ddq, bent[:, None])):
+        if x is not None and not (finite := np.isfinite(x) | ~np.asarray(mine)).all():
+            k = int((~finite).any(axis=1).argmax())
             raise TrajectoryError(f"{where}: {name} of point {k + 1} are {x[k].tolist()}. They must be finite.")
-    said = "a quintic" if ddq is not None else "a cubic"
+    said = "a quintic" if bent.all() else "a cubic"
+    if (bent[1:] & bent[:-1]).any() and not bent.all():
+        said = "a quintic where both have accelerations, else a cubic"
     if dq is None:
         if len(time) < FEWEST:
             raise TrajectoryError(
@@ -218,8 +228,10 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
     return names, points, np.array(times)
 
 
-def between_points(time: Array, q: Array, dq: Array, ddq: Array | None, step: float) -> Array:
-    """Rows (m, 1 + 3 k) of time, q, dq, ddq at points (n, k) and every ``step`` between: quintic; cubic without ddq.
+def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) -> Array:
+    """Rows (m, 1 + 3 k) of time, q, dq, ddq at points (n, k) and every ``step`` between.
+
+    Each segment is a quintic, or a cubic if the ddq of a point beside it is NaN, as in the trajectories of ros2_controllers.
 
     >>> time, q = np.array([0.0, 1.0]), np.array([[0.0], [1.0]])
     >>> between_points(time, q, 0 * q, 0 * q, 0.5).round(3).tolist()
@@ -229,12 +241,11 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array | None, step: fl
 
     h, way = np.diff(time)[:, None], np.diff(q, axis=0)
     v0, v1 = h * dq[:-1], h * dq[1:]
-    if ddq is None:
-        powers = [q[:-1], v0, 3 * way - 2 * v0 - v1, v0 + v1 - 2 * way]
-    else:
-        a0, a1 = h * h * ddq[:-1], h * h * ddq[1:]
-        e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-        powers = [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
+    b, c = 3 * way - 2 * v0 - v1, v0 + v1 - 2 * way  # of the cubic q_k + v0 s + b s² + c s³
+    bent = np.isfinite(ddq[:-1] + ddq[1:])
+    a0, a1 = np.where(bent, h * h * ddq[:-1], 2 * b), np.where(bent, h * h * ddq[1:], 2 * b + 6 * c)
+    e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    powers = [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
     curve = PPoly(np.array([c / h**k for k, c in enumerate(powers)])[::-1], time)
     grid = np.arange(time[0], time[-1], step)
     near = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
