@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..lie.adjoint import Ad, ad
 from ..model.couplings import armature_matrix, motor_velocities
 from ..model.model import BASE, Body, Model
 from ..typing import Array
+from .friction import is_zero
 from .recursion import (
     add_entry,
     ancestors,
@@ -123,8 +125,10 @@ def mass_matrix(model: Model, q: Array) -> Array:
                 F = up[j] @ F
     drives = armature_matrix(model)
     M = widened(M, drives.diagonal())
-    for i, j in zip(*np.nonzero(drives - np.diag(drives.diagonal())), strict=True):  # coupled motors
-        M[i, j] = M[i, j] + drives[i, j]
+    for at, _, _ in model.coupled:
+        for i, j in permutations(at, 2):
+            if not is_zero(drives[i, j]):
+                M[i, j] = M[i, j] + drives[i, j]
     return M
 
 

@@ -25,9 +25,10 @@ from ..errors import InertiaError, UnknownNameError, ValueRangeError
 from ..joints import Joint
 from ..lie import so3
 from ..typing import Array
+from .actuators import Rotor
 from .inertia_checks import moved_moments, reasons
 from .limits import LAWS, Friction
-from .model import BASE, Model
+from .model import BASE, Model, Spring
 
 
 def regrouped(model: Model) -> Model:
@@ -73,15 +74,17 @@ def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
     return SpatialInertia.from_parameters(p)
 
 
-# ── Parameters that may vary by sample: masses, centres of mass, moments, lengths, friction
+# ── Parameters that may vary by sample: masses, centres of mass, moments, lengths, friction, drives and springs
 
 # A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its axes),
-# ``<joint>.x`` … (position in the parent body), or ``<joint>.viscous`` and the other friction parameters. The link may
-# be massless: ``tool0.mass`` is a payload. Static friction equal to Coulomb friction follows if only
-# ``<joint>.coulomb`` is given.
+# ``<joint>.x`` … (position in the parent body), ``<joint>.viscous`` and the other friction parameters,
+# ``<joint>.armature``, ``<joint>.rotor_inertia`` (about the rotor's axis, before the gear), or ``<joint>.stiffness`` of
+# the spring at the joint or in its gear. Coupled motors have names of their own. The link may be massless: ``tool0.mass``
+# is a payload. Static friction equal to Coulomb friction follows if only ``<joint>.coulomb`` is given.
 
 _OF_LINKS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _OF_JOINTS = ("x", "y", "z")
+_OF_DRIVES = ("armature", "rotor_inertia", "stiffness")
 
 
 def nominal(model: Model) -> dict[str, float]:
@@ -96,7 +99,42 @@ def nominal(model: Model) -> dict[str, float]:
         if not body.follows and body.joint.nv == 1:
             for law in LAWS:
                 values[f"{model.drive_names[body.v_index]}.{law}"] = float(getattr(model.friction, law)[body.v_index])
+    for drive, k in _armatures(model).items():
+        values[f"{drive}.armature"] = float(model.armature[k])
+    for drive, (rotor, _, _) in _rotors(model).items():
+        values[f"{drive}.rotor_inertia"] = rotor.inertia
+    for joint, k in _springs(model).items():
+        values[f"{joint}.stiffness"] = model.springs[k].stiffness
     return values
+
+
+def _armatures(model: Model) -> dict[str, int]:
+    """Place in the armature of each drive of one degree of freedom without a rotor, whose inertia would count twice."""
+    rotors = {a.joint for a in model.actuators.values() if a.rotor is not None}
+    leaders = [body for body in model.leaders if body.joint.nv == 1]
+    drives = {model.drive_names[body.v_index]: body.v_index for body in leaders}
+    return {drive: k for drive, k in drives.items() if drive.removesuffix(".motor") not in rotors}
+
+
+def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
+    """Rotor, gear ratio and body by driven joint or motor; rotors of coupled motors have no body."""
+    bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}
+    found: dict[str, tuple[Rotor, float, int | None]] = {}
+    for name, actuator in model.actuators.items():
+        if actuator.rotor is not None:
+            body = bodies.get(f"{actuator.joint}.rotor", bodies.get(name))
+            found[actuator.joint] = actuator.rotor, actuator.ratio, body
+    return found
+
+
+def _springs(model: Model) -> dict[str, int]:
+    """Index of the spring at each joint, or between it and its motor; of several, the first."""
+    found: dict[str, int] = {}
+    for k, spring in enumerate(model.springs):
+        joints = [joint for joint, _ in spring.terms]
+        if len(joints) == 1 or joints[1:] == [f"{joints[0]}.motor"]:
+            found.setdefault(joints[0], k)
+    return found
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
@@ -137,7 +175,47 @@ def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequenc
             body = bodies[frame.body]
             rest = body.inertia - old.in_frame(frame.pose)
             bodies[frame.body] = replace(body, inertia=rest + _inertia(mine).in_frame(frame.pose))
-    return replace(model, bodies=tuple(bodies), friction=_friction(model, new))
+    armature = _driven(model, bodies, new)
+    return replace(
+        model, bodies=tuple(bodies), friction=_friction(model, new), armature=armature, springs=_sprung(model, new)
+    )
+
+
+def _driven(model: Model, bodies: list[Any], new: dict[str, Any]) -> Array:
+    """Armature with the numbers of drives; those of rotors change the ``bodies`` of rotors and of links that hold them."""
+    armature = model.armature.astype(object)
+    given = {k: new[f"{drive}.armature"] for drive, k in _armatures(model).items() if f"{drive}.armature" in new}
+    for drive, (rotor, ratio, i) in _rotors(model).items():
+        if (name := f"{drive}.rotor_inertia") not in new:
+            continue
+        if i is None:  # a coupled motor
+            given[model.drive_index(drive)] = ratio**2 * new[name]
+            continue
+        body = bodies[i]
+        change = _spinning(body.joint.axes[0, :3], new[name] - rotor.inertia)
+        bodies[i] = replace(body, inertia=body.inertia + change)
+        if body.parent != BASE and not rotor.extra:
+            carrier = bodies[body.parent]
+            bodies[body.parent] = replace(carrier, inertia=carrier.inertia - change.in_frame(body.placement))
+    for k, x in given.items():
+        armature[k] = x
+    return armature if given else model.armature
+
+
+def _spinning(axis: Array, J: Any) -> SpatialInertia:
+    """Inertia of a thin ring of moment J about an axis, without mass."""
+    spin = np.outer(axis, axis)
+    return SpatialInertia.from_parameters(
+        np.array(ten_parameters(0.0, np.zeros(3), J * (0.5 * (np.eye(3) + spin))), object)
+    )
+
+
+def _sprung(model: Model, new: dict[str, Any]) -> tuple[Spring, ...]:
+    springs = list(model.springs)
+    for joint, k in _springs(model).items():
+        if (name := f"{joint}.stiffness") in new:
+            springs[k] = replace(springs[k], stiffness=new[name])
+    return tuple(springs)
 
 
 def _body_moved(body: Any, new: dict[str, Any]) -> Any:
@@ -194,6 +272,10 @@ def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
             raise InertiaError(
                 f"parameters: {_at(name, values, values < 0, ' kg')}: link {owner!r} cannot have a negative mass. "
                 "Give 0 or more."
+            )
+        if what in _OF_DRIVES and (values < 0).any():
+            raise ValueRangeError(
+                f"parameters: {_at(name, values, values < 0)}, and {what.replace('_', ' ')} is at least 0. Give 0 or more."
             )
         if what in LAWS:
             bad, wanted = values < 0, "at least 0"

@@ -256,7 +256,7 @@ class RobotBase:
             ``friction=True``: for inverse and forward dynamics.
             ``gravity="input"``: a further input, (3,) m/s² in the base frame, replaces the robot's gravity.
             ``parameters=(pattern, …)``: a last input with one number for each of ``robot.varying(*patterns)``. Masses,
-            inertias, lengths and friction may then differ in each sample.
+            inertias, lengths, friction, armatures and stiffnesses may then differ in each sample.
             ``constraints=``: the constraints of a closed robot.
             ``by="q"``: derivative of a quantity with respect to one or several inputs, along :meth:`add` for q;
             ``form``, ``mode`` and ``values`` as for :func:`twistwrench.differentiate`.
@@ -283,10 +283,12 @@ class RobotBase:
         return self.engine.kernel(names, options)
 
     def varying(self, *patterns: str) -> dict[str, float]:
-        """Parameters that can be inputs of a kernel (masses, inertias, lengths, friction), with the robot's values.
+        """Parameters that can be inputs of a kernel: masses, inertias, lengths, friction, drives and springs, with their values.
 
         Names: ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (position in the
-        parent body), ``<joint>.viscous`` and the other friction parameters. The mass of a massless link is a payload.
+        parent body), ``<joint>.viscous`` and the other friction parameters, ``<joint>.armature``,
+        ``<joint>.rotor_inertia`` (about the rotor's axis), ``<joint>.stiffness`` (of its spring or elastic gear); coupled
+        motors have their own. The mass of a massless link is a payload.
 
         Parameters
         ----------
