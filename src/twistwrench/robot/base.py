@@ -283,7 +283,7 @@ class RobotBase:
         return self.engine.kernel(names, options)
 
     def varying(self, *patterns: str) -> dict[str, float]:
-        """Parameters that can be inputs of a kernel: masses, inertias, lengths, friction, drives and springs, with their values.
+        """Parameters that can be inputs of a kernel (masses, lengths, friction, drives, springs), with the values of the robot.
 
         Names: ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (position in the
         parent body), ``<joint>.viscous`` and the other friction parameters, ``<joint>.armature``,
