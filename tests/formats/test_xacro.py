@@ -59,9 +59,7 @@ class TestWithExtra:
     def test_a_file_of_another_ending_is_expanded_on_request_only(self, arm, run):
         other = arm.with_name("arm.urdf")
         arm.rename(other)
-        with pytest.raises(
-            tw.RobotFileError, match=r"<xacro:include>.*line 3.*xacro=True, in the shell --xacro"
-        ) as caught:
+        with pytest.raises(tw.RobotFileError, match=r"<xacro:include>.*line 3.*xacro=True") as caught:
             tw.load(other)
         assert "\n" not in str(caught.value)
         assert run("info", other)[0] == 2

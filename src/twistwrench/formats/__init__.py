@@ -157,8 +157,8 @@ def _expanded(
         return expand_xacro(text, path, arguments or {}, folders, found)
     if found:
         raise RobotFileError(
-            f"{found}, which is expanded only on request in files that do not end in .xacro: xacro=True, in the "
-            f"shell --xacro. Or run {EXPAND}, and load robot.urdf."
+            f"{found}, which is expanded only on request in files that do not end in .xacro. Load it with xacro=True, or run "
+            f"{EXPAND} and load robot.urdf."
         )
     if arguments:
         raise ValueRangeError(f"xacro= is of xacro files, and this one is not: <{root.tag}>, {root.place}.")

@@ -49,7 +49,10 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
             return f"{element} is unexpanded xacro"
         for name, value in element.attributes.items():
             if row.get(name) is READ and any(mark in value for mark in _EXPRESSIONS):
-                return f"{element} is unexpanded xacro: {clipped(f'{name}={value!r}')}"
+                shown = (
+                    "" if name == "name" else f": {clipped(f'{name}={value!r}')}"
+                )  # a name stands in that of the element
+                return f"{element} is unexpanded xacro{shown}"
         stack.extend(
             (child, _row_of(child, element, rows)) for child in reversed(element.children) if _is_read(child, row)
         )
