@@ -39,7 +39,7 @@ def log(tmp_path):
 
 
 COMMANDS = {
-    "torques": "torques planar_2r --trajectory {log} --csv {folder}/a.csv --json {folder}/b.json --report {folder}/c.html",
+    "torques": "torques planar_2r --trajectory {log} --csv {folder}/a.csv --json {folder}/b.json",
     "identify": "identify planar_2r {log} --csv {folder}/a.csv --json {folder}/b.json --out {folder}/c.urdf --cutoff 10 --shift 0 --force",
     "excite": "excite planar_2r --duration 4 --harmonics 1 --acceleration 5 --restarts 1 --csv {folder}/a.csv --json {folder}/b.json",
     "log": "log {log} --json {folder}/b.json",
@@ -51,7 +51,12 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+SLOW = ("excite", "simulate", "move", "doctor")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in COMMANDS]
+)
 def test_files_are_written_although_nobody_reads_the_report(name, log, tmp_path):
     words = COMMANDS[name].format(log=log, folder=tmp_path).split()
     wanted = [word for word in words if word.startswith(str(tmp_path)) and word != str(log)]

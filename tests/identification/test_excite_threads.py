@@ -15,7 +15,7 @@ def times_of_a_search():
     """Wall time and processor time of all threads [s]."""
     wall, processor = time.perf_counter(), time.process_time()
     tw.identification.exciting_trajectory(
-        tw.robots.planar_3r(), 4.0, 3, acceleration=5.0, velocity=2.0, effort=60.0, restarts=1, clear_of_itself=False
+        tw.robots.planar_3r(), 3.0, 2, acceleration=5.0, velocity=2.0, effort=60.0, restarts=1, clear_of_itself=False
     )
     return time.perf_counter() - wall, time.process_time() - processor
 
