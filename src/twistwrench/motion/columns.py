@@ -409,7 +409,8 @@ class Assignment:
     def without_columns(self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool) -> str:
         """Error message for coordinates without a column, with options to copy."""
         all_missing = len(missing) == len(self.names["q"])
-        may_be = [cell for cell in self.extra if cell in varying_columns(self.cells, self.extra, look)]
+        varying = set(varying_columns(self.cells, self.extra, look))
+        may_be = [cell for cell in self.extra if cell in varying]
         in_order = series(may_be, len(missing)) if all_missing else []
         near = dict(zip(missing, in_order, strict=True)) if in_order else alike(missing, self.extra)
         hint = ""

@@ -34,10 +34,10 @@ _COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|ti
 
 def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
     """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity."""
-    found = []
+    found, among = [], set(extra)
     for k, cell in enumerate(cells):
         name, unit = split_unit(cell)
-        if cell not in extra or _OTHER.search(name.lower()) or (unit is not None and unit not in _ANGLES_AND_LENGTHS):
+        if cell not in among or _OTHER.search(name.lower()) or (unit is not None and unit not in _ANGLES_AND_LENGTHS):
             continue
         try:
             numbers = look(k)
