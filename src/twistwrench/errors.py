@@ -33,7 +33,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from .core.glossary import complete
-from .core.text import clipped, listed, visible
+from .core.text import bounded_message, clipped, listed, visible
 
 __all__ = [
     "CacheWarning",
@@ -63,8 +63,8 @@ class TwistWrenchError(Exception):
 
     def __str__(self) -> str:
         # KeyError would print the repr of its argument, with quotes and escapes.
-        # Names of a file may hold characters that control a terminal.
-        return visible(str(self.args[0]) if len(self.args) == 1 else super().__str__())
+        # Names of a file may hold characters that control a terminal, and thousands of them.
+        return bounded_message(visible(str(self.args[0]) if len(self.args) == 1 else super().__str__()))
 
 
 class ModelError(TwistWrenchError, ValueError):

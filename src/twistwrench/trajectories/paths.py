@@ -98,7 +98,8 @@ def spline(
     if len(points) < 2:
         raise ShapeError(f"waypoints has shape {points.shape}: a path takes at least two.")
     one_degree_joints(robot, "a spline")
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    with np.errstate(over="ignore"):
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if (steps == 0).any() and times is None:
         k = int((steps == 0).argmax())
         raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
@@ -109,8 +110,15 @@ def spline(
     if times is None:
         if velocities is not None:
             raise ValueRangeError("velocities are per second, so they need times.")
-        knots = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+        with np.errstate(invalid="ignore"):
+            knots = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
         knots[-1] = 1.0
+        if not (np.diff(knots) > 0).all():  # also where a distance is infinite
+            k, apart = int(steps.argmin()), printed(float(steps.min()))
+            raise ValueRangeError(
+                f"waypoints {k} and {k + 1} are {apart} apart on a path of length {printed(float(steps.sum()))}, closer than "
+                "its digits can tell. Give waypoints within the robot's range, and leave one of the two out."
+            )
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
     else:
         at = np.asarray(arguments.finite(times, "times"), float)
