@@ -93,6 +93,7 @@ _SHAPES = (
     "()", "(0,)", "(-1,)", "(1,)", "(3,)", "(50,)", "(50, 2)", "(2, 50)", "(50, 0)", "(0, 5)", "(2, 134217728)", "(134217728, 2)", "(1000000000000,)",
     "(2, 3, 4)", "(50, 1, 2)", "(True,)", "(1.5,)", "('x',)", "None", "[50]", "(9223372036854775807, 9)", "(50L,)", "((50,),)", "(50, 16777216)", "(" * 900,
 )  # fmt: skip
+_LARGE = ("(2, 134217728)", "(134217728, 2)", "(40, 3000000)", "(1, 2000000000)", "(1000000000000,)", "(9223372036854775807, 9)")
 _TYPES = (
     "'|O'", "'<f8'", "'>f8'", "'<f4'", "'<f2'", "'<c16'", "'|b1'", "'|i1'", "'<u8'", "'<U8'", "'|S9'", "'<M8[ns]'", "'<m8[s]'", "'<M8'", "'|V8'", "'<V2147483647'",
     "'<U536870911'", "[('a', '<f8'), ('b', '<f8')]", "[('\\x1b[2J', '<f8')]", "[('a', '<f8', (1000000,))]", "[('a', '|O')]", "[('a', [('b', '<f8')])]", "[]", "'<f99'", "None", "'|V0'", "('<f8', (3,))",
@@ -107,7 +108,8 @@ def array(data: bytes, dice: Dice) -> bytes:
     head, body = data[10 : 10 + size].decode("latin-1"), data[10 + size :]
     how = dice.randrange(8)
     if how <= 2:
-        head = re.sub(r"'shape': .*?\)(?=, })", lambda _: f"'shape': {dice.choice(_SHAPES)}", head)
+        shape = dice.choice(_LARGE if dice.often(0.4) else _SHAPES)
+        head = re.sub(r"'shape': .*?\)(?=, })", lambda _: f"'shape': {shape}", head)
     elif how <= 4:
         head = re.sub(r"'descr': .*?(?=, 'fortran)", lambda _: f"'descr': {dice.choice(_TYPES)}", head)
     elif how == 5:
@@ -117,7 +119,7 @@ def array(data: bytes, dice: Dice) -> bytes:
     else:
         body = dice.choice((body[: len(body) // 2], body * 2, b"", flipped(body, dice), lengths(body, dice)))
     new = head.rstrip(" \n").ljust(117).encode("latin-1", "replace")[:60_000] + b"\n"
-    version = dice.choice((b"\x01\x00", b"\x01\x00", b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x00"))
+    version = b"\x01\x00" if dice.often(0.85) else dice.choice((b"\x02\x00", b"\x03\x00", b"\x09\x00"))
     return data[:6] + version + struct.pack("<H" if version[0] == 1 else "<I", len(new)) + new + body
 
 

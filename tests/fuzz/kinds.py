@@ -171,8 +171,8 @@ KINDS: dict[str, Kind] = {
         Kind("CSV", "CSV logs", log_seeds.csv, LOGS, {"*": (cells, cells, encoded, *TEXT)}, LOG_COMMANDS, share=2),
         Kind("CSV in gzip", "CSV logs", log_seeds.csv_gzip, LOGS, {"*": (gzipped(cells), gzipped(encoded), *RAW)}, LOG_COMMANDS),
         Kind("joined CSV", "CSV logs", log_seeds.joined, ("motion",), {"*": (cells, *TEXT)}, ("torques",), share=0.5),
-        Kind("npz", "NumPy logs", log_seeds.npz, LOGS, {"*": (members(array), members(array), *RAW)}, LOG_COMMANDS),
-        Kind("npy", "NumPy logs", log_seeds.npy, LOGS, {"*": (array, array, *RAW)}, LOG_COMMANDS),
+        Kind("npz", "NumPy logs", log_seeds.npz, LOGS, {"*": (*[members(array)] * 8, *RAW)}, LOG_COMMANDS),
+        Kind("npy", "NumPy logs", log_seeds.npy, LOGS, {"*": (*[array] * 6, *RAW)}, LOG_COMMANDS),
         Kind("MAT", "NumPy logs", log_seeds.mat, LOGS, {"*": (matrices, matrices, *RAW)}, LOG_COMMANDS),
         Kind("MAT 7.3", "HDF5 logs", log_seeds.mat_73, ("quality", "motion"), {"*": RAW}, LOG_COMMANDS, needs=("h5py",), share=0.5),
         Kind("HDF5", "HDF5 logs", log_seeds.hdf5, LOGS, {"*": RAW}, LOG_COMMANDS, (log_seeds.hdf5_features,), needs=("h5py",), share=2),
@@ -185,8 +185,8 @@ KINDS: dict[str, Kind] = {
         Kind("database", "ROS bags", log_seeds.db3, LOGS, {"*": (database, database, *RAW)}, LOG_COMMANDS, needs=("rosbags",)),
         Kind("bag folder", "ROS bags", log_seeds.bag_folder, LOGS, {"*.yaml": (yaml_values, yaml_text, tokens), "*": (database, *RAW)}, LOG_COMMANDS, needs=("rosbags",)),
         Kind("simulation CSV", "simulation results", partial(_simulated, ".csv"), ("simulation", "motion"), {"*": (cells, *TEXT)}, ("torques",)),
-        Kind("simulation npz", "simulation results", partial(_simulated, ".npz"), ("simulation", "motion"), {"*": (members(array), members(tokens), *RAW)}, ("torques",)),
-        Kind("normal equations", "normal equations", log_seeds.equations, ("equations",), {"*": (members(array), members(tokens), *RAW)}, share=0.5, slow=True),
+        Kind("simulation npz", "simulation results", partial(_simulated, ".npz"), ("simulation", "motion"), {"*": (*[members(array)] * 4, members(tokens), *RAW)}, ("torques",)),
+        Kind("normal equations", "normal equations", log_seeds.equations, ("equations",), {"*": (*[members(array)] * 4, members(tokens), *RAW)}, share=0.5, slow=True),
         Kind("kernel cache", "kernel cache", cache_entries, ("code cache",), {"*": RAW}, share=0.2, slow=True),
     )
 }  # fmt: skip

@@ -203,13 +203,13 @@ def elements_with(vocabulary: tuple[str, ...], *endings: str) -> Mutation:
     def elements(data: bytes, dice: Dice) -> bytes:
         try:
             root = ET.fromstring(data)
-        except (ET.ParseError, ValueError, LookupError):
+            if endings and dice.often(0.15):
+                _renamed_file(root, dice, endings)
+            for _ in range(dice.choice((1, 1, 2, 3))):
+                _element_changed(root, dice, vocabulary, endings)
+            text = ET.tostring(root, "unicode").encode("utf-8", "surrogatepass")
+        except (ET.ParseError, ValueError, LookupError, RecursionError):  # changed before: no XML, or too deep
             return tokens(data, dice)
-        if endings and dice.often(0.15):
-            _renamed_file(root, dice, endings)
-        for _ in range(dice.choice((1, 1, 2, 3))):
-            _element_changed(root, dice, vocabulary, endings)
-        text = ET.tostring(root, "unicode").encode("utf-8", "surrogatepass")
         if dice.often(0.04):
             text = dice.choice(_ENTITIES) + text
         if dice.often(0.04):
