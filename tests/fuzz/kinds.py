@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 
 from . import log_seeds, robot_seeds
@@ -87,10 +87,10 @@ class Kind:
     """Packages without which the kind is left out."""
     share: float = 1.0
     """Number of files in relation to other kinds."""
-    slow: bool = field(default=False)
+    refused: bool = False
+    """True for a format that is not read for safety, whole files included."""
+    slow: bool = False
     """True for kinds whose whole files take seconds to make: they are in the long form only."""
-    unread: bool = field(default=False)
-    """True for formats that are refused, whole files too."""
 
     @property
     def whole(self) -> list[Case]:
@@ -178,7 +178,7 @@ KINDS: dict[str, Kind] = {
         Kind("HDF5", "HDF5 logs", log_seeds.hdf5, LOGS, {"*": RAW}, LOG_COMMANDS, (log_seeds.hdf5_features,), needs=("h5py",), share=2),
         Kind("Parquet", "Parquet and Feather logs", log_seeds.parquet, LOGS, {"*": RAW}, LOG_COMMANDS, (log_seeds.arrow_features,), needs=("pyarrow",), share=2),
         Kind("Feather", "Parquet and Feather logs", log_seeds.feather, LOGS, {"*": RAW}, LOG_COMMANDS, needs=("pyarrow",)),
-        Kind("Feather 1", "Parquet and Feather logs", log_seeds.feather_1, LOGS, {"*": (flipped, lengths)}, LOG_COMMANDS, needs=("pyarrow",), unread=True),
+        Kind("Feather 1", "Parquet and Feather logs", log_seeds.feather_1, LOGS, {"*": (flipped, lengths)}, LOG_COMMANDS, refused=True, share=0.3, needs=("pyarrow",)),
         Kind("LeRobot", "LeRobot logs", log_seeds.lerobot, ("episode", "episode", "quality"), {"*.json": (json_values, tokens, flipped), "*": RAW}, ("log",), needs=("pyarrow",)),
         Kind("MCAP", "MCAP logs", log_seeds.mcap, LOGS, {"*": (mcap, mcap, mcap, *RAW)}, LOG_COMMANDS, needs=("mcap_ros2", "zstandard", "lz4"), share=2),
         Kind("bag of ROS 1", "ROS bags", log_seeds.bag_1, LOGS, {"*": (bag, bag, *RAW)}, LOG_COMMANDS, needs=("rosbags",)),

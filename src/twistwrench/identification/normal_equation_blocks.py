@@ -314,7 +314,7 @@ class NormalEquationBlocks:
             said = json.loads(str(arrays["said"]))
             if said["format"] != _MARK:
                 raise ValueError(f"its format is {said['format']!r}")
-        return _from_file(path, robot, said, arrays)
+            return _from_file(path, robot, said, arrays)  # its entries are those of the file, too
 
 
 # ── Fit of all rows: groups, covariance, cross-validation over fifths of the time

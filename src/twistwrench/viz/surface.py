@@ -207,6 +207,9 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
             T, name = scene.graph[node]
             mesh = scene.geometry[name]
             if len(getattr(mesh, "faces", ())):
+                least, most, count = int(mesh.faces.min()), int(mesh.faces.max()), len(mesh.vertices)
+                if least < 0 or most >= count:
+                    raise ModelError(f"a face has vertex {most if most >= count else least} of {count}")
                 surface = Surface(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)).placed(T)
                 parts.setdefault(_colour_of(mesh), []).append(surface)
     found = [(_merged(joined(surfaces)), colour) for colour, surfaces in parts.items()]
