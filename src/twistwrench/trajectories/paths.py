@@ -116,8 +116,8 @@ def spline(
         if not (np.diff(knots) > 0).all():  # also where a distance is infinite
             k, apart = int(steps.argmin()), printed(float(steps.min()))
             raise ValueRangeError(
-                f"waypoints {k} and {k + 1} are {apart} apart on a path of length {printed(float(steps.sum()))}, closer than "
-                "its digits can tell. Give waypoints within the robot's range, and leave one of the two out."
+                f"waypoints {k} and {k + 1} are {apart} apart on a path of length {printed(float(steps.sum()))}, too close for "
+                "its digits. Give waypoints within the robot's range, and leave one of the two out."
             )
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
     else:

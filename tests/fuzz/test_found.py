@@ -1,0 +1,82 @@
+"""Files that failed once, as small as they can be: each ends in one error, and quickly."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.motion.matching import varying_columns
+from twistwrench.trajectories import spline
+
+from . import log_seeds, robot_seeds
+
+ARM = tw.robots.planar_2r()
+
+
+def test_a_mesh_with_a_face_of_a_vertex_that_is_not_there(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    from twistwrench.viz.surface import read_mesh
+
+    content = json.loads(robot_seeds.gltf())
+    content["accessors"][0]["count"] = 2
+    path = tmp_path / "mesh.gltf"
+    path.write_text(json.dumps(content))
+    with pytest.raises(tw.ModelError, match="a face has vertex 3 of 2"):
+        read_mesh(path)
+
+
+def test_normal_equations_without_one_of_their_arrays(tmp_path: Path) -> None:
+    path = tmp_path / "found.npz"
+    path.write_bytes(log_seeds.equations()[0].files["found.npz"])
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    for name in ("shown_measured", "sums", "edges"):
+        np.savez(path, **{key: value for key, value in arrays.items() if key != name})
+        with pytest.raises(tw.ShapeError, match="no information that can be read"):
+            tw.identification.NormalEquationBlocks.load(path, ARM)
+
+
+@pytest.mark.parametrize("far", [1e30, 1e308])
+def test_waypoints_too_close_for_the_digits_of_their_path(far: float) -> None:
+    with pytest.raises(tw.ValueRangeError, match="too close for its digits"):
+        spline(ARM, [[0, 0], [far, 0], [-far, 0], [0, 0], [1, 0]])
+
+
+def test_each_column_of_a_header_is_looked_at_once() -> None:
+    """A log has hundreds of columns, and a file made to do harm thousands."""
+    looked = []
+
+    def look(column: int) -> np.ndarray:
+        looked.append(column)
+        return np.arange(3.0)
+
+    names = [f"c{k}" for k in range(500)]
+    assert varying_columns(names, names, look) == names
+    assert looked == [*range(500)]
+
+
+def test_a_header_of_hundreds_of_columns_is_refused_after_one_look_at_each(tmp_path: Path, monkeypatch) -> None:
+    from twistwrench.motion.csv_reader import CsvFile
+
+    looks, first = [], CsvFile.first
+    monkeypatch.setattr(CsvFile, "first", lambda file, column: looks.append(column) or first(file, column))
+    path = tmp_path / "log.csv"
+    np.savetxt(
+        path,
+        np.outer(np.arange(4.0), np.arange(1, 101)),
+        delimiter=",",
+        header=",".join(f"c{k} x" for k in range(100)),
+        comments="",
+    )
+    with pytest.raises(tw.TrajectoryError, match="no column for joint1, joint2"):
+        tw.Motion.from_file(path, ARM)
+    assert len(looks) <= 300
+
+
+def test_every_error_is_of_bounded_length_and_visible() -> None:
+    found = str(tw.ModelError(f"link {'a' * 9000!r} and \x1b[2J" + ", more" * 1000))
+    assert len(found) <= 1001 and "\x1b" not in found and found.endswith("…")
