@@ -78,13 +78,12 @@ def load_model(
         if format not in (None, found):
             raise RobotFileError(f"it is {said}, and format={format!r} was given.")
         if usd is not None:  # import only the required reader
-            from .usd import UsdOptions, examine_usd, read_usd
+            from .usd import read_usd
 
-            options: UsdOptions = {
-                "include_paths": folders_given, "floating_base": floating_base, "model": model, "max_bodies": max_bodies,
-            }  # fmt: skip
-            examine_usd(usd, origin, options)
-            builder, floating = read_usd(usd, origin, **options)
+            builder, floating = read_usd(
+                usd, origin, include_paths=folders_given, floating_base=floating_base,
+                model=model, max_bodies=max_bodies,
+            )  # fmt: skip
         elif found == "mjcf":
             from .mjcf import read_mjcf
             from .mjcf.preprocess import Folders

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -36,8 +36,6 @@ from .known_elements import LeftOut, Unread
 from .sdf import add_ball
 from .xml import MOST_BODIES
 
-_LIMITS = ChildLimits(seconds=60.0, memory=1 << 30)
-"""Processor time and memory of the library, for the largest stages of robots several times over."""
 _SINGLE = 1e-5
 """Error of rotations in single precision."""
 
@@ -470,36 +468,6 @@ _KINDS = {
     "PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsSphericalJoint": "ball",
     "PhysicsFixedJoint": "fixed",
 }  # fmt: skip
-
-
-class UsdOptions(TypedDict):
-    """Options of :func:`read_usd`."""
-
-    include_paths: Sequence[Path]
-    floating_base: bool | None
-    model: str | None
-    max_bodies: int
-
-
-def examine_usd(path: Path, source: str, options: UsdOptions) -> None:
-    """Read a file as :func:`read_usd` does, in a child process first: damaged files can crash the library, or take all memory.
-
-    Raises as :func:`read_usd`. Without child processes nothing is examined.
-    """
-    if sandboxed():
-        run_in_child(
-            f"{__name__}:_examined",
-            path,
-            source,
-            options,
-            limits=_LIMITS,
-            error_of=lambda reason: RobotFileError(f"it cannot be read as USD: {reason}."),
-        )
-
-
-def _examined(path: Path, source: str, options: UsdOptions) -> bool:
-    read_usd(path, source, **options)
-    return True
 
 
 def read_usd(
