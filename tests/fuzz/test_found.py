@@ -25,8 +25,10 @@ def test_a_mesh_with_a_face_of_a_vertex_that_is_not_there(tmp_path: Path) -> Non
     content["accessors"][0]["count"] = 2
     path = tmp_path / "mesh.gltf"
     path.write_text(json.dumps(content))
-    with pytest.raises(tw.ModelError, match="a face has vertex 3 of 2"):
+    with pytest.raises(tw.ModelError, match="has a face of vertex 3, and 2 vertices"):
         read_mesh(path)
+    with pytest.raises(tw.ModelError, match="has a face of vertex 3, and 2 vertices"):
+        tw.SpatialInertia.mesh(path, density=1000.0)
 
 
 def test_normal_equations_without_one_of_their_arrays(tmp_path: Path) -> None:

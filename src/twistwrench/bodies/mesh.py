@@ -22,7 +22,7 @@ from ..core.numbers import printed
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from ..typing import Array
-from .mesh_files import load_mesh
+from .mesh_files import check_faces, load_mesh
 from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
 
 if TYPE_CHECKING:
@@ -165,6 +165,10 @@ def read_surface(path: Path) -> tuple[Array, Array]:
             raise ModelError(f"{path} {problem}.") from None
     if not hasattr(loaded, "faces") or not len(loaded.faces):
         raise ModelError(f"{path} holds no triangles.")
+    try:
+        check_faces(loaded.faces, len(loaded.vertices))
+    except ModelError as problem:
+        raise ModelError(f"{path} {problem}.") from None
     loaded.merge_vertices(merge_tex=True, merge_norm=True)  # formats such as STL repeat each vertex
     return np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
 

@@ -46,6 +46,13 @@ def load_mesh(path: Path, load: Callable[..., Any], **options: Any) -> Any:
     return load(io.BytesIO(data), file_type=kind[1:], resolver=Neighbours(str(path)), **options)
 
 
+def check_faces(faces: Any, count: int) -> None:
+    """Raise ModelError, a sentence without its subject, for a face of a vertex that is not one of ``count``."""
+    least, most = int(faces.min()), int(faces.max())
+    if least < 0 or most >= count:
+        raise ModelError(f"has a face of vertex {most if most >= count else least}, and {count} vertices")
+
+
 def _check_gltf(data: bytes) -> None:
     """Raise ModelError for arrays without data, which have any size, and for nodes with several parents, which multiply."""
     start = int.from_bytes(data[12:16], "little")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.mesh_files import load_mesh
+from ..bodies.mesh_files import check_faces, load_mesh
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError
 from ..typing import Array
@@ -207,9 +207,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
             T, name = scene.graph[node]
             mesh = scene.geometry[name]
             if len(getattr(mesh, "faces", ())):
-                least, most, count = int(mesh.faces.min()), int(mesh.faces.max()), len(mesh.vertices)
-                if least < 0 or most >= count:
-                    raise ModelError(f"a face has vertex {most if most >= count else least} of {count}")
+                check_faces(mesh.faces, len(mesh.vertices))
                 surface = Surface(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)).placed(T)
                 parts.setdefault(_colour_of(mesh), []).append(surface)
     found = [(_merged(joined(surfaces)), colour) for colour, surfaces in parts.items()]
