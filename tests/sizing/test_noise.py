@@ -122,3 +122,21 @@ def test_equally_likely_motions_are_those_of_the_smoothed_one():
     spread = np.std([one.ddq for one in states.draws], axis=0).mean()
     assert 0 < np.abs(mean - states.motion.ddq).mean() < spread
     assert (states.motion.dq[-80:-20] == 0).all()  # at rest within the noise
+
+
+def test_ratings_exceeded_by_a_log_whose_rows_are_in_doubt_are_not_certain(tmp_path):
+    """The demo with three samples held: no robot moves so, and no drive is too small for it."""
+    ur5 = tw.robots.ur5()
+    motion = tw.Motion.from_file(FOLDER / "ur5_demo.csv", ur5)
+    q = motion.q.copy()
+    q[300:303] = q[300]
+    head = ",".join(["time", *ur5.joint_names])
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([motion.time, q]), delimiter=",", header=head, comments="", fmt="%.9g"
+    )
+    given = ["--catalog", "demo", "--masses-included"]
+    result = CliRunner().invoke(main, ["size", "ur5", str(tmp_path / "log.csv"), *given])
+    assert result.exit_code == 1 and result.output.startswith(
+        "UNSURE: rows are missing, repeated or wrong at t = 2.4000 s"
+    )
+    assert "as a plan OVER LIMIT" in " ".join(result.output.split())

@@ -21,7 +21,7 @@ from ..reports.blocks import Block, Column, Line, Table, mark_style, numbers, re
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
 from ..reports.torque_report import TorqueReport, analyse
-from ..reports.torque_verdict import contradictions, log_doubts, notes_on_log
+from ..reports.torque_verdict import as_it_stands, contradictions, log_doubts, notes_on_log, rows_in_doubt
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
 from ..typing import Array
@@ -107,7 +107,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         draws=[one.with_robot(robot) for one in states.draws], **given.pick("pause", "ambient", "life", "brake"),
     )  # fmt: skip
     found = found.choose() if given.choose and not found.choice else found
-    judged = found.verdict.joined(Verdict.from_reasons(unsure=log_doubts(report)))
+    judged = _judged(found.verdict, report)
     blocks = [*size_view(found, judged, ambient=given.ambient), *notes]
     show(*blocks)
     _write_figures(given.csv, found)
@@ -131,6 +131,15 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         ]
         write_report(given, "size", f"{robot.name} · {path.name}", blocks, files=files, pictures=pictures, robot=robot)
     return judged.exit_code
+
+
+def _judged(own: Verdict, report: TorqueReport) -> Verdict:
+    """Verdict on drives, with doubts about the log; ratings exceeded by a log whose rows are in doubt are not certain."""
+    rows, others = rows_in_doubt(report), log_doubts(report)
+    if rows and own.word is Word.OVER_LIMIT:
+        own = Verdict.from_reasons(unsure=[f"{as_it_stands(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
+    doubts = Verdict.from_reasons(unsure=[*rows, *(text for text in others if text not in rows)])
+    return doubts.joined(own)
 
 
 def _analysed(
