@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import ast
+import re
+import warnings
 from collections import defaultdict
 from functools import cache
 from pathlib import Path
+
+import pytest
 
 import twistwrench as tw
 
@@ -20,6 +24,27 @@ FIRST = 0.0
 """Share of docstrings that begin with one of those words."""
 WRAPPERS: set[str] = set()
 """Private functions with one caller that only pass their arguments on."""
+SCREEN = 60
+"""Lines of a function without its docstring."""
+LONG_FUNCTIONS = {
+    "cli/move.py:move_command",
+    "cli/payload.py:payload_command",
+    "cli/simulate.py:simulation_view",
+    "formats/__init__.py:load_model",
+    "identification/identify.py:identified",
+    "simulation/preparation.py:build_run",
+    "viz/page.py:page_text",
+}
+"""Functions with more lines. The list may only shrink."""
+STRONG_PARTICIPLES = (
+    "begun broken built chosen drawn driven felt found given held hidden kept known left lost made said seen sent shown "
+    "spoken swept taken thrown told undriven unknown unseen written"
+)
+PARTICIPLE = re.compile(rf"_*([a-z]+ed|{'|'.join(STRONG_PARTICIPLES.split())})")
+NOT_PARTICIPLES = {"speed", "quadruped", "feed", "need", "seed", "bed", "embed", "proceed", "exceed", "shed"}
+ADJECTIVE = re.compile(r"_*[A-Z]+(ED|EST|LY|ABLE|IBLE|LESS|FUL|ISH|IEST)")
+KNOWN_NAMES = Path(__file__).with_name("participles_and_adjectives.txt")
+"""Names of today that say how something is, and not what. The list may only shrink."""
 
 
 def named(path: Path) -> str:
@@ -60,6 +85,67 @@ def test_docstrings_begin_with_a_verb_or_a_noun():
     docs = [doc.value for path in FILES for doc in docstrings(tree(path))]
     others = [doc for doc in docs if doc.strip().split()[:1] and doc.strip().split()[0].strip(":,.;") in FIRST_WORDS]
     assert len(others) <= FIRST * len(docs)
+
+
+def lines_of(node: ast.FunctionDef) -> int:
+    """Lines of a function without its docstring."""
+    first = node.body[0]
+    documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+    return node.end_lineno - node.lineno + 1 - (first.end_lineno - first.lineno + 1 if documented else 0)
+
+
+def test_a_function_fits_a_screen():
+    long = {
+        f"{named(path)}:{node.name}": lines_of(node)
+        for path in FILES
+        for node in ast.walk(tree(path))
+        if isinstance(node, FUNCTION) and lines_of(node) > SCREEN
+    }
+    new = {name: size for name, size in long.items() if name not in LONG_FUNCTIONS}
+    assert not new, f"{new}: more than {SCREEN} lines. Name a part that is a step of its own, and call it."
+    assert not (gone := LONG_FUNCTIONS - long.keys()), f"take these from LONG_FUNCTIONS: {gone}"
+
+
+def numeric(node: ast.expr | None) -> bool:
+    """True if an expression is made of numbers alone."""
+    if isinstance(node, ast.UnaryOp):
+        return numeric(node.operand)
+    if isinstance(node, ast.BinOp):
+        return numeric(node.left) and numeric(node.right)
+    return isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool)
+
+
+def constants(module: ast.Module) -> set[str]:
+    """Names of the module's constants that are one number."""
+    found = set()
+    for node in module.body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            targets, values = [node.targets[0]], [node.value]
+            if isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple):
+                targets, values = node.targets[0].elts, node.value.elts
+            pairs = zip(targets, values, strict=False)
+            found |= {target.id for target, value in pairs if isinstance(target, ast.Name) and numeric(value)}
+    return found
+
+
+def vague_names() -> set[str]:
+    """Functions named by one participle, and numeric constants named by one adjective or adverb."""
+    found = set()
+    for path in FILES:
+        names = {node.name for node in ast.walk(tree(path)) if isinstance(node, FUNCTION)}
+        found |= {n for n in names if PARTICIPLE.fullmatch(n) and n.strip("_") not in NOT_PARTICIPLES}
+        found |= {name for name in constants(tree(path)) if ADJECTIVE.fullmatch(name)}
+    return found
+
+
+@pytest.mark.filterwarnings("default")
+def test_new_names_say_what_something_is():
+    """A warning, no failure: a name of this kind may be right now and then."""
+    known, found = set(KNOWN_NAMES.read_text("utf-8").split()), vague_names()
+    for name in sorted(found - known):
+        text = f"`{name}`: what does it return or bound? Name that, as `steady_state` in place of `_settled`."
+        warnings.warn(text, UserWarning, stacklevel=1)
+    assert not known - found, f"take these from {KNOWN_NAMES.name}: {sorted(known - found)}"
 
 
 # ── imports ──
