@@ -240,6 +240,7 @@ def test_the_picture_shows_what_the_repair_changes(tmp_path):
 
 
 def test_the_page_shows_the_findings_on_the_links(tmp_path):
+    from twistwrench.core.colours import COLOURS, Style
     from twistwrench.viz.page import findings_scene
 
     path = tmp_path / "sides.urdf"
@@ -249,8 +250,8 @@ def test_the_page_shows_the_findings_on_the_links(tmp_path):
     scene = findings_scene(tw.doctor(path))
     assert "they mirror each other" in scene.notes[0]
     assert {s.layer for s in scene.shapes} == {"looks", "inertia"}
-    orange = {s.body for s in scene.shapes if s.layer == "looks" and s.colour == (0.90, 0.60, 0.0)}
-    assert orange == {0, 1}
+    amber = {s.body for s in scene.shapes if s.layer == "looks" and s.colour == COLOURS[Style.NEAR].scene}
+    assert amber == {0, 1}
 
 
 def test_the_length_of_a_capsule_of_urdf_is_that_of_its_cylinder(tmp_path):

@@ -79,7 +79,7 @@ _CONTACT = "1e5,0.3,0.5"
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     """Simulate a motion, and report states, energy drift and events.
 
-    DONE: no limit is judged unless torques are given (--torque). Exit code: 1 if given torques pass a limit, if the motion
+    DONE: no limit is judged unless torques are given (--torque), and no distance without --clearance. Exit code: 1 if given torques pass a limit, if the motion
     ended before its duration, at a limit with --stop-at-limits or because integration failed, or if links come too near
     (--clearance). The motion until then is printed and written.
     """
@@ -194,7 +194,7 @@ def simulation_view(
     if touching and judged.ok:
         yield f"Simulated {number(result.times[-1], 6)} s. {drift}"
     elif judged.ok:
-        yield verdict(judged.word, f": simulated {number(result.times[-1], 6)} s. {drift}")
+        yield verdict(judged.word if clearance is None else Word.OK, f": simulated {number(result.times[-1], 6)} s. {drift}")
     else:
         at = "" if judged.word is Word.OVER_LIMIT else f" at t = {number(result.times[-1], 6)} s"
         yield verdict(judged.word, f"{at}: {judged.reasons[0]}. {drift}")
