@@ -68,7 +68,8 @@ def test_a_rotor_inertia_is_that_of_another_actuator_file():
     compare(robot, other, **{f"{joint}__rotor_inertia": x for joint, x in numbers.items()})
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_rotors_of_random_robots_may_vary(seed):
     robot = tree(f"driven{seed}")
     names = list(robot.varying("*.rotor_inertia"))
@@ -114,7 +115,7 @@ def test_inertias_of_coupled_motors_may_vary():
 # ── Derivatives ──
 
 
-@pytest.mark.parametrize("quantity", ["inverse_dynamics", "forward_dynamics"])
+@pytest.mark.parametrize("quantity", ["inverse_dynamics", pytest.param("forward_dynamics", marks=pytest.mark.slow)])
 def test_derivatives_by_numbers_of_drives_are_differences(quantity):
     robot = tw.robots.ur5().with_actuators({"actuators": ELASTIC | {"wrist_1_joint": GEARED["wrist_1_joint"]}})
     names = (

@@ -43,7 +43,9 @@ def exact():
     return tw.size_drives(ARM, EXACT, CATALOG, **SETTINGS)
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize(
+    "noise", [0.0, pytest.param(1e-6, marks=pytest.mark.slow), pytest.param(1e-5, marks=pytest.mark.slow), 1e-4]
+)
 def test_noise_of_a_log_chooses_no_drive(noise, exact):
     """Exact rates, rates of a spline, and rates of noisy positions: one word, one drive, loads within the noise said."""
     found = tw.size_drives(ARM, noisy(noise), CATALOG, **SETTINGS)

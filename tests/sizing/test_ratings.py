@@ -64,7 +64,7 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", range(len(CASES)))
+@pytest.mark.parametrize("case", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_removing_a_rating_never_improves_a_verdict(case):
     arm, motion, settings = CASES[case]
     if "emergency" in settings:
@@ -215,7 +215,7 @@ def plain(described):
     return {key: value for key, value in vars(described).items() if key != "thermal"}
 
 
-@pytest.mark.parametrize("masses", [True, False])
+@pytest.mark.parametrize("masses", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["servos", "motors and gears"])
 def test_written_drives_give_the_torques_that_were_sized(kind, masses, tmp_path):
     names = UR5.joint_names
