@@ -82,3 +82,14 @@ def test_a_header_of_hundreds_of_columns_is_refused_after_one_look_at_each(tmp_p
 def test_every_error_is_of_bounded_length_and_visible() -> None:
     found = str(tw.ModelError(f"link {'a' * 9000!r} and \x1b[2J" + ", more" * 1000))
     assert len(found) <= 1001 and "\x1b" not in found and found.endswith("…")
+
+
+@pytest.mark.parametrize("size", [0, 3, 15, 17])
+def test_a_mesh_of_mujoco_without_its_counts(size: int, tmp_path: Path) -> None:
+    (tmp_path / "x.msh").write_bytes(bytes(size))
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="m" file="x.msh"/></asset><worldbody><body><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(tw.RobotFileError, match="is not a mesh of MuJoCo's"):
+        tw.load(path)

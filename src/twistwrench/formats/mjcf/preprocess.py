@@ -399,10 +399,10 @@ def _msh(path: Path) -> tuple[Array, Array]:
     """MuJoCo's own binary format: four counts, then vertices, normals and texture coordinates as float32, and faces."""
     with third_party_errors(lambda reason: RobotFileError(f"{path.name} cannot be read as a mesh: {reason}.")):
         data = read_bytes(path)
-    counts = np.frombuffer(data[:16], "<i4").astype(int)
-    vertices, normals, textures, faces = counts if counts.size == 4 else (0, 0, 0, 0)
+    counts = np.frombuffer(data[:16] if len(data) >= 16 else bytes(16), "<i4").astype(int)
+    vertices, normals, textures, faces = counts
     size = 16 + 4 * (3 * vertices + 3 * normals + 2 * textures + 3 * faces)
-    if counts.size != 4 or counts.min() < 0 or not vertices or not faces or size != len(data):
+    if counts.min() < 0 or not vertices or not faces or size != len(data):
         raise RobotFileError(
             f"{path.name} is not a mesh of MuJoCo's: its counts and its size, {len(data)} bytes, do not agree."
         )
