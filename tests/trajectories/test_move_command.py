@@ -111,7 +111,7 @@ def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
     limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
     code, output = run("move", "planar_2r", "--to", "1,0", "--fastest", "--limits", limits)
     assert code == 1
-    assert "STOPPED: the robot cannot hold itself on this path" in output
+    assert "OVER LIMIT: the robot cannot hold itself on this path" in output
     assert "29.43 of 20" in output
 
 

@@ -21,6 +21,7 @@ from ..model.couplings import coupled_entries, drive_turns, motor_torques, motor
 from ..model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
+from ..motion.credible_values import credible_limits
 from ..motion.csv_reader import CsvFile, table_errors
 from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
 from ..reports.load_case import limit_doubts
@@ -108,6 +109,8 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     if not given.step > 0:
         raise ValueRangeError(f"--step {printed(given.step)}: give seconds above zero.")
     begin, end, hints = _ends(robot, given, degrees=options.degrees)
+    typed = [*credible_limits(bounds, load.robot), *load.doubts]
+    refused = [verdict(Word.LOOK_AGAIN, f": {each}.") for each in typed if each.refuses]
 
     def report(subject: str, blocks: list[Block], **shown: Any) -> None:
         write_report(
@@ -115,6 +118,10 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
             degrees=options.degrees, **shown,
         )  # fmt: skip
 
+    if refused:
+        show(*refused)
+        report("contradictory input", [*refused])
+        return ExitCode.NO
     path, trouble = _path_and_trouble(robot, begin, end, degrees=options.degrees, given=given)
     if path is None:
         return _cannot(trouble, hints, report)
@@ -123,10 +130,12 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         with noted_if_failed(hints):
             moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
-        return _cannot(problem, [], report)
+        held = _is_held(robot, path, bounds)
+        return _cannot(problem, [], report, word=Word.STOPPED if held else Word.OVER_LIMIT)
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = base_doubts(robot.model) + limit_doubts(load.robot, bounds, [use.peak for use in uses])
+    doubts = [str(each) for each in typed if not each.refuses]
+    doubts += base_doubts(robot.model) + limit_doubts(load.robot, bounds, [use.peak for use in uses])
     doubts += model_warnings(robot.model, uses)
     times = np.linspace(0.0, moving.duration, _SAMPLES)
     clearance = clearance_along(given, robot, [(times, moving(times)[0])])
@@ -187,9 +196,22 @@ def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, l
     return begin, end, hints
 
 
-def _cannot(problem: PathError | None, hints: list[str], report: Callable[[str, list[Block]], None]) -> ExitCode:
+def _is_held(robot: Robot, path: JointPath, bounds: Limits) -> bool:
+    """True if the torque limits suffice to stand still everywhere on the path."""
+    q, _, _ = path(np.linspace(0.0, 1.0, _SAMPLES))
+    shares = np.abs(motor_torques(robot.model, robot.holding_torques(q))) / bounds.effort
+    return not bool(over_limit(shares).any())
+
+
+def _cannot(
+    problem: PathError | None,
+    hints: list[str],
+    report: Callable[[str, list[Block]], None],
+    *,
+    word: Word = Word.STOPPED,
+) -> ExitCode:
     """Print that the path cannot be followed."""
-    blocks: list[Block] = [verdict(Word.STOPPED, f": {problem}"), *remarks(hints)]
+    blocks: list[Block] = [verdict(word, f": {problem}"), *remarks(hints)]
     show(*blocks)
     report("no path", blocks)
     return ExitCode.NO

@@ -18,8 +18,9 @@ from ..errors import ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..model.limits import over_limit
 from ..motion.coordinates import Coordinates
+from ..motion.credible_values import credible_limits, credible_load
 from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
-from ..reports.load_case import Payload, limit_doubts, unlimited
+from ..reports.load_case import Payload, limit_doubts, reach, unlimited
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
 from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot
@@ -82,16 +83,26 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     beyond = joints_beyond_stops(robot, q, allowed)
     loads = (np.abs(found.unloaded) + np.abs(found.per_kilogram))[: robot.nv]
     judged = not unlimited(robot.model, limits, loads)
-    doubts = [*base_doubts(robot.model), *limit_doubts(load.robot, allowed, loads)]
+    asked = credible_load(None, place, given.frame or options.tip, robot, reach(robot.model))
+    typed = [*credible_limits(allowed, load.robot), *load.doubts, *asked]
+    refused = [str(each) for each in typed if each.refuses]
+    doubts = [str(each) for each in typed if not each.refuses]
+    doubts += [*base_doubts(robot.model), *limit_doubts(load.robot, allowed, loads)]
+    if found.joint < 0 and found.holds and not given.at:
+        doubts.append(
+            "at the default pose the load stands on the axes of the joints, so no torque depends on it: give --at"
+        )
     if lacking := model_warnings(robot.model):
         doubts.append(f"{'; '.join(lacking)}: the payload may be less")
     blocks: list[Block] = [stops_view(beyond, degrees=options.degrees)] if beyond else []
+    if refused:
+        blocks.insert(0, verdict(Word.LOOK_AGAIN, f": {'; '.join(refused)}."))
     if doubts:
         blocks.append(verdict(Word.UNSURE, f": {'; '.join(doubts)}."))
     if hint := degrees_hint(robot, q):
         blocks += remarks([hint])
     if judged:
-        blocks.append(_verdict(found, where, carried, assumed, first=not (beyond or doubts)))
+        blocks.append(_verdict(found, where, carried, assumed, first=not (beyond or doubts or refused)))
     blocks += payload_view(robot, found, q, where, carried=carried, degrees=options.degrees, judged=judged)
     if judged:
         blocks += _forces(robot, q, name, limits)
@@ -128,7 +139,8 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
             given, "payload", subject, blocks, files=files, facts=facts, pictures=pictures, robot=robot, limits=allowed,
             degrees=options.degrees,
         )  # fmt: skip
-    return ExitCode.FINE if found.holds and not beyond and not doubts else ExitCode.NO
+    fine = found.holds and not (beyond or doubts or refused)
+    return ExitCode.FINE if fine else ExitCode.NO
 
 
 # ── The report

@@ -85,6 +85,9 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     given.check_files({"--srdf": given.srdf, **options.files})
     load = shared.load_case(options.load(), options, given)
+    if load.contradictions:
+        show(verdict(Word.LOOK_AGAIN, f": {'; '.join(load.contradictions)}."))
+        return ExitCode.NO
     loaded, friction = load.with_load, load.friction
     result: Any
     failure: BaseException | None = None

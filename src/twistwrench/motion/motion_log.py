@@ -210,6 +210,8 @@ class MotionLog:
     """Doubts about conventions of the programs and makers that write such files."""
     plan: bool = False
     """True if the file is known to be a plan and not a recording."""
+    degrees: bool = False
+    """True if the caller states that angles are in degrees, which confirms a unit in the header."""
 
     @classmethod
     def open(
@@ -290,7 +292,7 @@ class MotionLog:
         if not columns and _FANUC.search(model.name.lower()) and {f"J{k}" for k in range(1, 7)} <= set(file.header):
             doubts.append(doubt("fanuc-j3", [coordinates.names[2]], joint=coordinates.names[2]))
         plan = plan or (isinstance(file, ArrayFile) and file.plan)
-        return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts), plan)
+        return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts), plan, degrees)
 
     @classmethod
     def from_motion(cls, motion: Motion) -> MotionLog:
@@ -397,7 +399,7 @@ class MotionLog:
             self.coordinates,
             time_stated=columns.time_stated,
             angle=columns.angle,
-            angle_stated=columns.angle_stated,
+            angle_stated=columns.angle_stated & ((columns.angle != math.radians(1.0)) | self.degrees),
         )
         for s in slices(len(table)):
             first = max(0, s.start - OVERLAP)

@@ -20,11 +20,13 @@ from ..core.numbers import number, percent, printed, quantity, rounded_down, sec
 from ..core.text import listed
 from ..errors import UnknownNameError, ValueRangeError
 from ..joints.units import unit_of, units_of
+from ..log_checks.doubts import Doubt
 from ..model.assembly import follower_torques
 from ..model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
 from ..model.limits import Limits
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
+from ..motion.credible_values import credible_load
 from ..motion.differentiation import MotionSamples
 from ..typing import Array
 from .robot_summary import StatedLimits, parse_numbers
@@ -252,18 +254,15 @@ class LoadCase:
         object.__setattr__(self, "with_load", robot)
 
     @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Doubts about payloads that are not where a robot carries them."""
+        most = reach(self.robot.model)
+        return tuple(d for p in self.payloads for d in credible_load(p.mass, p.place, p.frame, self.robot, most))
+
+    @property
     def contradictions(self) -> tuple[str, ...]:
         """Sentences on payloads farther from their frame than the robot's reach."""
-        model, found = self.robot.model, []
-        most = reach(model)
-        for p in self.payloads:
-            distance = float(np.linalg.norm(p.place))
-            if distance > most > 0:
-                found.append(
-                    f"the payload of {printed(p.mass)} kg lies {number(distance)} m from {p.frame or model.tip}, and the robot "
-                    f"reaches {number(most, 3)} m: offsets are in metres"
-                )
-        return tuple(found)
+        return tuple(str(each) for each in self.doubts if each.refuses)
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches and friction; (n,) states → (n, nv)."""

@@ -61,6 +61,8 @@ class _Gap(NamedTuple):
     """(2, nv) speeds at its ends."""
     across: Array
     """(2, nv) least speed and acceleration of each coordinate within the gap; zero if unknown."""
+    extent: Array
+    """(2, nq) least and largest coordinates of the cubic between its ends."""
 
 
 def _least_across(change: Array, v0: Array, v1: Array, h: float) -> Array:
@@ -73,12 +75,24 @@ def _least_across(change: Array, v0: Array, v1: Array, h: float) -> Array:
     return np.abs([v, a])
 
 
+def _extent(q0: Array, q1: Array, v0: Array, v1: Array, h: float) -> Array:
+    """(2, nq) least and largest values of the cubic from q0 to q1 with the speeds v0 and v1 at its ends."""
+    u = np.linspace(0.0, 1.0, _POINTS)[:, None]
+    cubic = q0 + (q1 - q0) * (3 - 2 * u) * u**2 + h * u * (1 - u) * (v0 * (1 - u) - v1 * u)
+    return np.array([cubic.min(axis=0), cubic.max(axis=0)])
+
+
+_POINTS = 101
+
+
 @dataclass
 class Gaps:
     """Time steps longer than ``threshold``; ``rates`` is true if velocities are the rates of the coordinates."""
 
     threshold: float
     rates: bool = True
+    stops: tuple[Array, Array] | None = None
+    """Least and largest allowed coordinates, (nq,) each; None if none are known."""
     count: int = 0
     longest: float = 0.0
     longest_at: float = float("nan")
@@ -108,7 +122,11 @@ class Gaps:
 
     @property
     def exceeds_logged_motion(self) -> bool:
-        """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged."""
+        """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged, or leaves its stops."""
+        if self.stops is not None:
+            lower, upper = self.stops
+            if any(((gap.extent[0] < lower) | (gap.extent[1] > upper)).any() for gap in self._long):
+                return True
         slack = (_MOVED * np.array([[1 / gap.length], [4 / gap.length**2]]) for gap in self._long)
         return any((gap.across > self._most + more).any() for gap, more in zip(self._long, slack, strict=True))
 
@@ -129,7 +147,8 @@ class Gaps:
             h, change, (v0, v1) = float(steps[k]), changes[k], dq[k : k + 2]
             across = _least_across(change, v0, v1, h) if self.rates else np.zeros((2, dq.shape[1]))
             size = float(np.abs(change).max(initial=0.0))
-            self._long.append(_Gap(float(time[k]), h, size, np.abs([v0, v1]), across))
+            extent = _extent(q[k], q[k + 1], v0, v1, h) if self.rates else np.array([q[k], q[k + 1]])
+            self._long.append(_Gap(float(time[k]), h, size, np.abs([v0, v1]), across, extent))
         self._last = time[-1:], q[-1:], dq[-1:]
 
 

@@ -385,7 +385,8 @@ class MotionTally:
         self.around: dict[int, MotionSamples] = {}
         """States on either side of each joint's peak."""
         self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.robot.nq + 3 * nv))))
-        self.gaps = Gaps(_GAP * plan.quality.step, all(body.joint.nv == 1 for body in load.robot.model.leaders))
+        simple = all(body.joint.nv == 1 and body.joint.nq == 1 for body in load.robot.model.leaders)
+        self.gaps = Gaps(_GAP * plan.quality.step, simple, (limits.lower, limits.upper) if simple else None)
         self.noise = np.zeros(nv)
         self.carried = 0.0
         """Largest torque due to the payloads, in some of the states."""

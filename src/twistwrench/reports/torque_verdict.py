@@ -20,6 +20,7 @@ from ..model.legs import hanging_base
 from ..model.limits import Limits, over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
+from ..motion.credible_values import credible_limits
 from ..motion.plausibility import Origin
 from .load_case import Payload, cause_label, limit_doubts, limits_remedy, unlimited, without_velocity_limit
 from .log_quality import MeasuredTorque
@@ -197,7 +198,8 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     doubted = doubted_excesses(report)
     certain = [(e, text) for e, text in (*over, *passed) if (e.joint, e.kind) not in doubted]
     stated = _grouped(certain)
-    instead = rows_in_doubt(report)
+    typed = [str(found) for found in (*doubts_of_limits(report), *report.load.doubts) if found.level == "unsure"]
+    instead = [*typed, *rows_in_doubt(report)]
     if not certain and (over or passed):
         instead += [f"{as_it_stands(report)} {Word.OVER_LIMIT}: {text}" for text in _grouped([*over, *passed])[:1]]
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
@@ -240,6 +242,13 @@ _POINTS = 0.05
 def doubted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
     """Joint and kind of the excesses that stand only at instants, or in a log, whose rows are in doubt."""
     every = {(e.joint, e.kind) for e in report.excesses}
+    if any(found.kind in ("effort-unit", "effort-weight") for found in doubts_of_limits(report)):
+        return {(joint, kind) for joint, kind in every if kind == "effort"} | _doubted_by_log(report)
+    return _doubted_by_log(report)
+
+
+def _doubted_by_log(report: TorqueReport) -> set[tuple[str, str]]:
+    every = {(e.joint, e.kind) for e in report.excesses}
     if report.differentiation.trajectory.origin is Origin.PLAN:
         return set()
     if any(found.kind in _EVERYWHERE for found in report.doubts):
@@ -264,7 +273,7 @@ def _wound(report: TorqueReport, *, level: Level) -> set[str]:
 
 def rows_in_doubt(report: TorqueReport) -> list[str]:
     """Sentences on rows that are missing, repeated or wrong, if they decide a figure; empty otherwise."""
-    doubted = doubted_excesses(report)
+    doubted = _doubted_by_log(report)
     if everywhere := [str(found) for found in report.doubts if found.kind in _EVERYWHERE and not found.refuses]:
         return everywhere if doubted else []
     refuted = [m.refuting_words for m in report.measured if m.refutes and (m.joint, "effort") in doubted]
@@ -283,6 +292,8 @@ def rows_in_doubt(report: TorqueReport) -> list[str]:
 def as_it_stands(report: TorqueReport) -> str:
     """Condition under which the excesses of a log in doubt are certain."""
     either = report.differentiation.trajectory.origin is Origin.EITHER
+    if not _doubted_by_log(report):
+        return "by these limits"
     return "as a plan" if either else "as it stands"
 
 
@@ -297,7 +308,14 @@ def contradictions(report: TorqueReport) -> list[str]:
     """Reasons to look again at the input that do not depend on payload and speed."""
     refused = [str(found) for found in report.doubts if found.refuses]
     contradicted = [m for m in _different(report) if m.contradicts]
-    return [*report.load.contradictions, *refused, *_against(report, contradicted)]
+    limits = [str(found) for found in doubts_of_limits(report) if found.refuses]
+    return [*report.load.contradictions, *limits, *refused, *_against(report, contradicted)]
+
+
+def doubts_of_limits(report: TorqueReport) -> list[Doubt]:
+    """Doubts about the limits of the comparison; those of the weight only if a torque limit is exceeded."""
+    exceeds = any(e.kind == "effort" for e in report.excesses)
+    return credible_limits(report.limits, report.load.robot, weight=exceeds)
 
 
 def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> tuple[list[str], list[str]]:
