@@ -88,8 +88,6 @@ _OTHER = (
     ("the file's own torque column disagrees with the torques computed: …",
      "`UNSURE` if the measured torque is larger, as by friction that the file lacks; else `LOOK AGAIN`: sign or unit.",
      "[Compare measured torques](torques.md#torques-that-were-measured); [identify](identification.md) the friction."),
-    ("the payload of … kg lies … m from …, and the robot reaches … m: offsets are in metres",
-     "`LOOK AGAIN`: `--payload` was given in millimetres.", "Give the position in metres."),
     ("… may … (capsules; …)", "Capsules overlap, and coal, which could decide, is not installed.",
      "`pip install 'twistwrench[clearance]'`"),
     ("a mesh is not closed, so it is not known whether one link is inside the other: …",
@@ -107,7 +105,7 @@ def page() -> str:
     """The page, as it has to be."""
     kinds = [k for k in doubt_table().values() if k.level != "note" or "UNSURE" in k.threshold]
     sensor = [k for k in kinds if k.reads == ("sensor",)]
-    log = [k for k in kinds if "motion" in k.reads]
+    log = [k for k in kinds if "motion" in k.reads or k.reads == ("torques",)]
     causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor]
     fit = [k for k in kinds if k not in sensor and k not in log and k not in causes]
     parts = [_HEAD, _LIMITS, _rows(("text of the report", "cause", "what to do"), [*_own(), *_others()])]

@@ -1,4 +1,4 @@
-"""Limits and loads that can be those of a robot: asked alike for files, tables and options."""
+"""Limits and loads that can be those of a robot: one check for files, tables and options."""
 
 from __future__ import annotations
 
@@ -48,16 +48,20 @@ def _degrees(limits: Limits, model: Model) -> list[Doubt]:
     bounded = turning & np.isfinite(reach)
     far = bounded & (reach > _TURNS) & (reach < _MOST)
     fast = turning & (limits.velocity > _FAST) & np.isfinite(limits.velocity)
-    if far.sum() < _FEWEST or 2 * far.sum() <= bounded.sum() or not (fast[far].any() or _whole(reach[far])):
+    if far.sum() < _FEWEST or 2 * far.sum() <= bounded.sum() or not (fast[far].any() or _of_protractor(reach[far])):
         return []
     k = int(np.flatnonzero(far)[0])
     turns = printed(reach[k] / math.tau, 3)
     return [doubt("limits-degrees", [c.velocity_names[k]], limit=printed(reach[k]), turns=turns)]
 
 
-def _whole(values: Array) -> bool:
-    """True if all values are whole numbers, as limits in degrees are."""
-    return bool((values == np.round(values)).all())
+def _of_protractor(values: Array) -> bool:
+    """True if all are whole numbers up to 90 or more, as ranges in degrees are; one number for all only if of quarter turns."""
+    whole = (values == np.round(values)).all() and values.max() >= _QUARTER
+    return bool(whole and (np.ptp(values) > 0.0 or values[0] % _QUARTER == 0.0))
+
+
+_QUARTER = 90.0
 
 
 def _units_of_effort(limits: Limits, robot: Robot) -> list[Doubt]:
