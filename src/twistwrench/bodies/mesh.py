@@ -165,6 +165,8 @@ def read_surface(path: Path) -> tuple[Array, Array]:
             raise ModelError(f"{path} {problem}.") from None
     if not hasattr(loaded, "faces") or not len(loaded.faces):
         raise ModelError(f"{path} holds no triangles.")
+    if np.shape(loaded.vertices)[1:] != (3,):
+        raise ModelError(f"{path} has vertices of {np.shape(loaded.vertices)[-1]} numbers, and three are needed.")
     try:
         check_faces(loaded.faces, len(loaded.vertices))
     except ModelError as problem:

@@ -151,7 +151,7 @@ class JoinedFile:
 def _resampled(table: Array, time: Array, at: Array) -> Array:
     """Interpolate a table (n, k) with stamps (n,) at increasing times (m,)."""
     near = slice(max(0, int(np.searchsorted(time, at[0])) - 1), int(np.searchsorted(time, at[-1], side="right")) + 1)
-    return np.stack([np.interp(at, time[near], x) for x in table[near].T], axis=1).reshape(len(at), -1)
+    return np.array([np.interp(at, time[near], x) for x in table[near].T]).reshape(-1, len(at)).T
 
 
 def _in_order(wanted: Sequence[tuple[int, int]]) -> Array:
