@@ -22,6 +22,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +135,7 @@ def score(task: Task) -> dict[str, Any]:
     truth = judge.of_motion(made.motion, np.linspace(0.0, seconds, _SAMPLES))
     clean = made.judged()
     row: dict[str, Any] = {"part": task.part, "number": task.number, "robot": task.robot, "kind": task.kind}
-    row |= {"style": task.style, "rate": task.rate, "form": task.form, "measured": task.measured}
+    row |= {"commit": commit(), "style": task.style, "rate": task.rate, "form": task.form, "measured": task.measured}
     if task.kind:
         kinds(task.part)[task.kind].change(made)
     faulty = made.judged()
@@ -255,15 +256,18 @@ def scores(wanted: Sequence[Task], lines: Path | None) -> Iterator[dict[str, Any
         yield row
 
 
+@cache
+def commit() -> str:
+    """Commit of the program that is run."""
+    where = ["git", "-C", str(Path(tw.__file__).parent), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(where, capture_output=True, text=True, check=True).stdout.strip()
+
+
 def keep(label: str, part: str, rows: list[dict[str, Any]]) -> None:
-    """Put the rows of a part beside what is kept, with the commit of the program and the processor."""
+    """Put the rows of a part beside what is kept, with the processor; each row has the commit of the program."""
     kept = json.loads(KEPT.read_text("utf-8")) if KEPT.is_file() else {}
-    where = Path(tw.__file__).parent
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=where, capture_output=True, text=True, check=True
-    )
     about = {key: describe()[key] for key in ("date", "cpu", "python")}
-    kept.setdefault(label, {})[part] = {"commit": commit.stdout.strip(), **about, "logs": rows}
+    kept.setdefault(label, {})[part] = {**about, "logs": rows}
     KEPT.write_text(as_text(kept), "utf-8")
 
 

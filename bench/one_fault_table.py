@@ -117,6 +117,14 @@ def wrong_words(runs: Runs, part: str) -> str:
     return section(f"Wrong first words, {part}, {label}", "", head, lines)
 
 
+def _commits(rows: Sequence[Row]) -> str:
+    """Commits of the program, with the numbers of logs where there are several."""
+    found = Counter(row["commit"] for row in rows)
+    if len(found) == 1:
+        return f"commit {next(iter(found))}"
+    return ", ".join(f"{n} logs on commit {commit}" for commit, n in found.items())
+
+
 def _judged(judgement: dict[str, Any]) -> str:
     return f"{judgement['word']} {100 * judgement['share']:.3g} %"
 
@@ -138,7 +146,7 @@ def page() -> str:
     """Text of ONE_FAULT.md."""
     runs, about = kept()
     ran = [
-        f"{label}, {part}: commit {run['commit']}, {run['date']}, {run['cpu']}, Python {run['python']}"
+        f"{label}, {part}: {_commits(run['logs'])}, {run['date']}, {run['cpu']}, Python {run['python']}"
         for label, parts in about.items()
         for part, run in parts.items()
     ]

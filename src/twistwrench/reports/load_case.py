@@ -62,6 +62,8 @@ _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as ef
 _LISTED = 6
 _POSES, _USUAL = 2000, 0.15
 """Number of random poses, and gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
+_NO_WEIGHT = 1e-6
+"""Gravity torque over effort of turning joints whose axes are vertical: rounding."""
 _LARGE, _LIGHT = 1000.0, 50.0
 """Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
 _FASTEST = 60.0
@@ -135,7 +137,8 @@ def placeholder_limits(robot: Robot) -> str:
     """Sentence, without a full stop, on efforts of the robot file that are probably not motor limits; empty if none.
 
     Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
-    joints of a light robot have 1000 N m or more. Joints with actuators are left out: their limits come from the user.
+    joints of a light robot have 1000 N m or more. If no turning joint bears weight, as in a SCARA, the weight is no measure.
+    Joints with actuators are left out: their limits come from the user.
     """
     model = robot.model
     driven = driven_entries(model)
@@ -152,7 +155,8 @@ def placeholder_limits(robot: Robot) -> str:
     if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
         return ""
     share = weight_share(robot, chain)
-    if not 0 < share < _USUAL:
+    turning = [k for k in chain if Coordinates.from_model(model).angular_velocity[k]]
+    if not 0 < share < _USUAL or not turning or weight_share(robot, turning) < _NO_WEIGHT:
         return ""
     least, most = float(effort[chain].min()), float(effort[chain].max())
     what = (
