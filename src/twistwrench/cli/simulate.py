@@ -79,9 +79,9 @@ _CONTACT = "1e5,0.3,0.5"
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     """Simulate a motion, and report states, energy drift and events.
 
-    DONE: no limit is judged unless torques are given (--torque), and no distance without --clearance. Exit code: 1 if given torques pass a limit, if the motion
-    ended before its duration, at a limit with --stop-at-limits or because integration failed, or if links come too near
-    (--clearance). The motion until then is printed and written.
+    DONE: no limit is judged unless torques are given (--torque), and no distance without --clearance. Exit code: 1 if
+    given torques pass a limit, if the motion ended before its duration, at a limit with --stop-at-limits or because
+    integration failed, or if links come too near (--clearance). The motion until then is printed and written.
     """
     given.check_files({"--srdf": given.srdf, **options.files})
     load = shared.load_case(options.load(), options, given)
