@@ -5,7 +5,10 @@ Every attack is a file that is expanded as users expand it.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
+import os
 from pathlib import Path
 from xml.dom.minidom import parseString
 
@@ -15,6 +18,8 @@ from places import SHARED
 import twistwrench as tw
 from twistwrench.formats import xacro as room
 from twistwrench.formats.xacro import xacro_in
+from twistwrench.formats.xacro.expander import Bounds, PackageFinder
+from twistwrench.formats.xacro.expressions import Refused, evaluate
 
 pytest_plugins = ("torque_fixtures",)
 pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
@@ -380,3 +385,85 @@ def test_finished_files_that_declare_xacro_are_read(capsys):
     assert len(files) >= 8
     said = {path.name: xacro_in(path.read_text(errors="replace")) for path in files}
     assert {name for name, found in said.items() if found} == {"valkyrie_sim.urdf"}  # a macro of another file
+
+
+def test_only_functions_of_the_table_are_called():
+    names = {"largest": max, "run": exec}
+    assert evaluate("largest(1, 2)", names, {id(max)}) == 2
+    for text in ("run('1')", "run", "[run][0]", "{'a': run}"):
+        with pytest.raises(Refused, match="exec is not a function of robot files"):
+            evaluate(text, names, {id(max)})
+
+
+def test_work_that_grows_with_a_number_is_refused_before_it_is_done():
+    for text in (
+        "factorial(100001)",
+        "round(1, ndigits=-100001)",
+        "range(100001)",
+        "'a'.zfill(100001)",
+        "comb(100001, 2)",
+    ):
+        names = {"factorial": math.factorial, "round": round, "range": range, "comb": math.comb}
+        with pytest.raises(Refused, match="of a number above 100,000 is not allowed"):
+            evaluate(text, names, set(map(id, names.values())))
+
+
+# ── The audit hook alone, as expressions stop most attacks before it
+
+
+@pytest.fixture
+def bounds(tmp_path):
+    """The hook for a robot's folder, beside which lies a file that is not the robot's."""
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "own.txt").write_bytes(bytes(600))
+    (tmp_path / "secret.txt").write_bytes(b"x")
+    found = Bounds()
+    found.begin([str(tmp_path / "robot")], 1000)
+    return found
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        "ctypes.dlopen", "exec", "import", "os.chdir", "os.exec", "os.fork", "os.kill", "os.mkdir", "os.putenv", "os.remove",
+        "os.rename", "os.symlink", "os.system", "shutil.rmtree", "socket.connect", "subprocess.Popen", "sys.addaudithook", "x.new",
+    ],
+)  # fmt: skip
+def test_the_hook_refuses_every_event_that_it_does_not_know(event, bounds):
+    with pytest.raises(Refused, match="a robot file may not use"):
+        bounds(event, ())
+
+
+@pytest.mark.parametrize(
+    ("mode", "flags"),
+    [("w", 0), ("r+", 0), ("a", 0), ("x", 0), (None, os.O_WRONLY), (None, os.O_RDWR), (None, os.O_CREAT)],
+)
+def test_the_hook_refuses_to_write(mode, flags, bounds, tmp_path):
+    with pytest.raises(Refused, match="may not write"):
+        bounds("open", (str(tmp_path / "robot" / "own.txt"), mode, flags))
+
+
+def test_the_hook_follows_links_and_adds_up_what_is_read(bounds, tmp_path):
+    own, link = tmp_path / "robot" / "own.txt", tmp_path / "robot" / "link.txt"
+    bounds("open", (str(own), "r", 0))
+    with pytest.raises(Refused, match="lies outside its folder"):
+        bounds("open", (str(tmp_path / "robot" / ".." / "secret.txt"), "r", 0))
+    with contextlib.suppress(OSError):  # of systems that allow no links
+        link.symlink_to(tmp_path / "secret.txt")
+        with pytest.raises(Refused, match="lies outside its folder"):
+            bounds("open", (str(link), "r", 0))
+    with pytest.raises(Refused, match="lies outside its folder"):
+        bounds("os.listdir", (str(tmp_path),))
+    with pytest.raises(Refused, match="more than 0 MiB together"):
+        bounds("open", (str(own), "r", 0))
+
+
+def test_after_a_package_is_found_its_files_elsewhere_are_refused_again(bounds, tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "package.xml").write_text("<package/>")
+    find = PackageFinder(None, bounds, lambda name: str(tmp_path / name))
+    assert find("robot") == str(tmp_path / "robot")
+    with pytest.raises(Refused, match="the package 'other' lies outside"):
+        find("other")
+    with pytest.raises(Refused, match="lies outside its folder"):
+        bounds("open", (str(tmp_path / "other" / "package.xml"), "r", 0))

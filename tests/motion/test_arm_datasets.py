@@ -221,3 +221,14 @@ def test_sums_take_signs_and_units_and_refuse_several(tmp_path):
         MotionLog.open(path, arm.model, columns={"joint1": "a", "joint2": "b-a"})
     with pytest.raises(tw.TrajectoryError, match=r"no column 'c\+a'"):
         MotionLog.open(path, arm.model, columns={"joint1": "a", "joint2": "c+a"})
+
+
+def test_a_sum_of_columns_of_a_dataset_keeps_its_unit(tmp_path):
+    names = [f"joint_{k}" for k in range(1, 7)]
+    feature = {"dtype": "float32", "names": names, "unit": "degrees"}
+    path = dataset(tmp_path, np.degrees(Q), info={"features": {"observation.state": feature}}, episodes=(0,))
+    own = [f"observation.state.{name}.pos" for name in names]
+    columns = dict(zip(names, [*own[:2], f"{own[2]}+{own[1]}", *own[3:]], strict=True))
+    motion = tw.Motion.from_file(path, tw.load(named(names)), columns=columns)
+    expected = np.column_stack([Q[:, :2], Q[:, 2] + Q[:, 1], Q[:, 3:]])
+    assert np.abs(motion.q - expected).max() < 1e-12

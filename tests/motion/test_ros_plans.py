@@ -107,6 +107,15 @@ def test_one_command_reads_each_door(name, tmp_path, monkeypatch):
     assert "noise" not in result.output.replace("noise-", "")
 
 
+@pytest.mark.parametrize("sandbox", ["0", "1"])
+def test_a_plan_stays_a_plan_whether_it_is_decoded_here_or_in_a_child(sandbox, tmp_path, monkeypatch):
+    """Excesses of a plan are certain; the states beside it are a recording."""
+    monkeypatch.setenv("TWISTWRENCH_SANDBOX", sandbox)
+    two_topics(tmp_path / "two.mcap")
+    assert tw.Motion.from_file(tmp_path / "two.mcap", ARM, topic="/plan").plan
+    assert not tw.Motion.from_file(tmp_path / "two.mcap", ARM, topic="/joint_states").plan
+
+
 def test_between_points_is_the_quintic_or_cubic_of_their_rates(tmp_path):
     """One step of a motion whose polynomial is known: q = 3 s² − 2 s³, and 10 s³ − 15 s⁴ + 6 s⁵ with accelerations."""
     ends = np.array([[0.0, 0.0], [1.0, 2.0]])

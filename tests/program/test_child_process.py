@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import pickle
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,6 +39,7 @@ def test_plain_data_and_arrays_come_back_as_they_are():
         ("builtins:bytearray", (1 << 29,), "it needs more memory than its reader may use"),
         ("time:sleep", (60,), "reading it took longer than 0.6 s"),
         ("numpy:zeros", (1 << 20,), "its content takes more than 4 MiB once read"),
+        ("builtins:bytes", (QUICK.output + 1,), "its content takes more than 4 MiB once read"),
         ("pathlib:Path", ("a",), "its reader returned what is not plain data"),
         ("math:sqrt", (-1.0,), "ValueError: "),
     ],
@@ -63,6 +66,36 @@ def test_items_are_computed_when_they_are_wanted_and_the_rest_is_left():
     assert [next(items) for _ in range(4)] == [3, 4, 5, 6]
     items.close()
     assert list(stream_from_child("builtins:range", 3, limits=QUICK, error_of=ValueRangeError)) == [0, 1, 2]
+
+
+def test_the_size_allowed_is_that_of_all_items_together():
+    """Ten items of 1 MiB; 4 MiB are allowed."""
+    items = stream_from_child("itertools:repeat", bytes(1 << 20), 10, limits=QUICK, error_of=ValueRangeError)
+    with pytest.raises(ValueRangeError, match="its content takes more than"):
+        list(items)
+
+
+def test_each_item_has_the_whole_processor_time(monkeypatch):
+    allowed = []
+    monkeypatch.setattr(child_process, "_limit_memory", lambda memory: None)
+    monkeypatch.setattr(child_process, "_limit_time", allowed.append)
+    request = pickle.dumps(("builtins:range", (3,), QUICK, False, os.getcwd()))
+    assert list(child_process._items(request)) == [0, 1, 2]
+    assert allowed == [QUICK.seconds] * 4  # before each item, and before the end
+
+
+def test_paths_in_a_child_are_relative_to_the_working_folder_of_the_call(monkeypatch, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        assert Path(call("os:getcwd")).samefile(tmp_path / name)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no limits of a process")
+def test_a_reader_that_crashes_leaves_no_core_file():
+    import resource
+
+    assert call("resource:getrlimit", resource.RLIMIT_CORE)[0] == 0
 
 
 def test_one_child_serves_calls_one_after_another_and_several_at_once():

@@ -72,10 +72,10 @@ def ros_file_in_child(path: Path, topic: str | None) -> ArrayFile:
         limits=_limits(path),
         error_of=lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}."),
     )
-    header, size, notes, epoch = next(items)
+    header, size, notes, epoch, plan = next(items)
     table = table_of(items, len(header), path)
     read = partial(_columns_of, table)
-    return ArrayFile(path, tuple(header), size, read, tuple(notes), epoch=epoch)
+    return ArrayFile(path, tuple(header), size, read, tuple(notes), epoch=epoch, plan=plan)
 
 
 def _columns_of(table: Array, used: Sequence[int]) -> Iterator[Array]:
@@ -115,11 +115,11 @@ def _opened(path: str, episode: int | None) -> ArrayFile:
 
 
 def recording(path: str, topic: str | None) -> Iterator[Any]:
-    """Header, size, notes and epoch of a recording, then portions of its rows."""
+    """Header, size, notes, epoch and whether it is a plan, then portions of the rows of a recording."""
     from .ros_recordings import ros_file
 
     file = ros_file(Path(path), topic)
-    yield file.header, file.size, file.notes, file.epoch
+    yield file.header, file.size, file.notes, file.epoch, file.plan
     (table,) = file.read(range(len(file.header)))
     for s in slices(len(table)):
         yield table[s]

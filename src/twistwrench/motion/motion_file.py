@@ -10,10 +10,9 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -247,8 +246,10 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
             rows = [sum(sign * table[s, needed.index(k)] for k, sign in every[column]) for column in used]
             yield np.stack(rows, axis=1)
 
-    own_kind: dict[str, Any] = {"epoch": file.epoch, "plan": file.plan} if isinstance(file, ArrayFile) else {}
-    return ArrayFile(file.path, (*file.header, *labels), file.size, read, file.notes, **own_kind)
+    header = (*file.header, *labels)
+    if isinstance(file, ArrayFile):
+        return replace(file, header=header, read=read)
+    return ArrayFile(file.path, header, file.size, read, file.notes)
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

@@ -1,0 +1,115 @@
+"""Steps, torques and times above limits that no robot makes: what counts, from which size on, and for which source."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.motion.bounds import RunningExtrema
+from twistwrench.motion.coordinates import Coordinates
+from twistwrench.motion.plausibility import (
+    DoubtfulSpans,
+    Instant,
+    InstantKind,
+    Origin,
+    RecordedSteps,
+    TimeAbove,
+    credible_efforts,
+    doubtful_spans,
+    impossible_torque,
+)
+
+ARM = tw.robots.ur5()
+LEVELS = {Origin.LOG: "refuse", Origin.EITHER: "unsure"}
+
+
+def torques(share):
+    """Torques of the UR5, of which the elbow's is a share of its limit."""
+    found = RunningExtrema(ARM.nv)
+    found.add(np.array([2.0]), np.array([[0.0, 0.0, share, 0.0, 0.0, 0.0]]) * ARM.limits.effort)
+    return found
+
+
+def corner(time, kind=InstantKind.IMPACT):
+    return Instant(time, time + 0.1, 2, kind)
+
+
+@pytest.mark.parametrize("origin", LEVELS)
+def test_a_torque_of_more_than_ten_times_its_limit_is_no_robot_s(origin):
+    assert impossible_torque(ARM, torques(9.9), origin, DoubtfulSpans()) is None
+    found = impossible_torque(ARM, torques(10.1), origin, DoubtfulSpans())
+    assert (found.kind, found.level, found.joints) == ("impossible-torque", LEVELS[origin], ("elbow_joint",))
+
+
+def test_a_planner_may_ask_for_any_torque():
+    assert impossible_torque(ARM, torques(1000.0), Origin.PLAN, DoubtfulSpans()) is None
+
+
+def test_a_torque_at_a_corner_is_that_of_an_impact():
+    at, elsewhere = (DoubtfulSpans((corner(time),), 0.05) for time in (1.95, 3.0))
+    assert impossible_torque(ARM, torques(50.0), Origin.LOG, at).kind == "impact"
+    assert impossible_torque(ARM, torques(50.0), Origin.LOG, elsewhere).kind == "impossible-torque"
+
+
+def test_a_limit_that_the_weight_alone_passes_three_times_is_a_placeholder():
+    """The arm's weight alone takes up to 59.3 N m at the shoulder and 15.9 N m at the elbow."""
+    efforts = iter((150, 19, 6, 28, 28, 28))
+    text = re.sub('effort="[^"]*"', lambda _: f'effort="{next(efforts)}"', tw.robots.path_of("ur5").read_text())
+    assert credible_efforts(tw.load(text)).tolist() == [150.0, np.inf, 6.0, 28.0, 28.0, 28.0]
+
+
+def test_corners_are_doubted_in_a_recording_alone_and_nothing_in_a_plan():
+    every = [corner(float(k), kind) for k, kind in enumerate(InstantKind)]
+    kept = {origin: {i.cause for i in doubtful_spans(every, 0.01, origin).instants} for origin in Origin}
+    assert kept[Origin.PLAN] == set() and kept[Origin.LOG] == set(InstantKind)
+    assert kept[Origin.EITHER] == {InstantKind.ROWS, InstantKind.FREEZE}
+
+
+# ── Steps of a joint without a velocity limit
+
+T = np.arange(400) * 0.01
+
+
+def lone_steps(q, t=T):
+    model = tw.robots.planar_2r().model
+    q = np.stack([q, np.zeros(len(q))], axis=1)
+    steps = RecordedSteps(Coordinates.from_model(model), [(t, q)])
+    steps.add(t, q)
+    return [found.kind for found in steps.doubts(None, Origin.LOG)]
+
+
+def test_a_step_far_beyond_all_others_is_doubted_and_a_turn_or_a_pause_is_not():
+    turning = 2.0 * T
+    assert lone_steps(turning) == []
+    assert lone_steps(turning + 1.0 * (T > 2.0)) == ["lone-step"]
+    assert lone_steps(np.angle(np.exp(1j * turning))) == []  # passes from π to −π
+    assert lone_steps(turning + 1.0 * (T > 2.0), T + 0.5 * (T > 2.0)) == []  # a recorder that paused
+
+
+# ── Measured torques that stay above a limit
+
+
+def lasting(rows, step, *, portion=1000, at=10.0):
+    """Whether a torque that is above 9 for some rows of a log, split into portions, stays there."""
+    above = TimeAbove(np.array([9.0]), np.array([0.0]))
+    time, tau = np.arange(40) * step, np.zeros((40, 1))
+    tau[5 : 5 + rows] = -at
+    for k in range(0, 40, portion):
+        above.add(time[k : k + portion], tau[k : k + portion])
+    return bool(above.lasting(step)[0])
+
+
+@pytest.mark.parametrize("portion", [1, 7, 1000])
+def test_a_torque_stays_above_its_limit_from_three_rows_and_10_ms_on(portion):
+    assert lasting(3, 0.01, portion=portion) and lasting(10, 0.001, portion=portion)
+    assert not lasting(2, 0.01, portion=portion) and not lasting(9, 0.001, portion=portion)
+    assert not lasting(20, 0.01, portion=portion, at=9.0)
+
+
+def test_a_torque_above_its_limit_in_every_other_row_does_not_stay_there():
+    above = TimeAbove(np.array([9.0]), np.array([0.0]))
+    above.add(T, np.where(np.arange(len(T)) % 2, 10.0, 0.0)[:, None])
+    assert not above.lasting(0.01)[0] and above.rows[0] == 1
