@@ -197,7 +197,9 @@ def simulation_view(
     if touching and judged.ok:
         yield f"Simulated {number(result.times[-1], 6)} s. {drift}"
     elif judged.ok:
-        yield verdict(judged.word if clearance is None else Word.OK, f": simulated {number(result.times[-1], 6)} s. {drift}")
+        yield verdict(
+            judged.word if clearance is None else Word.OK, f": simulated {number(result.times[-1], 6)} s. {drift}"
+        )
     else:
         at = "" if judged.word is Word.OVER_LIMIT else f" at t = {number(result.times[-1], 6)} s"
         yield verdict(judged.word, f"{at}: {judged.reasons[0]}. {drift}")

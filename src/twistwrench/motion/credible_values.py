@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.gravity import STRENGTH
 from ..core.numbers import number, printed
 from ..log_checks.doubts import Doubt, doubt
 from ..model.model import BASE, Model
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..robot import Robot
 
-_UNITS = (9.81, 10.0, math.degrees(1.0), 98.1, 100.0, 981.0, 1000.0)
+_UNITS = (STRENGTH, 10.0, math.degrees(1.0), 10 * STRENGTH, 100.0, 100 * STRENGTH, 1000.0)
 """Ratios of units of torque, and of angles, that are mistaken for each other; gears are others from ten on."""
 _FROM, _ALIKE = 9.5, 1.1
 """Common factor of the efforts of a table and of a file from which a unit is doubted, and spread of the factor."""

@@ -137,7 +137,7 @@ def placeholder_limits(robot: Robot) -> str:
     """Sentence, without a full stop, on efforts of the robot file that are probably not motor limits; empty if none.
 
     Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
-    joints of a light robot have 1000 N m or more. If no turning joint bears weight, as in a SCARA, the weight is no measure.
+    joints of a light robot have 1000 N m or more. If no turning joint bears weight, as in a SCARA, the weight measures nothing.
     Joints with actuators are left out: their limits come from the user.
     """
     model = robot.model
