@@ -112,3 +112,21 @@ def test_a_robot_whose_parameters_no_log_tells_has_no_causes():
     assert tw.identification.measured_causes(box, still) == ()
     short = tw.Motion(T[:100], Q[:100] * [1, -1, 1], tau=MEASURED[:100], robot=ARM)
     assert tw.identification.measured_causes(ARM, short) == ()
+
+
+def test_a_swaying_base_is_not_looked_for_if_it_would_not_load_the_joints(tmp_path):
+    """A balanced wheel on an upright axis: its torque tells nothing about the base."""
+    (tmp_path / "wheel.urdf").write_text(WHEEL)
+    wheel, times = tw.load(tmp_path / "wheel.urdf"), T[:400]
+    turned = tw.Motion(times, 3.0 * Q[:400, :1], robot=wheel)
+    tau = turned.torques() + 1e-3 * NOISE[:400, :1]
+    tw.Motion(times, turned.q, tau=tau, robot=wheel).to_csv(tmp_path / "log.csv")
+    log = MotionLog.open(tmp_path / "log.csv", wheel.model)
+    found = analyse(LoadCase(wheel), Differentiation.plan(log, wheel.model), wheel.model.limits)
+    assert command.measured_causes(found, log) == ()
+
+
+WHEEL = """<robot name="wheel"><link name="base"/><link name="disc"><inertial><mass value="2"/>
+<inertia ixx="0.02" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="rotor" type="continuous"><parent link="base"/><child link="disc"/><axis xyz="0 0 1"/>
+<limit effort="6" velocity="70"/></joint></robot>"""

@@ -294,6 +294,8 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     still = s.changed(dq=0.0 * s.dq, ddq=0.0 * s.ddq)
     e = [(still.changed(gravity=s.gravity - g).predicted(x) - still.predicted(x)) * fit.live for g in level]
     A = np.stack(e, axis=-1) * np.sqrt(fit.weight)[:, None]
+    if not A.any():
+        return [], 0
     y = (fit.left * np.sqrt(fit.weight))[..., None]
     N = A.swapaxes(1, 2) @ A
     N += np.trace(N, axis1=1, axis2=2).mean() * 1e-2 * np.eye(2)
