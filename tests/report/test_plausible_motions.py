@@ -36,7 +36,21 @@ def frozen():
     return T, np.concatenate([Q[:400], Q[400:401].repeat(len(T) - 400, axis=0)])
 
 
-FAULTS = {f.__name__: f for f in (cut, zeros, stuck, hold, frozen)}
+def last_row():
+    """The last row alone is wrong: its speed is its neighbours' median only if the ends are repeated."""
+    q = Q.copy()
+    q[-1] += 0.03
+    return T, q
+
+
+def first_row():
+    """The first row is that of another pose, as of a message before the first."""
+    q = Q.copy()
+    q[0] = 0.03
+    return T, q
+
+
+FAULTS = {f.__name__: f for f in (cut, zeros, stuck, hold, frozen, first_row, last_row)}
 
 
 @pytest.fixture
@@ -89,6 +103,17 @@ def test_what_a_planner_asks_for_is_not_a_log(ur5):
     assert {v.kind for v in moving.violations()} >= {"velocity", "torque"}
     fast = Motion(moving.time, moving.q, robot=ur5, tau=moving.torques())
     assert [found.kind for found in fast.contradictions] == ["impossible-speed"]
+
+
+def test_a_log_may_begin_and_end_in_motion(ur5):
+    """Speeding up, braking, at top speed and while turning round, with few rows and many."""
+    for rows in (25, 60, 400):
+        for phase in np.linspace(0.0, np.pi, 9):
+            u = np.linspace(0.0, 1.0, rows)
+            curves = np.sin(3.0 * u + phase), u**3 + phase * u, (1.0 - u) ** 3, np.minimum(u, 0.5) ** 2 + phase * u
+            for curve in curves:
+                motion = Motion(4.0 * u, 0.5 * curve[:, None] * np.ones(6), robot=ur5)
+                assert not [i for i in motion.instants if i.cause == "rows"]
 
 
 def test_starts_stops_and_impacts_are_not_missing_rows(ur5):

@@ -272,10 +272,17 @@ _TINY = 1e-300
 
 
 def _departures(v: Array) -> Array:
-    """Departures of speeds (n, k) from their running medians."""
+    """Departures of speeds (n, k) from their running medians, so that a wrong first or last row departs too.
+
+    Beyond either end, v goes on along the line through its second and sixth value, whatever its last one is.
+    """
     from scipy.ndimage import median_filter
 
-    return np.asarray(v - median_filter(v, (_WINDOW, 1), mode="nearest"))
+    half = _WINDOW // 2
+    ahead = np.arange(2, half + 2)[:, None]
+    before, after = (w[1] + (w[1] - w[1 + half]) / half * ahead for w in (v, v[::-1]))
+    medians = median_filter(np.concatenate([before[::-1], v, after]), (_WINDOW, 1))
+    return np.asarray(v - medians[half:-half])
 
 
 # ── Spans of time in which derived figures are not those of the robot
