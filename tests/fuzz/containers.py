@@ -14,7 +14,7 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -150,17 +150,6 @@ def gzipped(inner: Mutation) -> Mutation:
         return gzip.compress(packed, mtime=0) if how == 7 and dice.often(0.3) else packed
 
     return change
-
-
-def unpacking(line: bytes, head: bytes = b"") -> Callable[[bytes, Dice], bytes]:
-    """A text of the first line and 600 million bytes of another, which takes less than a megabyte packed."""
-
-    def bomb(data: bytes, dice: Dice) -> bytes:
-        first = head or gzip.decompress(data).split(b"\n")[0] + b"\n"
-        portion = gzip.compress(line * (10_000_000 // len(line)), mtime=0)
-        return gzip.compress(first, mtime=0) + portion * dice.choice((6, 60))
-
-    return bomb
 
 
 # ── MAT files of version 5

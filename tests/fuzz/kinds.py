@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 from . import log_seeds, robot_seeds
-from .containers import array, bag, database, gzipped, matrices, mcap, members, named_places, unpacking
+from .containers import array, bag, database, gzipped, matrices, mcap, members, named_places
 from .mutations import (
     Dice,
     Mutation,
@@ -190,10 +190,3 @@ KINDS: dict[str, Kind] = {
         Kind("kernel cache", "kernel cache", cache_entries, ("code cache",), {"*": RAW}, share=0.2, slow=True),
     )
 }  # fmt: skip
-
-BOMBS: dict[str, tuple[Kind, str, Callable[[bytes, Dice], bytes]]] = {
-    "rows": (KINDS["CSV in gzip"], "motion", unpacking(b"0.1,0.2,0.3,0.4,0.5\n")),
-    "one row": (KINDS["CSV in gzip"], "quality", unpacking(b"1")),
-    "blank": (KINDS["CSV in gzip"], "log", unpacking(b"\n")),
-}
-"""Files that take much more once unpacked; slow to read, and in the long form only."""

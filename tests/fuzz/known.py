@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 KNOWN: list[tuple[str, str, str]] = [
-    ("sensor", "LinAlgError", "a matrix of the uncertainty that is not one of variances"),
     (
         "normal equations",
         "TypeError|IndexError|ValueError|KeyError|LinAlgError",

@@ -392,6 +392,10 @@ def _pooled(x: Array, groups: Array) -> Array:
 _KINDS = ("bias", "load", "inertia", "turn")  # unknowns of the sensor; drift, tilt and delay belong to one log
 
 
+_ASYMMETRY = 1e-6
+"""Largest difference of mirrored entries of a covariance, as a share of the product of their standard deviations."""
+
+
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
     """Uncertainty of a sensor: covariance of its unknowns, and noise of a reading, with degrees of freedom."""
@@ -419,8 +423,13 @@ class Uncertainty:
                     f"{name} is not {shape} numbers" + ("." if name == "covariance" else " from 0 on.")
                 )
             object.__setattr__(self, name, x)
-        if p and np.linalg.eigvalsh(self.covariance / _outer(self.covariance)).min() < -1e-9:
-            raise ValueRangeError("covariance is none: it has a negative eigenvalue.")
+        if not (np.diagonal(self.covariance) > 0).all():
+            raise ValueRangeError("covariance is not valid: a variance on its diagonal is not above 0.")
+        scale = _outer(self.covariance)
+        if (np.abs(self.covariance - self.covariance.T) > _ASYMMETRY * scale).any():
+            raise ValueRangeError("covariance is not valid: it is not symmetric.")
+        if p and np.linalg.eigvalsh(self.covariance / scale).min() < -1e-9:
+            raise ValueRangeError("covariance is not valid: it has a negative eigenvalue.")
 
     @property
     def _kinds(self) -> Unknowns:
