@@ -92,6 +92,20 @@ def test_packages_of_the_environment_may_consist_of_links(robot_file, tmp_path, 
     assert find_resource("package://arm/meshes/linked.stl", robot_file) == built / "linked.stl"
 
 
+def test_a_package_of_the_environment_is_not_left_by_its_name(robot_file, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "home" / "ws"))
+    assert find_resource("package://tools/part.stl", robot_file) is not None
+    for rest in ("tools/../../private/part.stl", "../private/part.stl", "tools/%2e%2e/%2e%2e/private/part.stl"):
+        assert find_resource(f"package://{rest}", robot_file) is None
+
+
+def test_a_link_with_the_suffix_of_a_mesh_gives_no_other_file(robot_file):
+    package = robot_file.parent.parent
+    (package / "notes.txt").write_text("SECRET")
+    (package / "meshes" / "notes.stl").symlink_to(package / "notes.txt")
+    assert find_resource("package://arm/meshes/notes.stl", robot_file) is None
+
+
 def test_without_a_package_meshes_lie_beside_the_robot_or_its_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     for folder in ("arm/urdf", "arm/meshes", "other", "home/loads"):
@@ -300,6 +314,17 @@ def test_layers_outside_are_not_opened_to_be_refused(tmp_path):
         entry.write_text(f"#usda 1.0\n(\n subLayers = [@{name}@]\n)\n")
         with pytest.raises(tw.RobotFileError, match=r"outside its folder|not a file"):
             tw.load(entry)
+
+
+def test_layers_of_layers_outside_are_not_opened_either(tmp_path):
+    pytest.importorskip("pxr")
+    (tmp_path / "robot").mkdir()
+    os.mkfifo(tmp_path / "pipe.usda")
+    entry, middle = tmp_path / "robot" / "robot.usda", tmp_path / "robot" / "middle.usda"
+    entry.write_text("#usda 1.0\n(\n subLayers = [@./middle.usda@]\n)\n")
+    middle.write_text("#usda 1.0\n(\n subLayers = [@../pipe.usda@]\n)\n")
+    with pytest.raises(tw.RobotFileError, match="outside its folder"):
+        tw.load(entry)
 
 
 def test_damaged_stages_end_in_one_error(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.formats.xacro import xacro_arguments
 from twistwrench.viz.visuals import read_visuals
 
 pytest_plugins = ("torque_fixtures",)
@@ -161,3 +162,8 @@ def test_arguments_are_given_by_name(arm, arguments):
 def test_arguments_of_a_file_that_is_not_xacro_are_refused():
     with pytest.raises(tw.ValueRangeError, match="xacro= is of xacro files, and this one is not"):
         tw.load(tw.robots.path_of("ur5"), xacro={"hand": "true"})
+
+
+def test_flags_are_given_as_xacro_writes_them():
+    assert xacro_arguments({"hand": True, "arms": 2, "name": "Left"}) == {"hand": "true", "arms": "2", "name": "Left"}
+    assert xacro_arguments(True) == {} and xacro_arguments(False) is None
