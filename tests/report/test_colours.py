@@ -115,6 +115,19 @@ def test_the_unit_of_the_question_is_the_unit_of_the_answer(words):
     assert done.exit_code == 1 and "°" in first and " rad" not in first, first
 
 
+def test_the_limit_of_a_sliding_joint_is_in_metres_whatever_the_angles_are_in(tmp_path):
+    """A body of 1 kg falls by 0.2 m."""
+    body = '<link name="body"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    (tmp_path / "lift.urdf").write_text(
+        f'<robot name="lift"><link name="base"/>{body}<joint name="lift" type="prismatic"><parent link="base"/><child link="body"/>'
+        '<axis xyz="0 0 1"/><limit lower="-0.2" upper="3" velocity="9" effort="99"/></joint></robot>'
+    )
+    asked = ("simulate", str(tmp_path / "lift.urdf"), "--duration", "0.5", "--stop-at-limits")
+    for more in ((), ("--degrees",)):
+        first = CliRunner().invoke(main, (*asked, *more)).stdout.split("\n\n")[0]
+        assert "lift reached its lower position limit, -0.2 m" in " ".join(first.split()), first
+
+
 def test_a_log_in_degrees_has_its_verdict_in_degrees(tmp_path):
     arm, t = tw.robots.ur5(), np.linspace(0.0, 4.0, 201)
     q = np.zeros((201, 6))

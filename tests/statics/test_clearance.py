@@ -428,3 +428,17 @@ def test_whether_a_link_is_inside_an_open_mesh_is_not_known(tmp_path, coal):
         "UNSURE: a mesh is not closed, so it is not known whether one link is inside the other: a – c"
     )
     assert PathClearance.along(robot, [(np.array([0.0]), np.array([[0.0, 0.0]]))], 0.5).verdict.word == "OVER LIMIT"
+
+
+@pytest.mark.parametrize("at", ["2 0 0", "0 -3 1"])
+def test_a_mesh_encloses_where_its_origin_places_it(tmp_path, coal, at):
+    meshes = stl(tmp_path, "inner.stl", cube(0.2)), stl(tmp_path, "outer.stl", cube(0.8))
+    robot = tw.load(slider(tmp_path, meshes[0], '<sphere radius="0.001"/>', meshes[1], at=at))
+    assert robot.clearance([[0.0, 0.0], [0.7, 0.0]]).distance.round(6).tolist() == [0.0, 0.2]
+
+
+def test_a_motion_stays_unsure_of_a_mesh_that_is_not_closed_once_the_link_has_left_it(tmp_path, coal):
+    robot = tw.load(slider(tmp_path, CUBE, '<sphere radius="0.001"/>', stl(tmp_path, "open.stl", cube(0.8, lid=False))))
+    q = np.array([[0.0, 0.0], [0.75, 0.0]])
+    for rows in (q, q[::-1]):
+        assert PathClearance.along(robot, [(np.array([0.0, 1.0]), rows)], 0.0).verdict.word == "UNSURE"
