@@ -11,7 +11,10 @@ from ..core.numbers import in_file, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
+from ..log_checks.doubts import Doubt
 from ..model.limits import margin
+from ..motion.credible_values import credible_limits
+from ..motion.plausibility import BY_WEIGHT
 from ..reports.load_case import arm_entries, limits_remedy, placeholder_limits
 from ..reports.robot_summary import StatedLimits
 from ..robot import Robot
@@ -28,8 +31,6 @@ _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0
 """Largest limit [rad or m]; larger ones mean no limit."""
 _STROKE = 5.0
-_CRUSHED = 10.0
-"""Ratio of the torque due to weight to the effort limit above which there is an error; up to 5.7 in real files."""
 _NAMED = 6
 
 
@@ -40,7 +41,16 @@ def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Integer limits of revolute joints beyond ±2 turns: probably degrees."""
+    """Integer limits of revolute joints beyond ±2 turns: probably degrees; an error if no robot has such limits."""
+    refused = [found for found in _doubts_of_limits(robot) if found.kind == "limits-degrees"]
+    found = list(_whole_numbers(robot, Severity.ERROR if refused else Severity.WARNING))
+    yield from found
+    if refused and not found:
+        yield Finding("degrees", Severity.ERROR, f"joint {refused[0].joints[0]!r}", 0, str(refused[0]))
+
+
+def _whole_numbers(robot: ParsedFile, severity: Severity) -> Iterator[Finding]:
+    """Limits of revolute joints that are whole numbers beyond two turns, and the edits of the file in radians."""
     for joint in robot.joints.values() if robot.format == "urdf" else ():
         limit = joint.child("limit")
         if limit is None or joint.text("type") != "revolute":
@@ -54,10 +64,15 @@ def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             if x
         )
         yield _finding(
-            joint, "degrees", Severity.WARNING,
+            joint, "degrees", severity,
             f"its limits, {printed(limits[0])} to {printed(limits[1])} rad, look like degrees",
             {"lower": limits[0], "upper": limits[1]}, FileRepair("number", "the limits in radians", edits=edits),
         )  # fmt: skip
+
+
+def _doubts_of_limits(robot: ParsedFile) -> list[Doubt]:
+    """Doubts that other commands have about the same limits."""
+    return credible_limits(robot.model.limits, Robot(robot.model))
 
 
 def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -94,7 +109,7 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     efforts, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
     weak = {names[k]: k for k in range(robot.model.nv) if torques[k] > efforts[k] + margin(efforts[k])}
-    crushed = [name for name, k in weak.items() if torques[k] > _CRUSHED * efforts[k] > 0]
+    crushed = [name for name, k in weak.items() if torques[k] > BY_WEIGHT * efforts[k] > 0]
     said = "the robot's own weight takes more than the effort at some pose"
     yield from _of_several(robot, "effort", [name for name in weak if name not in crushed], said)
     most = max((torques[weak[name]] / efforts[weak[name]] for name in crushed), default=0.0)

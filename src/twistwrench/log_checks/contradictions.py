@@ -84,7 +84,9 @@ def angle_doubts(
 
 _BEYOND_STOP = math.radians(20.0)
 """Angle beyond a stop that play, elasticity and the tolerance of a stop do not explain."""
-_MILLI = 1e-3
+_MILLI, _STROKES = 1e-3, 10.0
+"""Factor from millimetres to metres, and strokes beyond a stop from which a position is in millimetres: at least 1 % of the
+stroke. Nearer ones are those of another zero."""
 
 
 def _beyond_stops(
@@ -104,7 +106,7 @@ def _beyond_stops(
     inside = ~stopped | ((turned[0] >= lower - _BEYOND_STOP) & (turned[1] <= upper + _BEYOND_STOP))
     said = names_of(names, beyond & ~wound if (beyond & ~wound).any() else beyond)
     words = _stop_words(names, extent, limits, past)
-    words["past"] = f"{printed(math.degrees(past.max()), 3)} degrees"
+    words |= {"past": f"{printed(math.degrees(past.max()), 3)} degrees", "unit": "rad"}
     if (wound == beyond).all():
         level: Any = "note" if origin == "log" else "unsure"
         return [doubt("wound", said, joints_=listed(said, 6), level=level)]
@@ -125,8 +127,9 @@ def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Arra
     small = extent * _MILLI
     inside = ~stopped | ((small[0] >= lower - 0.1 * range_) & (small[1] <= upper + 0.1 * range_))
     said, words = names_of(names, beyond), _stop_words(names, extent, limits, past)
-    words["past"] = f"{printed(past.max(), 3)} m"
-    return [doubt("millimetres-inside" if inside.all() else "zero-or-direction", said, **words)]
+    words |= {"past": f"{printed(past.max(), 3)} m", "unit": "m"}
+    far = (past[beyond] > _STROKES * range_[beyond]).any()
+    return [doubt("millimetres-inside" if far and inside.all() else "zero-or-direction", said, **words)]
 
 
 def names_of(names: Sequence[str], which: Array) -> list[str]:

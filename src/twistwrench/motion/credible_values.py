@@ -14,7 +14,7 @@ from ..log_checks.doubts import Doubt, doubt
 from ..model.model import BASE, Model
 from ..typing import Array
 from .coordinates import Coordinates
-from .plausibility import shared_round, weight_torques
+from .plausibility import BY_WEIGHT, shared_round, weight_torques
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -27,7 +27,6 @@ _FROM, _ALIKE = 9.5, 1.1
 _TURNS, _MOST, _FAST = 4 * math.pi, 400.0, 60.0
 """Position [rad] and speed [rad/s] from which numbers may be degrees, and position in degrees of the largest range."""
 _FEWEST = 2
-_BY_WEIGHT = 3.0
 
 
 def credible_limits(limits: Limits, robot: Robot, *, weight: bool = True) -> list[Doubt]:
@@ -87,7 +86,7 @@ def _too_weak(limits: Limits, robot: Robot) -> list[Doubt]:
         return []
     share = np.where(known, weight_torques(robot) / np.where(known, effort, 1.0), 0.0)
     k = int(share.argmax())
-    if not share[k] > _BY_WEIGHT:
+    if not share[k] > BY_WEIGHT:
         return []
     name = robot.model.drive_labels[k]
     return [doubt("effort-weight", [name], joint=name, times=number(float(share[k]), 2))]

@@ -355,7 +355,7 @@ def credible_velocities(limits: Limits) -> Array:
     return np.where(velocity > 0.0, velocity, np.inf)
 
 
-_POSES, _BY_WEIGHT = 2000, 3.0
+_POSES, BY_WEIGHT = 2000, 3.0
 """Number of random poses, and multiple of a torque limit needed by the robot's weight alone, which makes it a placeholder."""
 
 
@@ -366,12 +366,14 @@ def weight_torques(robot: Robot) -> Array:
 
 
 def credible_efforts(robot: Robot) -> Array:
-    """Torque limits (nv,) of the robot's file; inf where missing, not above zero, or a placeholder."""
-    effort = robot.limits.effort
-    if shared_round(effort):
+    """Torque limits (nv,) of the robot's file; inf where missing or not above zero, and everywhere if they are placeholders.
+
+    A limit that the robot's weight alone exceeds by far shows that the unit of all is another, or that none is rated.
+    """
+    effort = np.where(robot.limits.effort > 0.0, robot.limits.effort, np.inf)
+    if shared_round(robot.limits.effort) or (weight_torques(robot) > BY_WEIGHT * effort).any():
         return np.full(effort.shape, np.inf)
-    effort = np.where(effort > 0.0, effort, np.inf)
-    return np.where(weight_torques(robot) > _BY_WEIGHT * effort, np.inf, effort)
+    return effort
 
 
 def impossible_torque(robot: Robot, alone: RunningExtrema, origin: Origin, corners: DoubtfulSpans) -> Doubt | None:

@@ -18,6 +18,7 @@ SENTENCES = MappingProxyType(
         "({limit} {unit})",
         "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
         "hanging": "the base ({base}) is held in the air; a standing robot: --floating-base, one on a stand: --fixed-base",
+        "hangs": "as it hangs {word}: {excess}",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",
         "no contact": "{words}, so contacts are missing from the torques",

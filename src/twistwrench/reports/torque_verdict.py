@@ -195,14 +195,19 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     passed, _ = _judge_motion(report, degrees=degrees)
     wound = _wound(report, level="note")
     passed = [(e, text) for e, text in passed if not (e.kind in _STOPS and e.joint in wound)]
-    doubted = doubted_excesses(report)
+    doubted, hanging = doubted_excesses(report), base_doubts(report.load.robot.model)
     certain = [(e, text) for e, text in (*over, *passed) if (e.joint, e.kind) not in doubted]
+    if hanging:
+        certain = [(e, text) for e, text in certain if e.kind != "effort"]
     stated = _grouped(certain)
     typed = [str(found) for found in (*doubts_of_limits(report), *report.load.doubts) if found.level == "unsure"]
     instead = [*typed, *rows_in_doubt(report)]
     if not certain and (over or passed):
-        instead += [f"{as_it_stands(report)} {Word.OVER_LIMIT}: {text}" for text in _grouped([*over, *passed])[:1]]
-    stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
+        excess = _grouped([*over, *passed])[0]
+        instead.append(f"{as_it_stands(report)} {Word.OVER_LIMIT}: {excess}" if doubted else as_it_hangs(excess))
+    small = [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
+    stated += [] if hanging else small
+    instead += map(as_it_hangs, small) if hanging else ()
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
     near = max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT
     before, after = carried_doubts(report, report.joints)
@@ -211,7 +216,7 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
         look_again=contradictions(report),
         over=stated,
         unsure=[
-            *base_doubts(report.load.robot.model),
+            *hanging,
             *instead,
             *limits,
             *unsure,
@@ -253,12 +258,16 @@ def _doubted_by_log(report: TorqueReport) -> set[tuple[str, str]]:
         return set()
     if any(found.kind in _EVERYWHERE for found in report.doubts):
         return every
-    refuted = {(m.joint, "effort") for m in report.measured if m.refutes}
+    sound = every if report.sound is None else {(e.joint, e.kind) for e in report.sound.excesses}
+    return _refuted(report) | (every - sound)
+
+
+def _refuted(report: TorqueReport) -> set[tuple[str, str]]:
+    """Joint and kind of the excesses that a measured torque or a turn more or less contradicts."""
+    every = {(e.joint, e.kind) for e in report.excesses}
     wound = _wound(report, level="unsure")
-    refuted |= {(e.joint, e.kind) for e in report.excesses if e.kind in _STOPS and e.joint in wound}
-    return refuted & every | (
-        set() if report.sound is None else every - {(e.joint, e.kind) for e in report.sound.excesses}
-    )
+    measured = {(m.joint, "effort") for m in report.measured if m.refutes}
+    return every & (measured | {(joint, kind) for joint in wound for kind in _STOPS})
 
 
 _STOPS = "lower", "upper"
@@ -277,16 +286,18 @@ def rows_in_doubt(report: TorqueReport) -> list[str]:
     if everywhere := [str(found) for found in report.doubts if found.kind in _EVERYWHERE and not found.refuses]:
         return everywhere if doubted else []
     refuted = [m.refuting_words for m in report.measured if m.refutes and (m.joint, "effort") in doubted]
-    if report.sound is None or {(m.joint, "effort") for m in report.measured if m.refutes} >= doubted:
-        return refuted
+    others = [*(str(found) for found in report.doubts if found.kind == "wound" and found.level == "unsure"), *refuted]
+    explained = _refuted(report)
+    if report.sound is None or (doubted and explained >= doubted):
+        return others
     limits = np.array([j.limit for j in report.joints])
     largest = np.array([abs(j.largest) for j in report.joints])
     changed = float((largest / limits).max(initial=0.0) - (report.sound.peaks / limits).max(initial=0.0))
     if not doubted and changed < _POINTS:
-        return []
-    times = [e.time for e in report.excesses if (e.joint, e.kind) in doubted]
+        return others
+    times = [e.time for e in report.excesses if (e.joint, e.kind) in doubted - explained]
     times += [report.joints[report.worst].time] if report.worst is not None and not times else []
-    return [str(report.spans.doubt_at(times)), *refuted]
+    return [str(report.spans.doubt_at(times)), *others]
 
 
 def as_it_stands(report: TorqueReport) -> str:
@@ -295,6 +306,11 @@ def as_it_stands(report: TorqueReport) -> str:
     if not _doubted_by_log(report):
         return "by these limits"
     return "as a plan" if either else "as it stands"
+
+
+def as_it_hangs(excess: str) -> str:
+    """Sentence on an excess computed for a legged robot whose base nothing holds, which is not certain."""
+    return sentence("hangs", word=str(Word.OVER_LIMIT), excess=excess)
 
 
 def most_hidden(report: TorqueReport) -> float:

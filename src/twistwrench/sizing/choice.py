@@ -24,7 +24,7 @@ from ..motion.coordinates import Coordinates
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
-from ..reports.torque_verdict import base_doubts, model_warnings
+from ..reports.torque_verdict import as_it_hangs, base_doubts, model_warnings
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .catalog import Catalog, Pair, read_catalog
@@ -253,6 +253,8 @@ class Sizing:
             if x.drive is not None and x.rivals
         ]
         unsure += [words for one in self._by_share for words in (*one.open, *one.missing)]
+        if base_doubts(self.problem.robot.model):  # other torques are those of a robot that stands
+            over, unsure = [], [*map(as_it_hangs, over[:1]), *unsure]
         return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
 
     @property

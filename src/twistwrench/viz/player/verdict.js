@@ -134,8 +134,9 @@ class Verdict {
     const margin = motion.mechanics.robot.payload === null || !data.margin ? null : motion.margin((peaks) => this.loaded(peaks), data.leastPerKilogram);
     const mimics = this.mimics(joints), force = this.force(joints), lacks = force ? [this.say("no contact", { words: force[0].toLowerCase() + force.slice(1) })] : [];
     const hides = gap && gap.hidden > (limited.some(({ share }) => share > bounds.near) ? 0 : gap.most / motion.pace);
-    const unsure = [...doubts.first, ...this.limitDoubts(joints), ...open, ...mimics.open, ...doubts.before, ...lacks, ...(hides ? [gap.words] : []), ...doubts.after];
-    const stated = this.grouped([...over, ...mimics.over, ...this.passed()]);
+    const passed = this.passed(), hangs = doubts.first.length && !passed.length ? this.grouped([...over, ...mimics.over]).slice(0, 1).map((excess) => this.say("hangs", { word: "OVER LIMIT", excess })) : [];
+    const unsure = [...doubts.first, ...hangs, ...this.limitDoubts(joints), ...open, ...mimics.open, ...doubts.before, ...lacks, ...(hides ? [gap.words] : []), ...doubts.after];
+    const stated = this.grouped(doubts.first.length ? passed : [...over, ...mimics.over, ...passed]);
     const ranked = [["LOOK AGAIN", data.lookAgain], ["COLLISION", []], ["OVER LIMIT", stated], ["UNSURE", unsure]];
     const [word, reasons] = ranked.map(([word, said]) => [word, [...said, ...(data.clearance[word] ?? [])]]).find(([, said]) => said.length) ?? ["OK", []];
     const assumed = word === "OK" ? this.assumed(mass) : "";
