@@ -17,7 +17,7 @@ from twistwrench.cli.main import main
 from twistwrench.model.legs import hanging_base
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.spoken_verdict import verdict_text
 from twistwrench.reports.torque_report import analyse
 from twistwrench.viz import write_page
@@ -63,6 +63,24 @@ def test_every_command_is_unsure_of_a_dog_held_in_the_air_and_answers_once_it_is
     for command in ("doctor", "info"):
         assert "The base (trunk) is held in the air" in run(command, file)[1]
     assert "held in the air" not in run("doctor", file, "--fixed-base")[1]
+
+
+def test_an_excess_of_a_dog_held_in_the_air_is_not_certain(dog, tmp_path):
+    """Its torques are those of a robot that hangs, by every command; with the base stated, the excess is certain."""
+    file, log, _ = dog
+    start, goal = (",".join(map(str, np.tile([0.0, *knee], 4))) for knee in ([0.7, -1.4], [0.8, -1.5]))
+    torques = ["torques", file, "--trajectory", log, "--payload", "40@FL_foot"]
+    move = ["move", file, f"--from={start}", f"--to={goal}", "--payload", "40@FL_foot"]
+    for words in (torques, move, [*move, "--duration", "0.3"]):
+        _, output = run(*words)
+        assert output.startswith(FIRST[:60]) and "as it hangs OVER LIMIT: " in " ".join(output.split())
+        assert run(*words, "--fixed-base")[1].startswith("OVER LIMIT: ")
+    weak = tw.load(file)
+    carries = LoadCase(weak, (Payload(40.0, frame="FL_foot"),), {})
+    report = analyse(carries, Differentiation.plan(MotionLog.open(log, weak.model), weak.model), weak.limits)
+    page = write_page(weak, tmp_path / "page.html", motion=reported_motion(report))
+    [text] = under_node(page, "(m, all, motion) => all.map(() => new Verdict(motion, m.robot).now.text)", [0])
+    assert text == verdict_text(report) and "as it hangs OVER LIMIT" in text
 
 
 def test_a_dog_that_hangs_by_a_wrong_verdict_needs_more_than_its_limits_for_any_contact_forces(dog):

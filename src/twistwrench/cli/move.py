@@ -26,7 +26,14 @@ from ..motion.csv_reader import CsvFile, table_errors
 from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
 from ..reports.load_case import limit_doubts
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
-from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, friction_words, model_warnings
+from ..reports.torque_verdict import (
+    as_it_hangs,
+    assumed_words,
+    assumptions,
+    base_doubts,
+    friction_words,
+    model_warnings,
+)
 from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..trajectories.trajectory import required_torques
@@ -130,12 +137,12 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         with noted_if_failed(hints):
             moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
-        held = _is_held(robot, path, bounds)
-        return _cannot(problem, [], report, word=Word.STOPPED if held else Word.OVER_LIMIT)
-    over = moving.violations(bounds, friction=friction)
+        word, problem = _why_not_timed(problem, robot, held=_is_held(robot, path, bounds))
+        return _cannot(problem, [], report, word=word)
+    over, hanging = _certain(moving.violations(bounds, friction=friction), robot)
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = [str(each) for each in typed if not each.refuses]
-    doubts += base_doubts(robot.model) + limit_doubts(load.robot, bounds, [use.peak for use in uses])
+    doubts = hanging + [str(each) for each in typed if not each.refuses]
+    doubts += limit_doubts(load.robot, bounds, [use.peak for use in uses])
     doubts += model_warnings(robot.model, uses)
     times = np.linspace(0.0, moving.duration, _SAMPLES)
     clearance = clearance_along(given, robot, [(times, moving(times)[0])])
@@ -201,6 +208,14 @@ def _is_held(robot: Robot, path: JointPath, bounds: Limits) -> bool:
     q, _, _ = path(np.linspace(0.0, 1.0, _SAMPLES))
     shares = np.abs(motor_torques(robot.model, robot.holding_torques(q))) / bounds.effort
     return not bool(over_limit(shares).any())
+
+
+def _why_not_timed(problem: PathError, robot: Robot, *, held: bool) -> tuple[Word, PathError]:
+    """First word and reason for a path without a timing; torques of a legged robot whose base nothing holds are uncertain."""
+    hanging = base_doubts(robot.model)
+    if held or not hanging:
+        return Word.STOPPED if held else Word.OVER_LIMIT, problem
+    return Word.UNSURE, PathError("; ".join([*hanging, as_it_hangs(str(problem))]))
 
 
 def _cannot(
@@ -405,6 +420,15 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
     )
     if rest := len(contacts) - len(shown):
         yield Line((f"and {rest} shorter parts", Style.QUIET))
+
+
+def _certain(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
+    """Violations that hold however the base is held, and doubts about a legged robot's base and its torques."""
+    hanging = base_doubts(robot.model)
+    if not hanging:
+        return violations, []
+    torques = [as_it_hangs(str(v)) for v in violations if v.kind == "torque"]
+    return tuple(v for v in violations if v.kind != "torque"), [*hanging, *torques[:1]]
 
 
 def _verdict(
