@@ -16,6 +16,7 @@ from ros_logs import write_mcap
 from scipy.interpolate import CubicSpline
 
 import twistwrench as tw
+from twistwrench.reports.load_case import without_velocity_limit
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -273,6 +274,18 @@ def test_a_velocity_limit_removed_is_not_ok_or_named(ask, tmp_path):
     assert ask(arm(velocities=(3.0, 3.0, 0.8)), log)[0] == "OVER LIMIT"
     word, line, _ = ask(arm(velocities=(3.0, 3.0, None)), log)
     assert word != "OK" or "no velocity limit of joint3 is known" in line
+
+
+def test_a_velocity_limit_far_beyond_all_drives_is_as_good_as_none(ask, tmp_path):
+    """The unit of time was read off it: a slow log at 5 Hz seemed to be one in ms."""
+    t = np.arange(0, 40, 0.2)
+    slow_log = write_log(tmp_path / "log.csv", t, 0.2 * np.sin(0.3 * t)[:, None] * np.ones(3))
+    text = arm(velocities=(1e9, 1e9, 1e9))
+    word, line, _ = ask(text, slow_log)
+    assert word == "OK" and "no velocity limit is known" in line
+    (tmp_path / "gantry.urdf").write_text(text.replace("revolute", "prismatic"))
+    gantry = tw.load(tmp_path / "gantry.urdf")
+    assert without_velocity_limit(gantry.model, gantry.limits) == list(JOINTS)
 
 
 @pytest.mark.parametrize("link", range(3))
