@@ -654,6 +654,23 @@ def test_columns_and_a_rate_are_told_to_the_shell(run, tmp_path):
         assert (code, said in text) == (2, True), text
 
 
+def test_a_pose_of_the_base_that_was_not_logged_is_held_by_no_option(run, tmp_path):
+    robot, path = tmp_path / "arm.urdf", tmp_path / "joints.csv"
+    robot.write_text(ARM)
+    np.savetxt(path, np.column_stack([T, Q]), delimiter=",", header=",".join(EXACT), comments="")
+    code, text = run("torques", robot, "--floating-base", "--trajectory", path)
+    assert (code, "--lock" in text) == (2, False), text
+    assert "load the robot with its base fixed" in text
+
+
+def test_a_column_that_fits_two_joints_is_offered_for_neither(run, tmp_path):
+    header = "time,base,shoulder,elbow,wrist1,wrist2,wrist3"
+    np.savetxt(tmp_path / "own.csv", np.zeros((9, 7)) + T[:9, None], delimiter=",", header=header, comments="")
+    code, text = run("torques", "ur5", "--trajectory", tmp_path / "own.csv")
+    assert (code, "=shoulder" in text) == (2, False), text
+    assert "wrist_1_joint=wrist1" in text
+
+
 def test_joints_are_locked_by_patterns_and_where_the_log_leaves_them_out(run, tmp_path):
     robot, path = tmp_path / "arm.urdf", tmp_path / "one.csv"
     robot.write_text(ARM)

@@ -130,3 +130,10 @@ WHEEL = """<robot name="wheel"><link name="base"/><link name="disc"><inertial><m
 <inertia ixx="0.02" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="rotor" type="continuous"><parent link="base"/><child link="disc"/><axis xyz="0 0 1"/>
 <limit effort="6" velocity="70"/></joint></robot>"""
+
+
+def test_a_gain_that_may_be_any_is_no_cause(tmp_path):
+    found = report(tmp_path, tau=1e3 * MEASURED)
+    assert not [cause for cause in found.causes if cause.kind == "gain" and cause.interval[0] < 1.0]
+    assert found.verdict.word == "LOOK AGAIN"
+    assert "times what is computed" in found.verdict.reasons[0]

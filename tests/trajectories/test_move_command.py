@@ -38,6 +38,13 @@ def test_the_fastest_motion_is_told_written_drawn_and_read_back(run, tmp_path):
     assert "100 %" in output
 
 
+def test_the_tables_of_a_motion_fit_eighty_columns(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    for more in ((), ("--fastest",)):
+        output = run("move", "ur5", *ENDS, *more)[1]
+        assert max(map(len, output.splitlines())) <= 80, output
+
+
 def test_a_straight_line_in_degrees(run, tmp_path):
     file = tmp_path / "m.csv"
     code, output = run(

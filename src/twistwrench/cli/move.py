@@ -385,7 +385,7 @@ def move_view(
     )
     yield Table(
         "",
-        words("joint", [use.joint for use in uses], fold=False),
+        words("joint", [use.joint for use in uses]),
         numbers("way", [use.way for use in uses] * factor, _rounded, way),
         numbers("peak", [use.velocity for use in uses] * factor, _rounded, speed),
         numbers("share", [use.velocity_share for use in uses], percent_of_limit),

@@ -51,6 +51,8 @@ _POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
 _STATES = 200
 _PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
 """Criteria of a push: minimum ratio to the usual residual, maximum share of rows, squares explained by one force."""
+_ANY_GAIN = 10.0
+"""Factor on both sides of a gain; an interval that holds both ends says nothing of the gain."""
 _SWAYS = 0.5
 """Minimum share of the squared residuals of all joints that a swaying base explains."""
 
@@ -144,7 +146,7 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
                 break
             found += _with_another_zero(best) if best.kind == "zero" else [best]
             fit = found[-1].fit
-    return _together(start, found), before
+    return [one for one in _together(start, found) if _determined(one)], before
 
 
 def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
@@ -249,6 +251,14 @@ def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
 def _possible(found: FoundCause) -> bool:
     """False if the value has an impossible sign: links do not run ahead of their motors."""
     return found.kind not in _POSITIVE or found.value is None or bool(found.value[0] > 0)
+
+
+def _determined(found: FoundCause) -> bool:
+    """False for a gain that may be any: where all torques have one factor, masses of any size explain it as well."""
+    value, interval = found.in_units
+    if found.kind != "gain" or value is None or interval is None:
+        return True
+    return interval[0] > value / _ANY_GAIN or interval[1] < value * _ANY_GAIN
 
 
 def _push(fit: CauseFit) -> FoundCause | None:

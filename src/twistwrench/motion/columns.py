@@ -437,6 +437,8 @@ class Assignment:
         held = f", or {' '.join(f'--lock {name}=0' for name in joints)}" if len(joints) <= _FEW else ""
         held = f"--lock-missing{held}" if not all_missing else "--lock 'PATTERN*=0'"
         held = f"; or hold joints still that never move: {held}"
+        if any(name not in missing for name in joints):  # a joint of several coordinates, which no option holds still
+            held = "; if the pose of the base was not logged, load the robot with its base fixed"
         if not all_missing and may_be:
             held = f" (columns that vary and are not used: {listed(may_be)})"
         return (

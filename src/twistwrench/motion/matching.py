@@ -48,12 +48,20 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[
     return found
 
 
+_SEVERAL = 2
+
+
 def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
     """Map missing names to the most similar columns, each used once, in the order of the names.
 
+    A column whose name is a part of several missing names is none of them.
+
     >>> alike(["shoulder", "elbow"], ["schoulder", "temperature"])
     {'shoulder': 'schoulder'}
+    >>> alike(["shoulder_pan", "shoulder_lift"], ["shoulder"])
+    {}
     """
+    columns = [cell for cell in columns if sum(cell.lower() in name.lower() for name in missing) < _SEVERAL]
     pairs = [
         (difflib.SequenceMatcher(None, cell, name).ratio(), name, cell)
         for name in missing

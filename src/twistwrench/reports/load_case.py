@@ -389,7 +389,7 @@ def reach(model: Model) -> float:
 
 def parse_payload(text: str, tip: str | None = None) -> Payload:
     """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if no frame is given; raises ValueRangeError with the expected form."""
-    form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
+    form = "MASS[,x,y,z][@FRAME] in kg and m, for example 5 or 2.5,0,0,0.08@tool0"
     numbers, at, frame = text.partition("@")
     first, *others = numbers.split(",")
     first = re.sub(r"(?<=[\d.])\s*kg\s*$", "", first)  # 2kg

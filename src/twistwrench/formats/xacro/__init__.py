@@ -102,7 +102,7 @@ def expand_xacro(
         known = f" It declares the arguments {listed(declared)}." if declared else ""
         return RobotFileError(
             f"xacro cannot expand it: {reason}.{known} Folders of packages that are not above the file, and of other files "
-            "that it reads, go into include_paths or ROS_PACKAGE_PATH."
+            "that it reads, go into include_paths or ROS_PACKAGE_PATH; in the shell: --include-path FOLDER."
         )
 
     declared: dict[str, None] = {}
