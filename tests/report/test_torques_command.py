@@ -45,7 +45,7 @@ BAD_INPUT = {
     "no such robot": (["nobot", "--trajectory", DEMO], "no robot file 'nobot'"),
     "no such motion": (["ur5", "--trajectory", "none.csv"], "no motion file"),
     "no bundled motion": (["panda", "--trajectory", "demo"], "no motion is bundled with 'panda'. With: ur5"),
-    "payload words": (["ur5", "--trajectory", DEMO, "--payload", "heavy"], "payload 'heavy': expected MASS[,x,y,z][@FRAME] in kg and m"),
+    "payload words": (["ur5", "--trajectory", DEMO, "--payload", "heavy"], "expected MASS[,x,y,z][@FRAME] in kg and m"),
     "payload pair": (["ur5", "--trajectory", DEMO, "--payload", "1,2"], "payload '1,2': expected MASS"),
     "payload below zero": (["ur5", "--trajectory", DEMO, "--payload", "-1"], "negative mass"),
     "payload infinite": (["ur5", "--trajectory", DEMO, "--payload", "inf"], "payload 'inf': expected MASS"),

@@ -52,7 +52,7 @@ _STATES = 200
 _PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
 """Criteria of a push: minimum ratio to the usual residual, maximum share of rows, squares explained by one force."""
 _ANY_GAIN = 10.0
-"""Factor on both sides of a gain; an interval that holds both ends says nothing of the gain."""
+"""Factor on both sides of a gain; if its interval holds both ends, the gain is undetermined."""
 _SWAYS = 0.5
 """Minimum share of the squared residuals of all joints that a swaying base explains."""
 
