@@ -89,7 +89,9 @@ class TestWithExtra:
         assert tw.load(arm).model.moving_mass == 2.0
         alone = tmp_path / "alone.xacro"
         alone.write_text(arm.read_text())
-        with pytest.raises(tw.RobotFileError, match=r"arm_description.*include_paths or ROS_PACKAGE_PATH.*--include-path"):
+        with pytest.raises(
+            tw.RobotFileError, match=r"arm_description.*include_paths or ROS_PACKAGE_PATH.*--include-path"
+        ):
             tw.load(alone)
         assert tw.load(alone, include_paths=[tmp_path / "arm_description"]).model.moving_mass == 2.0
         with pytest.raises(tw.RobotFileError):  # what one file found is not kept for the next
