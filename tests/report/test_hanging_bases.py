@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from legged_robots import ALIKE, LEGGED, OTHERS
+from legged_robots import ALIKE, DOWN, LEGGED, OTHERS, branched
 from page_under_node import under_node
 from robot_files import FILES, NONE
 from scipy.optimize import linprog
@@ -119,6 +119,36 @@ def test_legs_are_told_by_their_geometry(name):
 @pytest.mark.parametrize("name", OTHERS)
 def test_mechanisms_that_do_not_stand_on_their_branches_are_left_alone(name):
     assert hanging_base(OTHERS[name]().model) is None
+
+
+@pytest.mark.parametrize("held", [0, 1])
+def test_a_branch_that_a_loop_holds_to_the_base_is_not_a_leg_whichever_it_is(held):
+    """Two branches, and a point on the base to which one of them is closed."""
+    branches = [*(((0, y, 0), 0.0, DOWN) for y in (-0.1, 0.1)), ((0.3, 0, 0), 0.0, [])]
+    assert hanging_base(branched(branches).model) is not None
+    assert hanging_base(branched(branches, closed=((held, 2),)).model) is None
+
+
+@pytest.mark.parametrize(("offset", "stands"), [(0.0, True), (np.pi, False)])
+def test_a_leg_that_follows_another_is_where_its_offset_turns_it(offset, stands):
+    """Two legs of 0.8 m; half a turn at its hip leaves the second one pointing up."""
+    inertial = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(
+        f'<link name="{n}">{inertial}</link>'
+        for n in ("hips", "thigh0", "shank0", "foot0", "thigh1", "shank1", "foot1")
+    )
+    joint = (
+        '<joint name="to_{1}" type="{2}"><parent link="{0}"/><child link="{1}"/><origin xyz="0 0 {3}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-4" upper="4" velocity="9" effort="9"/>{4}</joint>'
+    )
+    mimic = f'<mimic joint="to_thigh0" offset="{offset}"/>'
+    legs = "".join(
+        joint.format("hips", f"thigh{k}", "revolute", 0, mimic * k)
+        + joint.format(f"thigh{k}", f"shank{k}", "revolute", -0.4, "")
+        + joint.format(f"shank{k}", f"foot{k}", "fixed", -0.4, "")
+        for k in (0, 1)
+    )
+    assert (hanging_base(tw.load(f'<robot name="biped">{links}{legs}</robot>').model) is not None) is stands
 
 
 LEG = """<body name="{0}" pos="0 {1} 0"><joint name="{0}_hip" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03" mass="1"/>

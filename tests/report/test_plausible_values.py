@@ -20,7 +20,15 @@ def word(text):
 
 @pytest.fixture
 def said(run):
-    return lambda *arguments: word(run(*arguments)[1])[0]
+    """First word of a command, whose exit code says the same."""
+
+    def said(*arguments):
+        code, text = run(*arguments)
+        found, _ = word(text)
+        assert (code == 0) == (found == "OK"), text
+        return found
+
+    return said
 
 
 def test_torque_limits_in_another_unit_have_one_word_by_file_and_by_table(said, tmp_path):

@@ -7,6 +7,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.errors import ConstraintError
+from twistwrench.robot.constraints import motor_joints
 from twistwrench.testing import random_robot
 
 ROUNDING = 1e-9
@@ -103,3 +104,13 @@ def test_a_planar_base_is_not_driven():
     assert (closed.explain(q, dq, ddq).torque[:3] == 0).all()
     driven = closed.joint_wrenches(q, dq, ddq, ["shoulder", "elbow"])
     np.testing.assert_array_equal(closed.joint_wrenches(q, dq, ddq), driven)
+
+
+def test_the_motor_of_a_follower_drives_its_leader():
+    """A file whose only actuator stands at the joint that follows another by an equality; the third has none."""
+    inertial = '<inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>'
+    robot = tw.load(f"""<mujoco><worldbody><body>{inertial}<joint name="leader" axis="0 0 1"/><body pos=".2 0 0">{inertial}
+    <joint name="follower" axis="0 0 1"/><body pos=".2 0 0">{inertial}<joint name="idle" axis="0 0 1"/></body></body></body></worldbody>
+    <equality><joint joint1="follower" joint2="leader" polycoef="0 2 0 0 0"/></equality>
+    <actuator><motor joint="follower"/></actuator></mujoco>""")
+    assert motor_joints(robot) == ["leader"]

@@ -133,13 +133,19 @@ def _are_legs(model: Model, one: tuple[int, ...], other: tuple[int, ...]) -> boo
 def _joined(model: Model, one: set[int], other: set[int]) -> bool:
     """True if loop closures of the file join two branches, directly or by others, or hold one of them to the base."""
     children = Counter(body.parent for body in model.bodies if body.joint.moves_body)
-    loops = [[_tail(model, c.frame_a, children), _tail(model, c.frame_b, children)] for c in model.closures.values()]
-    reached, before = set(one), 0
+    loops = [_tail(model, c.frame_a, children) | _tail(model, c.frame_b, children) for c in model.closures.values()]
+    first, second = _reached(one, loops), _reached(other, loops)
+    return bool(first & other) or BASE in first | second
+
+
+def _reached(start: set[int], loops: Sequence[set[int]]) -> set[int]:
+    """Bodies that loop closures join to those of ``start``, directly or by others."""
+    reached, before = set(start), 0
     while before != len(reached):
         before = len(reached)
-        for a, b in loops:
-            reached |= a | b if (a | b) & reached else set()
-    return bool(reached & other) or BASE in reached
+        for loop in loops:
+            reached |= loop if loop & reached else set()
+    return reached
 
 
 def _tail(model: Model, frame: str, children: Mapping[int, int]) -> set[int]:
