@@ -276,13 +276,12 @@ def _departures(v: Array) -> Array:
 
     Beyond either end, v goes on along the line through its second and sixth value, whatever its last one is.
     """
-    from scipy.ndimage import median_filter
-
     half = _WINDOW // 2
     ahead = np.arange(2, half + 2)[:, None]
     before, after = (w[1] + (w[1] - w[1 + half]) / half * ahead for w in (v, v[::-1]))
-    medians = median_filter(np.concatenate([before[::-1], v, after]), (_WINDOW, 1))
-    return np.asarray(v - medians[half:-half])
+    # scipy.ndimage has a running median too, and takes 0.1 s to import.
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([before[::-1], v, after]), _WINDOW, axis=0)
+    return np.asarray(v - np.partition(windows, half, axis=-1)[..., half])
 
 
 # ── Spans of time in which derived figures are not those of the robot
