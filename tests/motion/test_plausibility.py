@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.ndimage import median_filter
 
 import twistwrench as tw
 from twistwrench.motion.bounds import RunningExtrema
@@ -17,6 +18,7 @@ from twistwrench.motion.plausibility import (
     Origin,
     RecordedSteps,
     TimeAbove,
+    _departures,
     credible_efforts,
     doubtful_spans,
     impossible_torque,
@@ -114,3 +116,9 @@ def test_a_torque_above_its_limit_in_every_other_row_does_not_stay_there():
     above = TimeAbove(np.array([9.0]), np.array([0.0]))
     above.add(T, np.where(np.arange(len(T)) % 2, 10.0, 0.0)[:, None])
     assert not above.lasting(0.01)[0] and above.rows[0] == 1
+
+
+def test_departures_from_running_medians_are_those_of_scipy_bit_for_bit():
+    speeds = np.random.default_rng(0).normal(size=(200, 3))
+    medians = median_filter(speeds, (9, 1))
+    np.testing.assert_array_equal(_departures(speeds)[4:-4], (speeds - medians)[4:-4])
