@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+import twistwrench as tw
 from twistwrench import Motion, trajectories
+from twistwrench.cli.main import main
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -121,3 +124,18 @@ def test_starts_stops_and_impacts_are_not_missing_rows(ur5):
     for curve in (np.where(swing > 0.6, 1.2 - swing, swing), np.clip(T - 3, 0, 1), np.abs(swing)):
         motion = Motion(T, 0.5 * curve[:, None] * np.ones(6), robot=ur5)
         assert not [i for i in motion.instants if i.cause == "rows"] and motion.doubts == ()
+
+
+@pytest.mark.parametrize("row", [0, -1])
+def test_a_wrong_row_of_a_joint_at_rest_is_not_a_certain_excess(tmp_path, row):
+    """The one step of the joint is the wrong one, and not that of its encoder; a tick of an encoder is no doubt."""
+    arm, t = tw.robots.ur5(), np.arange(0.0, 8.0, 0.01)
+    for step, word in ((0.2, "UNSURE"), (2 * np.pi / 4096, "OK")):
+        q = 0.8 * np.sin(t[:, None] * np.arange(1, 7) / 3)
+        q[:, 5] = 0.3
+        q[row, 5] += step
+        log = tmp_path / "log.csv"
+        header = "time," + ",".join(arm.joint_names)
+        np.savetxt(log, np.column_stack([t, q]), delimiter=",", header=header, comments="", fmt="%.9g")
+        done = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", str(log)])
+        assert done.stdout.startswith(f"{word}:"), done.stdout[:200]

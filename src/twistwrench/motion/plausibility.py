@@ -96,6 +96,8 @@ _MADS, _TAIL, _GRIDS = 8.0, 4.0, 3.0
 """Departure in robust deviations, in 95 % quantiles, and in least steps of the joint, above which it is not noise."""
 _FEWEST = 20
 """Minimum number of rows."""
+_LEAST_STEPS = 3
+"""Steps of a joint from which its least step is that of its encoder."""
 _TOO_FAST, _TOO_STRONG = 3.0, 10.0
 """Multiples of a velocity limit and of a torque limit that no robot reaches: drives are stopped long before."""
 _LONE, _SHARED = 10.0, 3.0
@@ -127,6 +129,8 @@ class _Usual(NamedTuple):
     """Noise of a speed in a usual step."""
     grid: Array
     """Least displacement between two rows."""
+    encoder: Array
+    """Least displacement, or 0 if too few rows differ to show that it is a step of the encoder."""
     most: Array
     """99 % quantile of displacements."""
     change: Array
@@ -165,13 +169,14 @@ class RecordedSteps:
         noise = MAD * np.median(off, axis=0)
         grid = np.where(size > 0.0, size, np.inf).min(axis=0)
         grid = np.where(np.isfinite(grid), grid, 0.0)
+        encoder = np.where((size > 0.0).sum(axis=0) >= _LEAST_STEPS, grid, 0.0)
         changes = np.concatenate([np.abs(_departures(np.diff(d / s[:, None], axis=0))) for s, d in found])
         least, change = (
             np.maximum(_MADS * MAD * np.median(x, axis=0), _TAIL * np.quantile(x, 0.95, axis=0)) for x in (off, changes)
         )
         rounding = _GRIDS * grid / step
         most = np.quantile(size, 0.99, axis=0)
-        return _Usual(step, np.maximum(least, rounding), noise, grid, most, np.maximum(change, rounding))
+        return _Usual(step, np.maximum(least, rounding), noise, grid, encoder, most, np.maximum(change, rounding))
 
     def add(self, t: Array, q: Array, inner: slice | None = None) -> None:
         """Add times (n,) and coordinates (n, nq); rows outside ``inner`` belong to other runs and are only looked at."""
@@ -185,7 +190,7 @@ class RecordedSteps:
         h, moved = np.diff(t), np.diff(self._curves(q), axis=0)
         size = np.abs(moved)
         slow = np.maximum(h, u.step)[:, None]
-        speed = np.maximum(size - _GRIDS * u.grid, 0.0) / slow - _MADS * u.noise
+        speed = np.maximum(size - _GRIDS * u.encoder, 0.0) / slow - _MADS * u.noise
         self.fastest.add(t[own], speed[own], moved[own] / slow[own])
         beside = np.pad(size, ((1, 1), (0, 0)))
         shared = np.maximum(beside[:-2], beside[2:])
