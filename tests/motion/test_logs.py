@@ -373,7 +373,10 @@ FAULTS = {
         "the unit 'Nm' is not one of this column's kind",
     ),
     "no unit of time": (TWO.replace("time", "time [kg]"), "'kg' is not a unit of time"),
-    "two of one meaning": (TWO.replace("elbow_joint", "elbow_pos,elbow_position"), "may all be elbow_joint. Say which"),
+    "two of one meaning": (
+        "time,shoulder_joint,elbow_pos,elbow_position\n0,1,2,2\n1,2,3,3\n",
+        "may all be elbow_joint. Say which",
+    ),
     "an archive of nothing": (b"PK\x05\x06" + bytes(18), "cannot be read as a motion"),
     "half an archive": (b"PK\x03\x04 and no more", "cannot be read as a motion"),
 }
