@@ -139,3 +139,24 @@ def test_a_wrong_row_of_a_joint_at_rest_is_not_a_certain_excess(tmp_path, row):
         np.savetxt(log, np.column_stack([t, q]), delimiter=",", header=header, comments="", fmt="%.9g")
         done = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", str(log)])
         assert done.stdout.startswith(f"{word}:"), done.stdout[:200]
+
+
+def test_joints_that_hit_something_some_rows_apart_are_impacts(ur5):
+    """Two bounces four rows apart were one long event, and so none."""
+    t = np.arange(0, 4, 0.001)
+    bounces = [0.5 * np.abs(np.sin(1.5 * (t - when))) for when in (2.0, 2.004)]
+    q = np.column_stack([*bounces, *(0.3 * np.sin(t + k) for k in range(4))])
+    found = [(instant.cause, instant.joint, round(instant.begin, 2)) for instant in Motion(t, q, robot=ur5).instants]
+    assert found == [("impact", 0, 2.0), ("impact", 1, 2.0)]
+
+
+def test_a_wrong_stamp_within_a_short_move_is_not_a_wrong_row(ur5):
+    """Joints stand but for 0.6 s, so that usual departures are those of rest; stamps are off by up to 30 % of a step."""
+    random = np.random.default_rng(3)
+    u = np.clip((T - 4) / 0.6 + 0.5, 0, 1)
+    q = 0.8 * (10 * u**3 - 15 * u**4 + 6 * u**5)[:, None] * np.ones(6)
+    for _ in range(5):
+        stamps = T + 0.006 * random.uniform(-0.5, 0.5, len(T))
+        assert not [i for i in Motion(stamps, q, robot=ur5).instants if i.cause == "rows"]
+    kept = np.r_[0:400, 406 : len(T)]
+    assert [i for i in Motion(T[: len(kept)], q[kept], robot=ur5).instants if i.cause == "rows"]

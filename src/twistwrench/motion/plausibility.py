@@ -199,19 +199,30 @@ class RecordedSteps:
         lone &= (h < _SHARED * u.step)[:, None]
         self.lone.add(t[own], np.where(lone, size, 0.0)[own], moved[own])
         if len(t) >= _FEWEST:
-            self._look_for_instants(t, moved / h[:, None], own)
+            self._look_for_instants(t, moved, own)
 
-    def _look_for_instants(self, t: Array, v: Array, own: slice) -> None:
-        """Add pulses and corners of the speeds v (n - 1, k) of the steps from the rows at t (n,)."""
+    def _look_for_instants(self, t: Array, moved: Array, own: slice) -> None:
+        """Add pulses and corners of the speeds of the steps ``moved`` (n - 1, k) from the rows at t (n,)."""
         assert self._usual is not None
-        pulses = list(_pulses(v, self._usual.departure, _OFF, own))
+        v = moved / np.diff(t)[:, None]
+        departed = _departures(moved)
+        jumps = np.abs(departed) > _OFF * np.abs(
+            moved - departed
+        )  # a step as usual with a wrong stamp is not a wrong row
+        pulses = [p for p in _pulses(v, self._usual.departure, _OFF, own) if jumps[p[0] : p[1] + 1, p[2]].any()]
         for first, last, k in pulses:
             still = v[:, k] == 0.0
             while first > 0 and still[first - 1] and not still[: first - 1].all():
                 first -= 1
             self.instants.append(Instant(float(t[first]), float(t[last + 1]), int(self.joints[k]), InstantKind.ROWS))
         stands = np.pad((v == 0.0).all(axis=1), 1, constant_values=True)
-        for first, last, k in _pulses(np.diff(v, axis=0), self._usual.change, _CORNER, own):
+        changes = np.diff(v, axis=0)
+        corners = (
+            (first, last, int(k))
+            for k in np.flatnonzero(np.abs(changes).max(axis=0) > self._usual.change)
+            for first, last, _ in _pulses(changes[:, k : k + 1], self._usual.change[k : k + 1], _CORNER, own)
+        )
+        for first, last, k in corners:
             if any(a - _PULSE <= first <= b + _PULSE for a, b, _ in pulses):
                 continue
             before, after = stands[max(0, first - 1) : first + 2], stands[last + 2 : last + 5]
@@ -316,7 +327,7 @@ class DoubtfulSpans:
         at = [i for i in self.instants for t in times if i.begin - self.reach <= t <= i.end + self.reach]
         found = list(dict.fromkeys(at)) or list(self.instants)
         cause = min((i.cause for i in found), key=list(InstantKind).index)
-        when = listed((f"{seconds(i.begin, 4)} s" for i in found if i.cause is cause), _LISTED)
+        when = listed(dict.fromkeys(f"{seconds(i.begin, 4)} s" for i in found if i.cause is cause), _LISTED)
         return doubt("impact" if cause is InstantKind.IMPACT else "doubtful-rows", when=when)
 
 
