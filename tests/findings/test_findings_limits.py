@@ -548,7 +548,7 @@ def test_finding_21_a_follower_beyond_its_own_effort_is_over_its_limit(run, tmp_
         found, said = run(*COMMANDS[name])
         assert found == code and said.startswith("OVER LIMIT: fj" if code else "OK: "), said
     if code:
-        assert f"fj: torque -9.81 beyond -{effort:g} at 0 s" in said  # of the motion that begins stretched out
+        assert f"fj: torque -9.81 beyond -{effort:g} N m at 0 s" in said  # of the motion that begins stretched out
         said = run(*COMMANDS["torques"])[1]
         assert (
             f"fj, which follows elbow, needs 8.392 N m at t = 3.990 s, {100 * 8.392 / effort:.0f} % of its limit"
