@@ -39,7 +39,7 @@ TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     # ── answers ──
     "a robot that is fine": ("info pendulum", {}, ExitCode.FINE, r"pendulum"),
     "a limit that is passed": ("torques ur5 --trajectory demo --payload 100", {}, ExitCode.NO, r"OVER LIMIT: shoulder_lift_joint"),
-    "a pose that cannot be held": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\nshoulder_lift_joint,1e-3\n"}, ExitCode.NO, r"OVER LIMIT: no payload. shoulder_lift_joint needs"),
+    "a pose that cannot be held": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\nshoulder_lift_joint,40\n"}, ExitCode.NO, r"OVER LIMIT: no payload. shoulder_lift_joint needs"),
     # ── usage ──
     "a table in a spreadsheet's own format": ("torques ur5 --trajectory demo --csv t.xlsx", {}, ExitCode.BAD_INPUT, r"error: --csv 't.xlsx': CSV is written, .* Name it 't.csv'"),
     "a command that is none": ("dance", {}, ExitCode.BAD_INPUT, r"error: No such command 'dance'"),

@@ -43,7 +43,7 @@ def test_every_file_that_is_asked_for(tmp_path):
     assert {"all", "joints"} <= set(found["held_out"]) and set(found["held_out"]["joints"]) == set(ARM.joint_names)
     assert all({"value", "deviation"} <= set(one) for one in found["parameters"].values())
     assert len((tmp_path / "a.csv").read_text().splitlines()) == 1 + found["base_parameters"]
-    assert '<h1><span class="bold green">OK</span>: 1.74 % of the torques' in (tmp_path / "a.html").read_text("utf-8")
+    assert '<h1><span class="strong good">OK</span>: 1.74 % of the torques' in (tmp_path / "a.html").read_text("utf-8")
     assert tw.load(tmp_path / "a.urdf").with_actuators(tmp_path / "a.yaml").nv == 2
 
 

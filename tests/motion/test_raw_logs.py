@@ -307,11 +307,14 @@ def test_a_unit_that_is_odd_and_may_be_meant_is_asked_about_in_the_first_lines(r
     assert "seems to be in radians" in first_lines(text)
 
 
-def test_a_unit_that_the_header_says_is_believed(run, ur5, tmp_path):
+def test_a_unit_of_the_header_is_believed_if_the_option_confirms_it(run, ur5, tmp_path):
+    """Small angles in degrees are more often radians under a wrong head: alone it is asked about."""
     t, q = poses(1.5)
     path = write_positions(tmp_path / "m.csv", ur5, t, q)
     path.write_text(re.sub(r"(\w+_joint)", r"\1 [deg]", path.read_text(), count=6))
     code, text = run("torques", "ur5", "--trajectory", path)
+    assert code == 1 and "seems to be in radians" in first_lines(text)
+    code, text = run("torques", "ur5", "--trajectory", path, "--degrees")
     assert code == 0, text
     assert "UNIT" not in text
 

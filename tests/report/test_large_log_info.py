@@ -65,7 +65,7 @@ def test_a_measured_torque_is_cut_off_at_the_end_where_it_is():
     t = np.arange(1000) * 0.01
     computed = 10 * np.sin(np.column_stack([t, t]))
     measured = np.column_stack([np.minimum(computed[:, 0], 5.0), np.maximum(computed[:, 1], -5.0)])
-    tally = MeasuredTally(2)
+    tally = MeasuredTally(np.full(2, np.inf), np.zeros(2))
     tally.add(t, computed, measured, np.zeros_like(computed))
     upper, lower = tally.result(("upper", "lower"), ("N m", "N m"))
     assert upper.cut > 0.2 and upper.cut_at == 5.0

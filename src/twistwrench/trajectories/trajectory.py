@@ -49,7 +49,7 @@ def violations(
     >>> arm = tw.robots.ur5()
     >>> hasty = trajectories.move(arm, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0], trajectories.cubic(0.3))
     >>> print(violations(arm, hasty)[0])
-    shoulder_pan_joint: velocity 5 beyond 3.1416 at 0.15 s
+    shoulder_pan_joint: velocity 5 beyond 3.1416 rad/s at 0.15 s
     """
     require_robot(robot, "violations")
     if not hasattr(trajectory, "sample") or isinstance(trajectory, type):
