@@ -58,7 +58,7 @@ _ITEM, _END, _ERROR, _REASON = b"i", b"e", b"x", b"r"
 
 @dataclass(frozen=True)
 class ChildLimits:
-    """ChildLimits of one call in a child process."""
+    """Limits of one call in a child process."""
 
     seconds: float = 60.0
     """Processor time of the call, or of each item of an iterator [s]; waiting may take three times as long."""

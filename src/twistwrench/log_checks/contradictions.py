@@ -23,6 +23,7 @@ from ..estimation.sampling import (
     rate_scales,
     spikes,
 )
+from ..model.limits import known_velocities
 from ..typing import Array
 from .doubts import Doubt, doubt, doubt_table
 
@@ -260,8 +261,6 @@ _BEYOND, _NO_ROBOT = 1.5, 30.0
 _SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
 """Minimum time step [s], and maximum share of the velocity limits, of a log in ms: robots are built for their limits, and
 loggers for steps of 0.1 ms and more."""
-_NO_LIMIT = 60.0
-"""Velocity limit [rad/s, m/s] from which it is a placeholder, and does not limit the unit of time."""
 _SPIKES = 0.01
 """Share of rows with spikes from which a doubt is raised."""
 
@@ -377,7 +376,7 @@ class Contradictions:
             return []
         unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
-        velocity = np.where(velocity < _NO_LIMIT, velocity, np.inf)
+        velocity = known_velocities(velocity, self._turns)
         if (factor * self._speed > np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).any():
             return []  # in that unit the motion would exceed the robot's limits
         share = float((self._speed / velocity)[moving].max()) if np.isfinite(velocity[moving]).all() else math.inf

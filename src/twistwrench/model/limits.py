@@ -10,11 +10,35 @@ import numpy as np
 
 from ..typing import Array
 
-__all__ = ["TOLERANCE", "Limits", "margin", "over_limit"]
+__all__ = ["FASTEST_TURN", "TOLERANCE", "Limits", "known_velocities", "margin", "over_limit"]
 
 TOLERANCE = 1e-6
 """Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
 digits in files."""
+
+
+FASTEST_TURN, FASTEST_SLIDE = 60.0, 100.0
+"""Velocity limits [rad/s, m/s] from which they are placeholders or in other units; joints of quadrupeds reach 52 rad/s."""
+
+
+def known_velocities(velocity: Array, turning: Array) -> Array:
+    """Velocity limits of joints; inf where they are missing or placeholders, far above what joints reach.
+
+    Parameters
+    ----------
+    velocity : (n,) array, limits [rad/s, m/s]
+    turning : (n,) array of bool, True for joints that turn
+
+    Returns
+    -------
+    known : (n,) array
+
+    Examples
+    --------
+    >>> known_velocities(np.array([3.0, 1e9]), np.array([True, False])).tolist()
+    [3.0, inf]
+    """
+    return np.where(velocity < np.where(turning, FASTEST_TURN, FASTEST_SLIDE), velocity, np.inf)
 
 
 def over_limit(share: Any) -> Any:

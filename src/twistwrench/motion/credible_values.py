@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..core.gravity import STRENGTH
 from ..core.numbers import number, printed
 from ..log_checks.doubts import Doubt, doubt
+from ..model.limits import FASTEST_TURN
 from ..model.model import BASE, Model
 from ..typing import Array
 from .coordinates import Coordinates
@@ -24,8 +25,8 @@ _UNITS = (STRENGTH, 10.0, math.degrees(1.0), 10 * STRENGTH, 100.0, 100 * STRENGT
 """Ratios of units of torque, and of angles, that are mistaken for each other; gears are others from ten on."""
 _FROM, _ALIKE = 9.5, 1.1
 """Common factor of the efforts of a table and of a file from which a unit is doubted, and spread of the factor."""
-_TURNS, _MOST, _FAST = 4 * math.pi, 400.0, 60.0
-"""Position [rad] and speed [rad/s] from which numbers may be degrees, and position in degrees of the largest range."""
+_TURNS, _MOST = 4 * math.pi, 400.0
+"""Position [rad] from which numbers may be degrees, and position in degrees of the largest range."""
 _FEWEST = 2
 
 
@@ -47,7 +48,7 @@ def _degrees(limits: Limits, model: Model) -> list[Doubt]:
     reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
     bounded = turning & np.isfinite(reach)
     far = bounded & (reach > _TURNS) & (reach < _MOST)
-    fast = turning & (limits.velocity > _FAST) & np.isfinite(limits.velocity)
+    fast = turning & (limits.velocity > FASTEST_TURN) & np.isfinite(limits.velocity)
     if far.sum() < _FEWEST or 2 * far.sum() <= bounded.sum() or not (fast[far].any() or _of_protractor(reach[far])):
         return []
     k = int(np.flatnonzero(far)[0])

@@ -23,7 +23,7 @@ from ..joints.units import unit_of, units_of
 from ..log_checks.doubts import Doubt
 from ..model.assembly import follower_torques
 from ..model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
-from ..model.limits import Limits
+from ..model.limits import Limits, known_velocities
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_load
@@ -66,8 +66,6 @@ _NO_WEIGHT = 1e-6
 """Gravity torque over effort of turning joints whose axes are vertical: rounding."""
 _LARGE, _LIGHT = 1000.0, 50.0
 """Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
-_FASTEST, _FASTEST_SLIDE = 60.0, 100.0
-"""Velocity limits [rad/s, m/s] above which they are placeholders or in other units; joints of quadrupeds reach 52 rad/s."""
 _CHAIN, _FINGER = 3, 4
 """Minimum number of joints of an arm before it branches, and maximum number of joints in series of a finger."""
 _SETS = {
@@ -108,7 +106,7 @@ def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
 def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
     """Driven joints whose velocity limit is missing or implausibly large."""
     turning = Coordinates.from_model(model).angular_velocity
-    unknown = ~(limits.velocity < np.where(turning, _FASTEST, _FASTEST_SLIDE))
+    unknown = ~np.isfinite(known_velocities(limits.velocity, turning))
     return [name for name, none in zip(model.velocity_names, driven_entries(model) & unknown, strict=True) if none]
 
 
