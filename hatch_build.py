@@ -23,7 +23,7 @@ def completed_source(path: Path) -> str:
     spec = importlib.util.spec_from_file_location("glossary", SOURCE / "core" / "glossary.py")
     glossary = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(glossary)
-    text, room = path.read_text("utf-8"), path.relative_to(SOURCE).parts[0].removesuffix(".py")
+    text, room = path.read_text("utf-8"), glossary.room_of(path.relative_to(SOURCE).parts[:-1])
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef) and (doc := ast.get_docstring(node, clean=False)):
             given = node.args

@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 
 import twistwrench as tw
+from twistwrench.core.typing import Array
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import LoadCase
 from twistwrench.reports.torque_report import TorqueReport, analyse
-from twistwrench.typing import Array
 
 KINDS = (
     "impossible-speed", "impossible-torque", "lone-step", "doubtful-rows", "angle-zero", "degrees-inside", "length-unit",

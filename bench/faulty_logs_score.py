@@ -19,7 +19,7 @@ from bench.faulty_logs_cases import Recording
 from bench.faulty_logs_parts import Task, motion_of
 from bench.faulty_logs_truth import SECONDS, Array, Series, Truth, generator, load
 from twistwrench.cli.main import main
-from twistwrench.estimation.least_squares import Prior
+from twistwrench.core.estimation.least_squares import Prior
 from twistwrench.identification import identify
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 

@@ -44,7 +44,7 @@ def texts_of(kernel: Any, precision: Any) -> list[str]:
     """The assembly of all modules of a kernel: it is compiled once more, as far as that, and never linked."""
     import llvmlite.binding as llvm
 
-    from twistwrench.errors import KernelError
+    from twistwrench.core.errors import KernelError
     from twistwrench.runtime.gufunc import owner_of
     from twistwrench.runtime.jit import compiled
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import griffe
 
-from twistwrench.core.glossary import completed
+from twistwrench.core.glossary import completed, room_of
 
 _MAPPING = re.compile(r"^(\s*\w+ : )\{([^{}]+: [^{}]+)\}", re.MULTILINE)
 """Type of a parameter, as in ``known : {name: float}, optional``; griffe takes braces for a set of choices."""
@@ -18,8 +18,8 @@ class Glossary(griffe.Extension):
 
     def on_function(self, *, func: griffe.Function, **_: Any) -> None:
         """Complete the docstring of a function that was read."""
-        parts = func.path.split(".")
-        if func.docstring is not None and len(parts) > 2:
+        if func.docstring is not None and func.parent.path != func.package.path:
             names = [p.name for p in func.parameters if p.name not in ("self", "cls")]
-            text = completed(func.docstring.value, names, parts[1], str(func.returns))
+            folders = func.module.filepath.relative_to(func.package.filepath.parent).parts[:-1]
+            text = completed(func.docstring.value, names, room_of(folders), str(func.returns))
             func.docstring.value = _MAPPING.sub(r"\1dict of \2", text)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-from twistwrench.log_checks.doubts import DoubtKind, doubt_table
+from twistwrench.core.doubts import DoubtKind, doubt_table
 from twistwrench.reports.load_case import limits_remedy
 from twistwrench.reports.sentences import SENTENCES
 

@@ -6,7 +6,7 @@ import importlib as _importlib
 import typing as _typing
 
 from .core import verdict as _verdict  # noqa: F401  hears Ctrl-C from here on, before all that takes time
-from .errors import (
+from .core.errors import (
     CacheWarning,
     ConstraintError,
     ConstraintWarning,
@@ -27,9 +27,8 @@ from .errors import (
     UnknownNameError,
     ValueRangeError,
 )
+from .core.version import __version__ as __version__
 from .robot import Robot, from_dh, from_mujoco, from_pinocchio, from_screws, load, save
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Ad",

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .core import arguments
+from .core.errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from .core.glossary import complete
-from .errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
+from .core.typing import Array
 from .model.model import BASE, Body
 from .robot import Robot
 from .robot.task_space_methods import require_robot
-from .typing import Array
 
 __all__ = [
     "from_mujoco",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from twistwrench.errors import ModelError, NotFoundError, RobotFileError, TwistWrenchError
+from twistwrench.core.errors import ModelError, NotFoundError, RobotFileError, TwistWrenchError
 from twistwrench.formats import load_model as load
 from twistwrench.formats import source
 

@@ -10,7 +10,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench import SpatialInertia, se3
-from twistwrench.errors import (
+from twistwrench.core.errors import (
     InertiaError,
     ModelError,
     ModelWarning,

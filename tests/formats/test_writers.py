@@ -14,7 +14,7 @@ from written_robots import FORMS, again, arm, differences, written
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.errors import TwistWrenchError
+from twistwrench.core.errors import TwistWrenchError
 from twistwrench.testing import random_robot
 
 PLAIN = ("revolute", "continuous", "prismatic", "mimic", "fixed")

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench import SpatialInertia
 from twistwrench.cli.main import main
-from twistwrench.errors import UnknownNameError, ValueRangeError
+from twistwrench.core.errors import UnknownNameError, ValueRangeError
 from twistwrench.identification.assumed import JOINTS_OF_CAUSE, WantedCause, wanted_causes
 
 ARM = tw.robots.planar_2r()
@@ -62,7 +62,7 @@ def test_other_causes_are_refused(assume, error, said):
 
 
 def test_every_cause_that_can_be_assumed_is_a_row_of_the_table():
-    from twistwrench.log_checks.doubts import doubt_table
+    from twistwrench.core.doubts import doubt_table
 
     assert JOINTS_OF_CAUSE.keys() <= doubt_table().keys()
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from twistwrench.estimation.filters import UniformSpline, lagged, low_pass
+from twistwrench.core.estimation.filters import UniformSpline, lagged, low_pass
 
 NUMBERS = np.cumsum(np.random.default_rng(0).normal(size=(3000, 3)), axis=0)
 

@@ -11,7 +11,7 @@ from identification_logs import known_log
 from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
-from twistwrench.estimation.least_squares import NormalEquations
+from twistwrench.core.estimation.least_squares import NormalEquations
 from twistwrench.identification import NormalEquationBlocks, accumulate, streaming
 from twistwrench.identification import chunks as log_source
 from twistwrench.identification.chunks import LogClock, LogSource, steady_windows

@@ -13,8 +13,8 @@ from identification_logs import known_log
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
-from twistwrench.estimation.covariance import StateCells, group_covariance, larger_covariance
-from twistwrench.estimation.least_squares import Prior
+from twistwrench.core.estimation.covariance import StateCells, group_covariance, larger_covariance
+from twistwrench.core.estimation.least_squares import Prior
 from twistwrench.identification import accumulate, identify
 
 ROOT = Path(__file__).resolve().parents[2]

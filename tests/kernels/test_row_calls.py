@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.errors import KernelError
+from twistwrench.core.errors import KernelError
 from twistwrench.runtime.dispatch import bind_calls
 
 

@@ -153,7 +153,7 @@ def test_the_page_of_doubts_has_the_sentences_of_the_program():
 
 
 def test_every_error_and_warning_is_explained():
-    from twistwrench import errors
+    from twistwrench.core import errors
 
     text = page("errors")
     for name in errors.__all__:
@@ -161,7 +161,7 @@ def test_every_error_and_warning_is_explained():
 
 
 def test_what_no_log_tells_is_the_table():
-    from twistwrench.log_checks.doubts import undetermined_table
+    from twistwrench.core.doubts import undetermined_table
 
     words = {"joints": "JOINTS", "left": "a share"}
     told = [f"| `{name}` | {a.format(**words)} | {b} |" for name, (a, b) in undetermined_table().items()]

@@ -12,7 +12,7 @@ import pytest
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.core.glossary import ENTRIES, ROOMS, completed
+from twistwrench.core.glossary import ENTRIES, ROOMS, completed, room_of
 from twistwrench.reports.page import TERMS
 
 SOURCE = ROOT / "src" / "twistwrench"
@@ -91,7 +91,7 @@ def test_readme_of_a_package_index_has_no_relative_link(repository, monkeypatch)
 
 @pytest.mark.parametrize("path", CALLING, ids=lambda p: p.relative_to(SOURCE).as_posix())
 def test_no_docstring_repeats_the_glossary(path):
-    words = {**ENTRIES, **ROOMS.get(path.relative_to(SOURCE).parts[0], {})}
+    words = {**ENTRIES, **ROOMS.get(room_of(path.relative_to(SOURCE).parts[:-1]), {})}
     twice = [
         f"{node.name}: {name}"
         for node, doc in docstrings(path.read_text("utf-8"))

@@ -176,7 +176,7 @@ def test_type_information_is_shipped():
 
 
 def test_every_error_is_in_the_one_tree_and_the_tree_is_drawn():
-    errors = importlib.import_module("twistwrench.errors")
+    errors = importlib.import_module("twistwrench.core.errors")
     for name in errors.__all__:
         assert issubclass(getattr(errors, name), (tw.TwistWrenchError, UserWarning))
         assert name in errors.__doc__

@@ -9,7 +9,7 @@ import pytest
 from chains import FLAT, ROUND, ROUNDING, assert_same_model, chain, two_links
 
 from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.errors import (
+from twistwrench.core.errors import (
     FrameError,
     InertiaError,
     ModelWarning,
@@ -23,7 +23,7 @@ from twistwrench.model.edit import lock
 from twistwrench.model.model import BASE
 from twistwrench.model.parts import disassemble, reassemble
 
-pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from twistwrench import robots
-from twistwrench.errors import ModelWarning, UnknownNameError
+from twistwrench.core.errors import ModelWarning, UnknownNameError
 from twistwrench.formats import load_model
 from twistwrench.lie import se3
 from twistwrench.model.model import Model

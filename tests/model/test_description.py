@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.errors import (
+from twistwrench.core.errors import (
     ModelError,
 )
 from twistwrench.formats.urdf import rotation_of_rpy
@@ -17,7 +17,7 @@ from twistwrench.lie import se3
 from twistwrench.model.assembly import snap_rotation
 from twistwrench.model.builder import ModelBuilder
 
-pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 
 
 # ── joints ──

@@ -7,7 +7,7 @@ import pytest
 from chains import FLAT, ROUND, assert_same_model, chain, random_inertia, two_links
 
 from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.errors import (
+from twistwrench.core.errors import (
     InertiaError,
     ShapeError,
     UnknownNameError,
@@ -15,7 +15,7 @@ from twistwrench.errors import (
 )
 from twistwrench.model.edit import lock, with_gravity, with_payload
 
-pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.errors import TrajectoryError, UnknownNameError
+from twistwrench.core.errors import TrajectoryError, UnknownNameError
 from twistwrench.motion import MotionLog
 
 pytest_plugins = ("torque_fixtures",)

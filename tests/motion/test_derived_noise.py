@@ -7,7 +7,7 @@ import pytest
 from motions import report_of, write_positions
 
 from twistwrench import robots
-from twistwrench.estimation.noise import noise
+from twistwrench.core.estimation.noise import noise
 from twistwrench.motion.coordinates import Continuity, Coordinates
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog

@@ -16,7 +16,7 @@ from places import SHARED
 import twistwrench as tw
 from twistwrench import load, robots
 from twistwrench.cli.shared import RobotOptions
-from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
+from twistwrench.core.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_reader as csv_module
 from twistwrench.motion.matching import NamedJoints

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.cli.shared import parse_columns
-from twistwrench.errors import TrajectoryError, TwistWrenchError, ValueRangeError
+from twistwrench.core.errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from twistwrench.motion import MotionLog
 
 UR5 = tw.robots.path_of("ur5").read_text()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from motions import wrapped
 
 from twistwrench import robots
-from twistwrench.estimation.noise import noise, quantum, survey
+from twistwrench.core.estimation.noise import noise, quantum, survey
 from twistwrench.formats import load_model
 from twistwrench.motion.coordinates import Continuity, Coordinates, joint_rates
 from twistwrench.motion.differentiation import Differentiation, noise_gain

@@ -10,7 +10,7 @@ from motions import report_of, write_motion, write_positions
 from places import SHARED
 
 import twistwrench as tw
-from twistwrench.errors import TrajectoryError
+from twistwrench.core.errors import TrajectoryError
 from twistwrench.model.model import Limits
 from twistwrench.motion import MotionLog
 from twistwrench.motion.differentiation import Differentiation

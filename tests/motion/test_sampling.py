@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.estimation.sampling import cut_off, moves
+from twistwrench.core.estimation.sampling import cut_off, moves
 
 ARM = tw.robots.planar_3r()
 HZ = 250.0

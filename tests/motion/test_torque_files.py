@@ -12,7 +12,7 @@ import pytest
 from motions import LOAD, SLED, report_of, write_motion
 
 from twistwrench import load, robots
-from twistwrench.errors import TwistWrenchError, ValueRangeError
+from twistwrench.core.errors import TwistWrenchError, ValueRangeError
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import TERMS, LoadCase

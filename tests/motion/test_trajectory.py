@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from motion_fixtures import GOOD, read
 
 from twistwrench import robots
-from twistwrench.errors import NotFoundError, TrajectoryError
+from twistwrench.core.errors import NotFoundError, TrajectoryError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_reader as csv_module
 from twistwrench.motion.coordinates import Coordinates

@@ -14,7 +14,7 @@ import pytest
 from places import SHARED
 
 from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.errors import InertiaError, MissingExtraError, ModelError, ModelWarning, RobotFileError
+from twistwrench.core.errors import InertiaError, MissingExtraError, ModelError, ModelWarning, RobotFileError
 from twistwrench.formats import load_model
 from twistwrench.model.model import Model
 

@@ -13,7 +13,7 @@ import pytest
 
 from twistwrench.core import child_process
 from twistwrench.core.child_process import ChildLimits, run_in_child, sandboxed, stream_from_child
-from twistwrench.errors import NotFoundError, TrajectoryError, ValueRangeError
+from twistwrench.core.errors import NotFoundError, TrajectoryError, ValueRangeError
 
 QUICK = ChildLimits(seconds=0.2, memory=1 << 27, output=1 << 22)
 

@@ -16,8 +16,8 @@ from robot_files import FILES
 
 from twistwrench import load, robots
 from twistwrench.cli.torques import report_view
-from twistwrench.errors import ModelWarning
-from twistwrench.estimation.noise import sample_errors, survey
+from twistwrench.core.errors import ModelWarning
+from twistwrench.core.estimation.noise import sample_errors, survey
 from twistwrench.motion.smoothing import best_strength
 from twistwrench.reports.statistics import Contenders, excess_of_largest
 from twistwrench.reports.torque_verdict import confidence

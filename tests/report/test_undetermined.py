@@ -6,9 +6,9 @@ import numpy as np
 
 import twistwrench as tw
 from twistwrench.cli.identify import identification_view
+from twistwrench.core.doubts import undetermined_table
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
 from twistwrench.identification.parameters import undetermined
-from twistwrench.log_checks.doubts import undetermined_table
 
 LEFT = 0.02
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.errors import ConstraintError
+from twistwrench.core.errors import ConstraintError
 from twistwrench.robot.constraints import motor_joints
 from twistwrench.testing import random_robot
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from sensor_logs import AT_REST, NOISE, drifting
 
-from twistwrench.estimation.covariance import cluster_robust_covariance, variance_estimate_covariance
+from twistwrench.core.estimation.covariance import cluster_robust_covariance, variance_estimate_covariance
 from twistwrench.sensing.contact_detection import CollisionThreshold, compensation
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.identification import whiteness

@@ -12,8 +12,8 @@ import pytest
 from sensor_logs import AT_REST, BIAS
 
 import twistwrench as tw
+from twistwrench.core.doubts import doubt_table
 from twistwrench.lie import quaternion
-from twistwrench.log_checks.doubts import doubt_table
 from twistwrench.sensing.contact_detection import log_doubt
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog

@@ -11,7 +11,7 @@ from quick import mostly_slow
 from robot_files import FILES, NONE
 
 import twistwrench as tw
-from twistwrench.errors import TwistWrenchError
+from twistwrench.core.errors import TwistWrenchError
 from twistwrench.simulation import BatchComputedTorque, BatchPD
 from twistwrench.simulation.forces import creep_speeds
 from twistwrench.testing import random_robot, random_state

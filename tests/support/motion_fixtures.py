@@ -10,7 +10,7 @@ import warnings
 import pytest
 
 from twistwrench import robots
-from twistwrench.errors import ModelWarning
+from twistwrench.core.errors import ModelWarning
 from twistwrench.formats import load_model
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.motion_log import MotionLog

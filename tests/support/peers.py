@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from twistwrench.bodies.inertia import SpatialInertia
+from twistwrench.core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from twistwrench.core.numbers import printed
 from twistwrench.core.third_party import captured_stderr
-from twistwrench.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from twistwrench.formats import format_of_file, load_model
 from twistwrench.formats.source import read_robot_text
 from twistwrench.formats.xml import parse

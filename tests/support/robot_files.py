@@ -12,7 +12,7 @@ from peers import pinocchio_model
 from places import SHARED
 
 import twistwrench as tw
-from twistwrench.errors import TwistWrenchError
+from twistwrench.core.errors import TwistWrenchError
 
 BESIDE = SHARED / "robots"
 

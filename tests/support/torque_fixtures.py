@@ -10,7 +10,7 @@ from motions import rough_motion, write_motion
 
 from twistwrench import robots
 from twistwrench.cli.main import main
-from twistwrench.errors import ModelWarning
+from twistwrench.core.errors import ModelWarning
 
 
 @pytest.fixture(scope="module")

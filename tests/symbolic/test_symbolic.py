@@ -11,7 +11,7 @@ import sympy
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.errors import KernelError, MissingExtraError, ShapeError, UnknownNameError, ValueRangeError
+from twistwrench.core.errors import KernelError, MissingExtraError, ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.symbolic import derivation as check
 from twistwrench.symbolic import derivation as derivation_size

@@ -6,7 +6,7 @@ import pytest
 import sympy
 
 import twistwrench as tw
-from twistwrench.errors import ShapeError, UnknownNameError, ValueRangeError
+from twistwrench.core.errors import ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.symbolic import derive, lagrange
 
 m, M, R, l, g, k, Omega = sympy.symbols("m M R l g k Omega")

@@ -16,7 +16,7 @@ import sympy
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.errors import ValueRangeError
+from twistwrench.core.errors import ValueRangeError
 from twistwrench.symbolic import derive, lagrange
 from twistwrench.testing import assert_close
 

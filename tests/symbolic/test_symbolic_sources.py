@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy
 
-from twistwrench.errors import ShapeError, UnknownNameError, ValueRangeError
+from twistwrench.core.errors import ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.symbolic import lagrange
 
 m, k, n, a, b, c = sympy.symbols("m k n a b c")

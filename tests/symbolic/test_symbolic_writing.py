@@ -9,7 +9,7 @@ import pytest
 import sympy
 
 import twistwrench as tw
-from twistwrench.errors import ValueRangeError
+from twistwrench.core.errors import ValueRangeError
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.symbolic import derive, lagrange
 from twistwrench.symbolic.documents import broken, text_width

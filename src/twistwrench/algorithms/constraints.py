@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.typing import Array
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..lie.labelled import TWIST
 from ..model.model import BASE, Body, Frame, Model
-from ..typing import Array
 from .inverse_dynamics import Wrenches, bias_forces
 from .kinematics import jacobian, jacobian_rate
 from .mass_matrix import factored, lowered, mass_matrix, raised, solved

@@ -34,9 +34,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.typing import Array
 from ..lie import so3
 from ..model.model import Model
-from ..typing import Array
 from .forward_dynamics import forward_dynamics
 from .friction import friction_bounds, is_zero, rubbing, signs
 from .inverse_dynamics import Wrenches, bias_forces

@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
-from ..typing import Array
 from .friction import torque_past_friction
 from .inverse_dynamics import BodyMotion, Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import (

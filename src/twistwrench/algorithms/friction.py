@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.typing import Array
 from ..model.couplings import joint_torques, motor_torques, motor_velocities
 from ..model.model import Model
-from ..typing import Array
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:

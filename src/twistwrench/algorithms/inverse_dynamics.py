@@ -18,12 +18,12 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed
+from ..core.typing import Array
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..model.actuators import gear_input, moving
 from ..model.couplings import armature_matrix, motor_torques, motor_velocities
 from ..model.model import BASE, Model
-from ..typing import Array
 from .friction import friction_forces
 from .recursion import ancestors, armature_forces, collect, inward, joint_poses, outward, spread, spring_forces, zeros
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.typing import Array
 from ..lie import se3
 from ..lie.adjoint import Ad, ad
 from ..lie.series import LARGEST_HALF_TURN
 from ..model.model import BASE, Body, Model
-from ..typing import Array
 from .recursion import ancestors, base_poses, joint_poses, zeros
 
 

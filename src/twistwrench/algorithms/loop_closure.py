@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import SingularMassMatrixError
+from ..core.errors import SingularMassMatrixError
+from ..core.typing import Array
 from ..lie import so3
 from ..model.model import Model
-from ..typing import Array
 from .constraints import Closure, Constraint, closure_poses, constraint_jacobian, with_gaps
 from .kinematics import add, normalised
 from .mass_matrix import factored, lowered, mass_matrix, raised, solved

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.couplings import armature_matrix, motor_velocities
 from ..model.model import BASE, Body, Model
-from ..typing import Array
 from .friction import is_zero
 from .recursion import (
     add_entry,

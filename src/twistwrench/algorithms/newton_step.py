@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from ..core.arguments import gaps
+from ..core.typing import Array
 from ..lie import se3
 from ..lie.se3 import pose_log, rotation_log
 from ..model.model import Model
-from ..typing import Array
 from . import kinematics
 from .friction import either, largest, positive
 from .kinematics import forward_kinematics, jacobian

@@ -11,10 +11,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..lie.labelled import TWIST
 from ..model.model import Model
-from ..typing import Array
 from .forward_dynamics import articulated_pays
 from .inverse_dynamics import bias_forces, inverse_dynamics
 from .kinematics import jacobian, jacobian_rate

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..core.typing import Array
 from ..lie.adjoint import ad
 from ..model.couplings import joint_torques, motor_velocities
 from ..model.model import BASE, Body, Model, Spring
-from ..typing import Array
 
 
 def outward(model: Model) -> Iterator[tuple[int, int]]:

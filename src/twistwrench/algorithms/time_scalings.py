@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..lie import se3, so3
-from ..typing import Array
 
 _CUBIC = (0.0, 0.0, 3.0, -2.0)
 _QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)

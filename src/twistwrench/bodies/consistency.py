@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import InertiaError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
-from ..errors import InertiaError, ValueRangeError
+from ..core.typing import Array
 from ..lie import so3
-from ..typing import Array
 from .solids import clipped, rotational_inertia, second_moments, ten_parameters
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 from .solids import edges_of, nest, shell_numbers, winding
 
 _INSIDE = 0.5

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import InertiaError, ValueRangeError
 from ..core.numbers import number, percent, printed, residual
 from ..core.quadrature import ProbeRule, left_out, probe_spacing
-from ..errors import InertiaError, ValueRangeError
+from ..core.typing import Array
 from ..lie import quaternion, se3, so3
-from ..typing import Array
 from .inertia import COMPOSITIONS, Quat, SpatialInertia, SplitRotor, Vec
 from .rigid_body import common_frame
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import FrameError, InertiaError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, vector, without_noise
 from ..core.tables import html_table
-from ..errors import FrameError, InertiaError, ValueRangeError
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.labelled import Labelled
-from ..typing import Array
 from . import consistency, mesh, solids
 from .solids import moment_matrix, second_moments, ten_parameters
 

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
-from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .mesh_files import check_faces, load_mesh
 from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core.entities import refuse_entities
+from ..core.errors import ModelError
 from ..core.files import read_bytes
-from ..errors import ModelError
 
 SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
 """Suffixes of the mesh files that a robot file may name. Others are never opened."""

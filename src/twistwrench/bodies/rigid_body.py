@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import FrameError, InertiaError, SingularMassMatrixError
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
-from ..errors import FrameError, InertiaError, SingularMassMatrixError
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.twist_wrench import Pose, Twist, Wrench
-from ..typing import Array
 from .inertia import SpatialInertia
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import ShapeError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia

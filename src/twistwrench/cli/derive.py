@@ -8,9 +8,9 @@ from textwrap import wrap
 
 import click
 
+from ..core.errors import ValueRangeError
 from ..core.files import replacing
 from ..core.numbers import number
-from ..errors import ValueRangeError
 from ..symbolic.derivation import Derivation
 from .main import Given, option
 from .shared import RobotOptions, robot_command

@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from ..core.colours import Style, strong
+from ..core.errors import ValueRangeError
 from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
-from ..errors import ValueRangeError
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.torque_verdict import base_doubts
 from ..robot import Robot, load

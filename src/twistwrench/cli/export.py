@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
+from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode, Verdict, Word
-from ..errors import ValueRangeError
 from ..model.description import grouped
 from ..reports.blocks import plain, verdict
 from ..reports.robot_summary import assignments

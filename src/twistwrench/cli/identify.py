@@ -14,10 +14,11 @@ import numpy as np
 
 from .. import identification
 from ..core.colours import Style
+from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
+from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
-from ..errors import UnknownNameError, ValueRangeError
 from ..formats.actuators import actuator_content, read_log_side
 from ..identification.parameters import PARAMETER_UNITS, group_units
 from ..identification.payload import motor_side, read_motion
@@ -29,7 +30,6 @@ from ..motion.motion_file import joints_without_column, open_motion_file
 from ..plotting.identification import bodies_view, identification_pictures, identification_view
 from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..robot import Robot
-from ..typing import Array
 from . import shared
 from .main import Given, note, option
 from .report import REPORT, MarkedJoint, robot_picture, write_report

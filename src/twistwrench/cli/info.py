@@ -11,8 +11,8 @@ import numpy as np
 
 from .. import robots
 from ..core.colours import Style
+from ..core.errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import number
-from ..errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..joints.units import heading_unit
 from ..model.couplings import coupled_entries, joint_effort
 from ..model.description import grouped

@@ -28,10 +28,10 @@ from typing import Any, NamedTuple, TypeAlias
 
 import click
 
+from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from ..core.files import check_outputs, picture_path, refuse_existing
 from ..core.text import visible
 from ..core.verdict import ExitCode, end_at_once
-from ..errors import ModelWarning, TwistWrenchError, ValueRangeError
 
 
 class RobotOption(click.Option):

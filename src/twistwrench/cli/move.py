@@ -12,10 +12,11 @@ import numpy as np
 
 from ..algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
 from ..core.colours import Style, strong
+from ..core.errors import ConstraintWarning, PathError, ValueRangeError
 from ..core.numbers import number, percent, percent_of_limit, printed, seconds, torque
 from ..core.text import listed
+from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
-from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..joints.units import heading_unit, units_of
 from ..model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
 from ..model.limits import Limits, over_limit
@@ -37,7 +38,6 @@ from ..reports.torque_verdict import (
 from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..trajectories.trajectory import required_torques
-from ..typing import Array
 from .main import Given, noted_if_failed, option
 from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
 from .shared import (

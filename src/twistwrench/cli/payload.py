@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.colours import Style, strong
+from ..core.errors import ValueRangeError
 from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque, without_noise
+from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
-from ..errors import ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..model.limits import over_limit
 from ..motion.coordinates import Coordinates
@@ -28,7 +29,6 @@ from ..statics.equilibrium import BeyondStop, joints_beyond_stops
 from ..statics.force_capability import largest_wrench, weakest_direction
 from ..statics.payload import LargestPayload, largest_payload, payload_map, plane_and_samples
 from ..statics.torque_limits import unit_slips
-from ..typing import Array
 from . import shared
 from .main import Given, note, option
 from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report

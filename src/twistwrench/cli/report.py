@@ -18,6 +18,7 @@ import numpy as np
 
 from ..core.colours import COLOURS, Style
 from ..core.files import replacing
+from ..core.version import __version__
 from ..reports.blocks import Block, report_data
 from ..reports.page import Picture, ReportPage
 from ..reports.robot_summary import limits_table
@@ -83,8 +84,6 @@ def write_report(
 
 def write_json(given: Given, code: int | None) -> None:
     """Write the file of --json: the command's own results if it has any, otherwise the printed report."""
-    from .. import __version__
-
     text = given.results
     if text is None:
         typed, notes = typed_words_and_notes()
@@ -171,8 +170,6 @@ def _provenance(files: Mapping[str, str | Path | None], robot: Robot | None) -> 
 
 
 def _versions() -> Iterator[tuple[str, str]]:
-    from .. import __version__
-
     yield "versions", f"twistwrench {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     now = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now().astimezone()

@@ -12,15 +12,16 @@ import click
 import numpy as np
 
 from ..core.colours import Style
+from ..core.doubts import Doubt, doubt
+from ..core.errors import ModelWarning, ValueRangeError
 from ..core.gravity import STRENGTH
 from ..core.numbers import estimate, number, percent, quantity, seconds
 from ..core.tables import csv_table
+from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
-from ..errors import ModelWarning, ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..lie import quaternion, so3
 from ..lie.labelled import WRENCH
-from ..log_checks.doubts import Doubt, doubt
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.robot_summary import parse_numbers
 from ..sensing import Identification, PoseProposal, ReadingLog, identify, propose_poses, read_log, write_sensor
@@ -28,7 +29,6 @@ from ..sensing.contact_detection import Compensation, compensation, left_over
 from ..sensing.files import read_sensor_file
 from ..sensing.identification import CAUSES
 from ..sensing.outliers import runs
-from ..typing import Array
 from .main import Given, command, option, with_option_names
 from .report import REPORT, drawn, write_report
 from .shared import JSON, csv_option, show_written, write_csv

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..core.files import replacing
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
-from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..model.couplings import refuse_couplings
 from ..reports.blocks import Block, verdict
 from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
@@ -27,11 +27,11 @@ from ..reports.robot_summary import assignments, parse_numbers
 from .main import Decorator, Given, RobotOption, command, note, option, option_group
 
 if TYPE_CHECKING:
+    from ..core.typing import Array
     from ..model.model import Model
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
     from ..statics.clearance import PathClearance
-    from ..typing import Array
 
 
 def robot_source(source: str) -> str | Path:

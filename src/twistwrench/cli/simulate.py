@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.colours import Style
+from ..core.errors import SimulationError, ValueRangeError
 from ..core.numbers import number, residual, seconds
+from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
-from ..errors import SimulationError, ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
@@ -23,7 +24,6 @@ from ..reports.torque_verdict import friction_words
 from ..robot import Robot
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
-from ..typing import Array
 from . import shared
 from .main import Given, note, noted_if_failed, option, with_option_names
 from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report

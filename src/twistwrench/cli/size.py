@@ -10,9 +10,10 @@ import click
 import numpy as np
 
 from ..core.colours import Style
+from ..core.errors import ValueRangeError
 from ..core.numbers import number, percent_of_limit, quantity, seconds
+from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
-from ..errors import ValueRangeError
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.motion import Motion
@@ -24,7 +25,6 @@ from ..reports.torque_report import TorqueReport, analyse
 from ..reports.torque_verdict import as_it_stands, contradictions, log_doubts, notes_on_log, rows_in_doubt
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
-from ..typing import Array
 from . import shared
 from .main import Given, option
 from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.colours import Style, strong
+from ..core.doubts import Doubt
+from ..core.errors import ValueRangeError
 from ..core.files import picture_path
 from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, quantity, seconds, torque
 from ..core.text import listed
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode, Word
-from ..errors import ValueRangeError
 from ..joints.units import unit_of
-from ..log_checks.doubts import Doubt
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
+from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode
-from ..errors import ValueRangeError
 from ..motion.motion_log import MotionLog
 from ..robot import Robot
 from ..viz.drawn_motion import DrawnMotion

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
-from ..errors import ValueRangeError
+from ..core.typing import Array
 from ..robot import Robot
 from ..simulation.torque_laws import BatchComputedTorque, BatchPD
-from ..typing import Array
 from .references import Motion, Reference, joint_motion, one_state, require_driven, set_gains
 
 

@@ -24,14 +24,14 @@ from numpy.typing import ArrayLike
 from ..algorithms.kinematics import KINDS
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..lie.labelled import WRENCH
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .references import one_state
 
 SINGULAR = 1e-6

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 from ..algorithms.operational_space import undriven
 from ..algorithms.time_scalings import PosePath
 from ..core import arguments
+from ..core.errors import FrameError, ShapeError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import FrameError, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.twist_wrench import Pose
 from ..model.model import BASE
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 
 Motion = Callable[[float], tuple[Array, Array, Array]]
 """Position, velocity and acceleration from the time [s]."""

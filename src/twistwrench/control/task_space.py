@@ -22,15 +22,15 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..lie import se3, so3
 from ..lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
 from ..robot.closed_robot import ClosedRobot
-from ..typing import Array
 from .references import Motion, Reference, gain, joint_motion, one_state, pose_motion, require_driven, set_gains
 
 KINDS = ("world_aligned", "body")

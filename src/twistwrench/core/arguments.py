@@ -15,11 +15,11 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ShapeError, TwistWrenchError, UnknownNameError, ValueRangeError
-from ..typing import Array
+from .errors import ShapeError, TwistWrenchError, UnknownNameError, ValueRangeError
 from .numbers import printed
 from .text import listed
 from .third_party import is_lazy
+from .typing import Array
 
 _PLAIN = (list, tuple, float, int)
 

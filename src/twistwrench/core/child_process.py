@@ -32,8 +32,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .. import errors
-from ..errors import TwistWrenchError
+from . import errors
+from .errors import TwistWrenchError
 from .numbers import number
 from .third_party import reason_of
 
@@ -107,7 +107,7 @@ def run_in_child(
     5.0
     >>> run_in_child("os:abort", error_of=errors.ValueRangeError)
     Traceback (most recent call last):
-    twistwrench.errors.ValueRangeError: its reader crashed (SIGABRT)
+    twistwrench.core.errors.ValueRangeError: its reader crashed (SIGABRT)
     """
     (result,) = _answers(target, args, limits or ChildLimits(), error_of, whole=True)
     return result

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import ValueRangeError
 from .arguments import shown
+from .errors import ValueRangeError
 
 MOST_BYTES = 64 * 2**20
 """Default size limit of a reader [bytes]."""

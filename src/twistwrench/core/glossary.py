@@ -339,10 +339,15 @@ def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> st
     return f"{text}\n{indent}"
 
 
+def room_of(folders: Sequence[str]) -> str:
+    """The deepest of a module's folders below the package that has wording of its own; empty if none has."""
+    return next((folder for folder in reversed(folders) if folder in ROOMS), "")
+
+
 def complete(module: Mapping[str, Any]) -> None:
     """Complete the docstrings of a module's functions and methods; ``module`` is its ``globals()``."""
     name = module["__name__"]
-    room = name.split(".")[1]
+    room = room_of(module["__package__"].split(".")[1:])
     for value in list(module.values()):
         if getattr(value, "__module__", None) != name:
             continue

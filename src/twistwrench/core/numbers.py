@@ -19,7 +19,7 @@ from typing import Any, SupportsFloat
 
 import numpy as np
 
-from ..typing import Array
+from .typing import Array
 
 MISSING = "–"
 """Text for an unknown number, or for a missing limit."""

@@ -16,7 +16,7 @@ import warnings
 from contextlib import suppress
 from pathlib import Path
 
-from ..errors import CacheWarning
+from .errors import CacheWarning
 
 try:  # hashlib loads OpenSSL, which takes longer than the hash
     from _blake2 import blake2b

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..typing import Array
+from .typing import Array
 
 _NODES, _WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
 _NODES = _NODES + 0.5

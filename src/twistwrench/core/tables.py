@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ..typing import Array
 from .files import replacing
 from .numbers import number
+from .typing import Array
 
 _PORTION = 4096
 _RUN = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import MissingExtraError, ShapeError, TwistWrenchError, ValueRangeError
-from ..typing import Array
+from .errors import MissingExtraError, ShapeError, TwistWrenchError, ValueRangeError
+from .typing import Array
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

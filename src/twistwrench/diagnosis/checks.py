@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from ..core.doubts import Doubt
 from ..core.numbers import in_file, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
-from ..log_checks.doubts import Doubt
 from ..model.limits import margin
 from ..motion.credible_values import credible_limits
 from ..motion.plausibility import BY_WEIGHT

@@ -17,11 +17,11 @@ from ..algorithms.recursion import ancestors, base_poses
 from ..bodies.inertia import SpatialInertia
 from ..core.glossary import complete
 from ..core.numbers import number
+from ..core.typing import Array
 from ..formats.edit import Edit
 from ..lie import se3
 from ..model.assembly import random_configuration
 from ..model.model import BASE, Model
-from ..typing import Array
 
 
 class Severity(StrEnum):

@@ -15,9 +15,10 @@ import numpy as np
 
 from ..algorithms.recursion import base_poses, joint_poses
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
 from ..core.files import as_path
 from ..core.text import bounded_message
-from ..errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
+from ..core.typing import Array
 from ..formats import FORMATS, load_model, usd_path
 from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
 from ..formats.robot_text import TEXTS, MjcfText, RobotText, SdfText, WrittenInertia
@@ -29,7 +30,6 @@ from ..formats.xml import Element, parse
 from ..model.builder import ModelBuilder
 from ..model.model import BASE, Model
 from ..robot import Robot
-from ..typing import Array
 from .findings import Effect, Effects, FileRepair, Finding, Severity
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ..core import arguments
+from ..core.errors import ValueRangeError
 from ..core.files import refuse_existing, replacing
 from ..core.glossary import complete
 from ..core.tables import html_table
 from ..core.verdict import ExitCode
-from ..errors import ValueRangeError
 from ..formats.edit import edited, encoded
 from ..formats.xml import Place
 from ..reports.robot_summary import read_limits

@@ -14,9 +14,9 @@ from ..bodies.inertia import SpatialInertia
 from ..bodies.mesh import convex_hull
 from ..bodies.mesh_files import SUFFIXES
 from ..bodies.solids import clipped, rotational_inertia, second_moments
-from ..errors import ModelWarning, TwistWrenchError, ValueRangeError
+from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
+from ..core.typing import Array
 from ..formats.source import find_resource
-from ..typing import Array
 from ..viz import surface
 
 _LARGEST = 200 * 2**20

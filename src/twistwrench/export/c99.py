@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import KernelError, ValueRangeError
 from ..core.files import check_outputs, replacing_together
 from ..core.glossary import complete
 from ..core.gravity import STRENGTH
 from ..core.numbers import in_file
-from ..errors import KernelError, ValueRangeError
+from ..core.typing import Array
 from ..ir.program import FUSED, TensorSpec
 from ..joints.units import unit_of
 from ..model.parameters import nominal
 from ..printers.c99 import FUSED_MACROS, PRECISIONS, identifier
 from ..printers.cuda import CudaFunction
 from ..robot.quantities import QUANTITIES
-from ..typing import Array
 from .request import Quantities, Request, prefix_of, requests
 
 if TYPE_CHECKING:

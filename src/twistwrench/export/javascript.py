@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..errors import MissingExtraError
+from ..core.errors import MissingExtraError
 from ..ir.program import FUSED, TensorSpec
 from ..lowering.reference_interpreter import evaluated, functions_of
 from ..printers.c99 import identifier

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import MissingExtraError, ModelWarning, ValueRangeError
+from ..core.errors import MissingExtraError, ModelWarning, ValueRangeError
 from ..ir.program import Program, TensorSpec
 from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from ..runtime.interpreter import compiles

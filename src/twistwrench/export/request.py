@@ -12,7 +12,7 @@ import numpy as np
 
 from ..algorithms.kinematics import velocity_map
 from ..core import arguments
-from ..errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ..core.errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
 from ..ir.program import Program, TensorSpec
 from ..ir.tracer import trace
 from ..lie.labelled import TWIST

@@ -15,10 +15,10 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from ..core.errors import KernelError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number
-from ..errors import KernelError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .c99 import STATES, header, source
 from .request import requests
 

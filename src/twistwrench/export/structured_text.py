@@ -17,9 +17,10 @@ import numpy as np
 from ..algorithms.friction import either, friction_forces, positive
 from ..algorithms.inverse_dynamics import drive_torques, driven_velocities
 from ..core import arguments
+from ..core.errors import KernelError, ModelError, ValueRangeError
 from ..core.files import check_outputs, replacing
 from ..core.numbers import in_file
-from ..errors import KernelError, ModelError, ValueRangeError
+from ..core.typing import Array
 from ..ir.program import FUSED, TensorSpec
 from ..ir.tracer import trace
 from ..lowering.reference_interpreter import NumpyKernel, evaluated
@@ -27,7 +28,6 @@ from ..model.actuators import STANDING
 from ..model.couplings import motor_torques, motor_velocities
 from ..printers.c99 import identifier, literal
 from ..robot.programs import inputs_of
-from ..typing import Array
 from .c99 import about_request, comment, entries, file_of, inputs_at_states, largest_entry, results_at_states
 from .request import Quantities, Request, named, prefix_of, requests
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..errors import KernelError, MissingExtraError, ValueRangeError
+from ..core.errors import KernelError, MissingExtraError, ValueRangeError
 from ..ir.program import Program
 from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from .request import BridgedQuantity

@@ -10,8 +10,8 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..core.arguments import integer
+from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.text import bounded_message
-from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.assembly import DEFAULT_SNAP
 from ..model.model import Model
 from .source import bytes_of, is_text, read_robot_text

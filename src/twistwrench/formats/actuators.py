@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..model.actuation import with_actuators, with_friction, with_link_friction
 from ..model.actuators import Actuator, Motor, Rotor, Thermal
 from ..model.couplings import Coupling, with_couplings, without_couplings

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.errors import InertiaError, ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import InertiaError, ModelError, ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..lie import se3
 from ..lie.adjoint import Ad
 from ..model.builder import ModelBuilder
 from ..model.model import Model
-from ..typing import Array
 
 COLUMNS = ("theta", "d", "a", "alpha")
 """Columns of a table: rotation and translation about and along z [rad, m], then along and about x [m, rad]."""

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ..errors import ModelError, RobotFileError
+from ..core.errors import ModelError, RobotFileError
 from .source import DECLARED_ENCODING, MAX_BYTES
 from .xml import BLANK, Element, Place, without_loose_declaration
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ModelError
+from ..core.errors import ModelError
 from ..model.builder import ModelBuilder
 from ..model.description import ModelNote
 from .known_elements import LEFT_OUT

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import MissingExtraError, ModelError
+from ..core.errors import MissingExtraError, ModelError
+from ..core.typing import Array
 from ..joints import Joint
 from ..model.builder import ModelBuilder
 from ..model.couplings import joint_effort
 from ..model.description import Mimic, unused
 from ..model.model import BASE, Model
 from ..model.parts import disassemble
-from ..typing import Array
 from .urdf import known_limits
 from .writers.written import Losses, configurations_of, drive_of, moved, screw_of
 

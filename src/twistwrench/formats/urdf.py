@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import RobotFileError
 from ..core.numbers import printed
 from ..core.text import clipped
-from ..errors import RobotFileError
+from ..core.typing import Array
 from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
 from ..model.assembly import DEFAULT_SNAP, snap_rotation
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.model import OfferedClosure
-from ..typing import Array
 from .known_elements import unread
 from .xml import Element
 

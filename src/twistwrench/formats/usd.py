@@ -19,11 +19,12 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.child_process import ChildLimits, run_in_child, sandboxed
+from ..core.errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
 from ..core.text import clipped, listed
 from ..core.third_party import captured_stderr, reason_of, third_party_errors
-from ..errors import MissingExtraError, RobotFileError, UnknownNameError
+from ..core.typing import Array
 from ..joints.screw_joint import screw_through
 from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, pose_rows
@@ -31,7 +32,6 @@ from ..lie.labelled import TWIST
 from ..model.assembly import ROOT_JOINT
 from ..model.builder import ModelBuilder
 from ..model.model import OfferedClosure
-from ..typing import Array
 from .known_elements import LeftOut, Unread
 from .sdf import add_ball
 from .xml import MOST_BODIES

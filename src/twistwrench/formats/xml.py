@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.errors import ModelError, RobotFileError
 from ..core.text import clipped, listed
 from ..core.third_party import third_party_errors
-from ..errors import ModelError, RobotFileError
-from ..typing import Array
+from ..core.typing import Array
 
 _WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 _NUMBER = re.compile(_WORD)

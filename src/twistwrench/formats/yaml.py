@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import ModelError, NotFoundError, UnknownNameError
 from ..core.files import is_stream, read_text
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
-from ..errors import ModelError, NotFoundError, UnknownNameError
 
 _TURN = 2 * math.pi
 UNITS: dict[str, dict[str, float]] = {

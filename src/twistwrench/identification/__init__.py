@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..estimation.covariance import GroupCovariance
-from ..estimation.cross_validation import HeldOut, HeldOutRows
-from ..log_checks.doubts import Doubt
+from ..core.doubts import Doubt
+from ..core.estimation.covariance import GroupCovariance
+from ..core.estimation.cross_validation import HeldOut, HeldOutRows
 from .consistent import ConsistentRobot
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings

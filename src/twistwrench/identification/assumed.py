@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import UnknownNameError, ValueRangeError
-from ..estimation.covariance import GroupCovariance, group_covariance
-from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..log_checks.doubts import doubt_table
-from ..typing import Array
+from ..core.doubts import doubt_table
+from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.estimation.covariance import GroupCovariance, group_covariance
+from ..core.estimation.cross_validation import FOLDS
+from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
+from ..core.typing import Array
 from . import causes
 from .cause_fit import CauseFit, law_columns, log_fit
 from .causes import Cause, FittedTorques, LogStates

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from ..estimation.covariance import autocorrelation_length, student_quantile
-from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import NormalEquations, Prior
-from ..typing import Array
+from ..core.estimation.covariance import autocorrelation_length, student_quantile
+from ..core.estimation.cross_validation import FOLDS
+from ..core.estimation.least_squares import NormalEquations, Prior
+from ..core.typing import Array
 from . import causes
 from .causes import Cause, FittedTorques, Law, LogStates
 from .hyperparameters import FitSettings

@@ -29,10 +29,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..estimation.filters import UniformSpline, lagged, low_pass
+from ..core.estimation.filters import UniformSpline, lagged, low_pass
+from ..core.typing import Array
 from ..lie import so3
 from ..model.model import BASE
-from ..typing import Array
 from .parameters import BaseParameters
 from .rows import SteadySamples, of_springs, states_with_rows
 

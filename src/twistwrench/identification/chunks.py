@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from ..core.doubts import Doubt, doubt
+from ..core.errors import TrajectoryError, ValueRangeError
+from ..core.estimation.covariance import StateCells
+from ..core.estimation.filters import UniformSpline, low_pass
+from ..core.estimation.sampling import GAP
 from ..core.numbers import number
-from ..errors import TrajectoryError, ValueRangeError
-from ..estimation.covariance import StateCells
-from ..estimation.filters import UniformSpline, low_pass
-from ..estimation.sampling import GAP
-from ..log_checks.doubts import Doubt, doubt
+from ..core.typing import Array
 from ..log_checks.fit_doubts import LEFT_OUT
 from ..motion.log_table import slices, spread_rows, windows
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import continuous
 from ..robot import Robot
-from ..typing import Array
 from .hyperparameters import FitSettings
 from .parameters import BaseParameters, speed_owner
 from .payload import MotorSide, open_log

@@ -21,12 +21,20 @@ import numpy as np
 
 from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
+from ..core.estimation.least_squares import (
+    Information,
+    NormalEquations,
+    Prior,
+    left_out,
+    solve_positive,
+    squares_of,
+    sum_of,
+)
 from ..core.numbers import number
 from ..core.text import listed
-from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, solve_positive, squares_of, sum_of
+from ..core.typing import Array
 from ..model.actuation import with_friction
 from ..robot import Robot
-from ..typing import Array
 from .parameters import DRIVE, BaseParameters
 
 STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))

@@ -26,12 +26,12 @@ from typing import Any
 
 import numpy as np
 
+from ..core.doubts import Doubt, Level, doubt, doubt_table
+from ..core.estimation.covariance import student_quantile
+from ..core.estimation.least_squares import MAD
 from ..core.numbers import number, percent, seconds
 from ..core.text import listed
-from ..estimation.covariance import student_quantile
-from ..estimation.least_squares import MAD
-from ..log_checks.doubts import Doubt, Level, doubt, doubt_table
-from ..typing import Array
+from ..core.typing import Array
 from . import causes
 from .cause_fit import LEAST_S, CauseFit, ScreenedCause, cause_columns, law_columns, screened, screened_changes
 from .causes import Cause, FittedTorques, Law, LogStates

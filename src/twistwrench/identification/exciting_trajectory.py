@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.blas_threads import one_blas_thread
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.text import listed
+from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.couplings import refuse_couplings
 from ..model.limits import Limits
 from ..motion.bounds import bounds_of
@@ -24,7 +25,6 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..statics.capsules import CapsuleDistances, LinkCapsules
-from ..typing import Array
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
 from .trajectory_search import (
     CRITERIA,

@@ -10,11 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..core.estimation.cross_validation import FOLDS
+from ..core.estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
 from ..core.numbers import number
 from ..core.text import listed
-from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
-from ..typing import Array
+from ..core.typing import Array
 from .parameters import BaseParameters, speed_owner
 from .rows import MOST_ROWS, FilteredRows, JudgedStates, SteadySamples, cutoffs, torques_below
 

@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
-from ..estimation.covariance import autocorrelation_length
-from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
-from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, held_rows, moves, new_rows, pauses, spikes
+from ..core.doubts import Doubt
+from ..core.errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
+from ..core.estimation.covariance import autocorrelation_length
+from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
+from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
+from ..core.estimation.sampling import SingleRowGlitches, dropouts, gaps, held_rows, moves, new_rows, pauses, spikes
+from ..core.typing import Array
 from ..log_checks.contradictions import row_doubts
-from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .cause_fit import log_fit
 from .chunks import gap_notes

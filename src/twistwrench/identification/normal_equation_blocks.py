@@ -20,19 +20,20 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
+from ..core.doubts import Doubt
+from ..core.errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
+from ..core.estimation.covariance import GroupCovariance, StateCells, larger_covariance, sandwich_covariance
+from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
+from ..core.estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
 from ..core.files import as_path, replacing
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.third_party import third_party_errors
-from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
-from ..estimation.covariance import GroupCovariance, StateCells, larger_covariance, sandwich_covariance
-from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
-from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
-from ..log_checks.doubts import Doubt
+from ..core.typing import Array
+from ..core.version import __version__
 from ..log_checks.fit_doubts import left_unexplained
 from ..motion.array_files import check_archive
 from ..robot import Robot
-from ..typing import Array
 from .chunks import FASTER, RowFrame
 from .hyperparameters import FitSettings
 from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters, uncoupled
@@ -458,8 +459,6 @@ _PLAIN = ("method", "seconds", "samples", "autocorrelation_length")
 
 
 def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
-    from .. import __version__
-
     frame, unknown, shown = i.frame, i.frame.base.unknown, i.shown
     said = {
         "format": _MARK,

@@ -23,17 +23,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..core.doubts import undetermined_table
+from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent
 from ..core.text import listed
-from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints.units import units_of
-from ..log_checks.doubts import undetermined_table
 from ..model.couplings import without_couplings
 from ..model.model import BASE, Model
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 
 if TYPE_CHECKING:
     from .payload import MotorSide

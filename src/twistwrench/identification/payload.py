@@ -17,8 +17,9 @@ import numpy as np
 
 from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
-from ..errors import ValueRangeError
+from ..core.typing import Array
 from ..formats.actuators import read_log_side
 from ..formats.yaml import Source
 from ..log_checks.contradictions import Contradictions
@@ -28,7 +29,6 @@ from ..motion.motion import Motion
 from ..motion.motion_file import open_motion_file
 from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot
-from ..typing import Array
 from .parameters import FRICTION, BaseParameters, UnknownParameters
 
 

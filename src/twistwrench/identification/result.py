@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.doubts import Doubt, verdict_from_doubts
+from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.estimation.covariance import GroupCovariance
+from ..core.estimation.cross_validation import HeldOut
+from ..core.estimation.least_squares import Information, NormalEquations, Prior
 from ..core.files import as_path, replacing
 from ..core.glossary import complete
 from ..core.numbers import percent, printed
 from ..core.text import listed
+from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..errors import UnknownNameError, ValueRangeError
-from ..estimation.covariance import GroupCovariance
-from ..estimation.cross_validation import HeldOut
-from ..estimation.least_squares import Information, NormalEquations, Prior
-from ..log_checks.doubts import Doubt, verdict_from_doubts
 from ..model.model import BASE
 from ..robot import Robot
-from ..typing import Array
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
 from .parameters import BaseParameters, group_units, undetermined

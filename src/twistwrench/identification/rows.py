@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from ..algorithms.inverse_dynamics import regressor
-from ..errors import TrajectoryError
-from ..estimation.filters import UniformSpline, low_pass
-from ..estimation.sampling import GAP, pauses
+from ..core.errors import TrajectoryError
+from ..core.estimation.filters import UniformSpline, low_pass
+from ..core.estimation.sampling import GAP, pauses
+from ..core.typing import Array
 from ..ir.tracer import trace
 from ..robot.engine import compiled
-from ..typing import Array
 from .parameters import BaseParameters, speed_owner
 
 STATE_RATE, ROW_RATE = 20.0, 2.5

@@ -12,12 +12,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..core.doubts import Doubt, doubt
+from ..core.errors import ShapeError, TrajectoryError, UnknownNameError
+from ..core.estimation.cross_validation import HeldOut, HeldOutRows
+from ..core.estimation.least_squares import Method
 from ..core.numbers import percent
 from ..core.third_party import Failure, Workers
-from ..errors import ShapeError, TrajectoryError, UnknownNameError
-from ..estimation.cross_validation import HeldOut, HeldOutRows
-from ..estimation.least_squares import Method
-from ..log_checks.doubts import Doubt, doubt
 from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, of_reading
 from ..motion.motion import Motion
 from ..robot import Robot

@@ -19,11 +19,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.polynomial import polynomial
 
-from ..errors import ShapeError, ValueRangeError
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..model.limits import Limits
 from ..robot import Robot
 from ..statics.capsules import MARGIN, CapsuleDistances, Pullback
-from ..typing import Array
 from .parameters import BaseParameters
 
 # ── Constraints: limits, the floor, and clearances of the capsules around the links

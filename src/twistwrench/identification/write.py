@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.files import as_path, replacing
 from ..core.numbers import number, percent
 from ..core.verdict import Word
+from ..core.version import __version__
 from ..diagnosis.parsed_file import Subject, read_subject
-from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..formats.edit import TextChanges, encoded
 from ..formats.robot_text import TEXTS
 from ..formats.xml import parse
@@ -361,8 +362,6 @@ def write_identified(
 
 def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
     """Comment at the top of the robot's file."""
-    from .. import __version__
-
     said = (
         f"version {__version__}, {date.today().isoformat()}{' from ' + ', '.join(logs) if logs else ''}: {found.base.count} "
         f"groups, {percent(found.held_out.all, 3)} of the torques left in rows held out ({found.held_out.kind}), weight of "

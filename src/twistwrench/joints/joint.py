@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core.glossary import complete
+from ..core.typing import Array
 from ..lie import quaternion
-from ..typing import Array
 
 CosineSine = Callable[[int], tuple[Any, Any]]
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ModelError
+from ..core.errors import ModelError
+from ..core.typing import Array
 from ..lie import quaternion, se3, so3
 from ..lie.se3 import slide
 from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
-from ..typing import Array
 from .joint import (
     ChartEntry,
     CosineSine,

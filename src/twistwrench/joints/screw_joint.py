@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import ModelError
 from ..core.numbers import printed
-from ..errors import ModelError
+from ..core.typing import Array
 from ..lie import se3, so3
-from ..typing import Array
 from .joint import ChartEntry, Joint, Slider
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import FrameError
-from ..typing import Array
+from ..core.errors import FrameError
+from ..core.typing import Array
 from .so3 import cross
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 
 IDENTITY: Array = np.eye(4)
 """Identity pose (4, 4)."""

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import FrameError, ShapeError, ValueRangeError
 from ..core.numbers import number, vector
-from ..errors import FrameError, ShapeError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .adjoint import Ad, ad
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import ValueRangeError
-from ..typing import Array
+from ..core.errors import ValueRangeError
+from ..core.typing import Array
 from . import series
 from .series import within_reach
 

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import gaps
+from ..core.errors import MissingExtraError
 from ..core.glossary import complete
-from ..errors import MissingExtraError
-from ..typing import Array, Poses, Twists
+from ..core.typing import Array, Poses, Twists
 from . import series, so3
 from .adjoint import Ad, ad
 from .series import angle, cotangent_quotient, half_angle, half_turn, quadratic, short_way, slope, within_reach

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.arguments import TOLERANCE
-from ..typing import Array
+from ..core.typing import Array
 
 Coefficients = tuple[float, ...]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError
 from ..core.glossary import complete
-from ..errors import ShapeError
-from ..typing import Array, Rotations
+from ..core.typing import Array, Rotations
 from . import quaternion, series
 from .series import angle, quadratic, within_reach
 

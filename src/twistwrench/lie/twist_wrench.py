@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import FrameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, vector
-from ..errors import FrameError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from . import se3, so3
 from .adjoint import Ad, ad
 from .axis import Axis, axis_of, kinds, line_of_action

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.numbers import number, percent, printed, seconds
-from ..core.text import listed
-from ..estimation.sampling import (
+from ..core.doubts import Doubt, doubt, doubt_table
+from ..core.estimation.sampling import (
     OVERLAP,
     Gap,
     SingleRowGlitches,
@@ -23,9 +22,10 @@ from ..estimation.sampling import (
     rate_scales,
     spikes,
 )
+from ..core.numbers import number, percent, printed, seconds
+from ..core.text import listed
+from ..core.typing import Array
 from ..model.limits import known_velocities
-from ..typing import Array
-from .doubts import Doubt, doubt, doubt_table
 
 if TYPE_CHECKING:
     from ..model.limits import Limits

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.doubts import Doubt, doubt, doubt_table
+from ..core.estimation.cross_validation import HeldOut
+from ..core.estimation.least_squares import Prior
+from ..core.estimation.noise import quantum
+from ..core.estimation.sampling import cut_off, moves
 from ..core.numbers import number, percent, plus_minus, printed
 from ..core.text import listed
-from ..estimation.cross_validation import HeldOut
-from ..estimation.least_squares import Prior
-from ..estimation.noise import quantum
-from ..estimation.sampling import cut_off, moves
+from ..core.typing import Array
 from ..model.model import BASE
-from ..typing import Array
-from .doubts import Doubt, doubt, doubt_table
 
 if TYPE_CHECKING:
     from ..identification.hyperparameters import FitSettings

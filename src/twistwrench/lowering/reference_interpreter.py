@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.typing import Array
 from ..ir.loops import AFTER, ALLOWED, ATTEMPTS, BEFORE, TIMES, ColumnSolve, Form, Products, Scan, Search, Source
 from ..ir.program import FUSED, Program
-from ..typing import Array
 
 Functions = Mapping[str, Callable[..., Any]]
 """Functions that compute each operation, by name."""

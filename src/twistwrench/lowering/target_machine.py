@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import object_cache
-from ..errors import ValueRangeError
+from ..core.errors import ValueRangeError
 
 LOOP = "loop"
 """Name of the function with the type of a ufunc's inner loop."""

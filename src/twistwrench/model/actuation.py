@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints import Joint, RotorJoint
 from ..lie import se3
-from ..typing import Array
 from .actuators import LARGEST, Actuator, Rotor, check_actuator
 from .limits import LAWS, Limits
 from .model import BASE, Body, Model, Spring

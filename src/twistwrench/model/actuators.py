@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.errors import ValueRangeError
 from ..core.numbers import printed
-from ..errors import ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 
 __all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
 

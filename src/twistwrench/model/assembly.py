@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import ModelError, ShapeError, UnknownNameError
 from ..core.numbers import number
 from ..core.text import listed
-from ..errors import ModelError, ShapeError, UnknownNameError
+from ..core.typing import Array
 from ..joints import Floating
 from ..lie.identity import IDENTITY, UPRIGHT, is_identity, product
-from ..typing import Array
 from .description import JointEntry, LinkEntry, Mimic, SiteEntry
 from .limits import TOLERANCE, Friction, Limits
 from .model import BASE, Body, Frame, Model, OfferedClosure, Spring, Tree

@@ -8,11 +8,11 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import ModelError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
 from ..core.text import listed
-from ..errors import ModelError, ValueRangeError
 from ..joints import Floating
 from ..joints.screw_joint import number, numbers
 from . import edit

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import ModelError
 from ..core.text import listed
-from ..errors import ModelError
-from ..typing import Array
+from ..core.typing import Array
 from .actuators import LARGEST
 
 if TYPE_CHECKING:

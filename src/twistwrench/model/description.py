@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core.arguments import gaps
+from ..core.errors import InertiaError, ModelError, ModelWarning
 from ..core.numbers import printed
 from ..core.text import clipped, listed
-from ..errors import InertiaError, ModelError, ModelWarning
+from ..core.typing import Array
 from ..joints import JOINT_TYPES, Fixed, Joint
 from ..joints.screw_joint import number, numbers
 from ..lie.identity import IDENTITY, UPRIGHT
-from ..typing import Array
 from .limits import Limits
 
 _NAMED = 4

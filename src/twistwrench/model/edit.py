@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
-from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints import Joint
-from ..typing import Array
 from .assembly import default_tip, fuse
 from .couplings import refuse_coupled
 from .inertia_checks import moved_moments, reasons

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import InertiaError
 from ..core.numbers import printed
-from ..errors import InertiaError
-from ..typing import Array
+from ..core.typing import Array
 from .description import ModelNote
 from .model import BASE, Body, Model
 

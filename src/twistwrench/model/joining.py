@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..core.errors import FrameError, ModelError, UnknownNameError
 from ..core.text import listed
-from ..errors import FrameError, ModelError, UnknownNameError
-from ..typing import Array
+from ..core.typing import Array
 from .actuators import Actuator
 from .assembly import ROOT_JOINT
 from .description import JointEntry, unused

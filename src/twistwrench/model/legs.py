@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 from .model import BASE, Frame, Model
 
 LEVEL = 0.05

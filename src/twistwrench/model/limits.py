@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 
 __all__ = ["FASTEST_TURN", "TOLERANCE", "Limits", "known_velocities", "margin", "over_limit"]
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.errors import FrameError, ModelError, UnknownNameError
 from ..core.text import listed
-from ..errors import FrameError, ModelError, UnknownNameError
+from ..core.typing import Array
 from ..joints import Joint
-from ..typing import Array
 from .actuators import Actuator
 from .couplings import Coupling
 from .description import JointEntry, LinkEntry

@@ -20,11 +20,11 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..bodies.solids import ten_parameters
+from ..core.errors import InertiaError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import InertiaError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints import Joint
 from ..lie import so3
-from ..typing import Array
 from .actuators import Rotor
 from .inertia_checks import moved_moments, reasons
 from .limits import LAWS, Friction

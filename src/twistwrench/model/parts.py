@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.typing import Array
 from ..joints import Fixed, Joint
 from ..lie import se3
-from ..typing import Array
 from .actuation import counted, with_actuators
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives

@@ -5,7 +5,7 @@ implementation differs: rigid motions use :mod:`twistwrench.lie`; functions of `
 compiled kernels. The first call with new lists compiles for some tenths of a second; later calls use kernels cached by
 the lists' content. Functions of vectors or matrices accept leading batch shapes, unless their docstring excludes them.
 
-Intended differences: rotations near zero and π are accurate, invalid input raises errors of :mod:`twistwrench.errors`,
+Intended differences: rotations near zero and π are accurate, invalid input raises errors of :mod:`twistwrench.core.errors`,
 and results are always floating-point. ``docs/modern-robotics.md`` lists every function.
 """
 

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
-from ..errors import ShapeError, ValueRangeError
+from ..core.typing import Array, Poses
 from ..lie import se3
 from ..lie.adjoint import Ad
 from ..robot import Robot, from_screws
-from ..typing import Array, Poses
 from .matrices import log6, pose_argument
 
 STEPS = 20

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import MissingExtraError, ShapeError
 from ..core.glossary import complete
-from ..errors import MissingExtraError, ShapeError
-from ..typing import Array, JointTorques
+from ..core.typing import Array, JointTorques
 from .chains import Chain, chain_of
 
 # ── Chapter 8: dynamics

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
-from ..errors import ValueRangeError
+from ..core.typing import Array, Poses, Rotations, Twists
 from ..lie import se3, so3
-from ..typing import Array, Poses, Rotations, Twists
 
 # ── Rotations ──
 

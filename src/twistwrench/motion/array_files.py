@@ -22,12 +22,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from ..core.errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..core.files import read_text
 from ..core.numbers import number
 from ..core.text import listed
 from ..core.third_party import third_party_errors
-from ..errors import MissingExtraError, NotFoundError, TrajectoryError
-from ..typing import Array
+from ..core.typing import Array
 from . import log_table
 from .column_names import PART_OF, SUFFIX, time_column
 from .log_table import check_ratio, most_unpacked, slices, table_of

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
-from ..errors import ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..joints.units import Part, unit_of
 from ..model.assembly import follower_torques
 from ..model.couplings import drive_turns, motor_torques
 from ..model.limits import TOLERANCE, Limits, margin
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core.child_process import ChildLimits, run_in_child, stream_from_child
-from ..errors import TrajectoryError
-from ..typing import Array
+from ..core.errors import TrajectoryError
+from ..core.typing import Array
 from .array_files import ArrayFile, array_file, unreadable_rows
 from .log_table import most_unpacked, slices, table_of
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import TrajectoryError
+from ..core.errors import TrajectoryError
+from ..core.typing import Array
 from ..lie.labelled import WRENCH
-from ..typing import Array
 
 SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque"}
 """Suffixes of a joint's name in written files, for each part of a motion."""

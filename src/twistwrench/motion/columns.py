@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.errors import TrajectoryError, UnknownNameError
 from ..core.text import ReadingNote, listed
-from ..errors import TrajectoryError, UnknownNameError
-from ..typing import Array
+from ..core.typing import Array
 from .column_names import (
     CURRENT,
     PARTS,

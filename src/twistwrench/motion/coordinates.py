@@ -11,10 +11,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..core.glossary import complete
+from ..core.typing import Array
 from ..joints.units import units_of
 from ..model.couplings import drive_turns
 from ..model.model import Model
-from ..typing import Array
 from .column_names import DEGREES, SUFFIX
 
 

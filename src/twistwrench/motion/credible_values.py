@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.doubts import Doubt, doubt
 from ..core.gravity import STRENGTH
 from ..core.numbers import number, printed
-from ..log_checks.doubts import Doubt, doubt
+from ..core.typing import Array
 from ..model.limits import FASTEST_TURN
 from ..model.model import BASE, Model
-from ..typing import Array
 from .coordinates import Coordinates
 from .plausibility import BY_WEIGHT, shared_round, weight_torques
 

@@ -15,10 +15,10 @@ from typing import BinaryIO
 
 import numpy as np
 
+from ..core.errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..core.files import as_path
 from ..core.tables import unescape_cell
-from ..errors import NotFoundError, TrajectoryError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .column_names import PART_OF, SUFFIX
 from .log_table import TextSource, table_of
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import TrajectoryError
-from ..estimation.least_squares import MAD
-from ..estimation.noise import SampleErrors, Survey, sample_errors, survey
+from ..core.errors import TrajectoryError
+from ..core.estimation.least_squares import MAD
+from ..core.estimation.noise import SampleErrors, Survey, sample_errors, survey
+from ..core.typing import Array
 from ..model.model import Model
-from ..typing import Array
 from .bounds import velocities_inside
 from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import excerpts, windows

@@ -20,9 +20,9 @@ from typing import BinaryIO, cast
 
 import numpy as np
 
+from ..core.errors import NotFoundError, TrajectoryError
 from ..core.numbers import number, printed
-from ..errors import NotFoundError, TrajectoryError
-from ..typing import Array
+from ..core.typing import Array
 
 LARGE = 1 << 25
 """Largest table in memory [bytes]; larger ones are in a temporary file, whose pages the system can evict."""

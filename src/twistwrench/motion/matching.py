@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import TrajectoryError
-from ..typing import Array
+from ..core.errors import TrajectoryError
+from ..core.typing import Array
 from .column_names import JOINT, NEUTRAL, PART_OF, UNITS, split_unit
 
 _FEW = 4

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.doubts import Doubt
+from ..core.errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
 from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.tables import csv_table
-from ..errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..log_checks.contradictions import Contradictions
-from ..log_checks.doubts import Doubt
 from ..model.limits import Limits
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
 from .coordinates import Coordinates, joint_rates

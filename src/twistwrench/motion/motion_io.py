@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..core import arguments
+from ..core.errors import MissingExtraError, ShapeError, TrajectoryError
 from ..core.glossary import complete
-from ..errors import MissingExtraError, ShapeError, TrajectoryError
+from ..core.typing import Array
 from ..joints.units import unit_of, units_of
 from ..model.model import Model
-from ..typing import Array
 from .array_files import ArrayFile
 from .column_names import time_meaning
 from .coordinates import Coordinates

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.doubts import Doubt, doubt
+from ..core.errors import TrajectoryError, ValueRangeError
+from ..core.estimation.sampling import OVERLAP
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
 from ..core.text import ReadingNote, listed
-from ..errors import TrajectoryError, ValueRangeError
-from ..estimation.sampling import OVERLAP
+from ..core.typing import Array
 from ..joints.units import unit_of
 from ..log_checks.contradictions import Contradictions, stamp_doubts
-from ..log_checks.doubts import Doubt, doubt
 from ..model.limits import Limits
 from ..model.model import Model
-from ..typing import Array
 from . import log_table
 from .array_files import ArrayFile
 from .column_names import date_note, time_column

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.doubts import Doubt, Level, doubt
+from ..core.estimation.least_squares import MAD
+from ..core.estimation.noise import quantum
 from ..core.numbers import number, seconds
 from ..core.text import listed
-from ..estimation.least_squares import MAD
-from ..estimation.noise import quantum
+from ..core.typing import Array
 from ..joints.units import unit_of
-from ..log_checks.doubts import Doubt, Level, doubt
 from ..model.couplings import drive_turns
-from ..typing import Array
 from .bounds import RunningExtrema
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import TrajectoryError
 from ..core.text import listed
-from ..errors import TrajectoryError
 from .log_table import check_ratio
 
 TABLES = ("topics", "messages", "message_definitions")

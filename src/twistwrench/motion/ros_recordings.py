@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..core.numbers import number
 from ..core.text import listed
 from ..core.third_party import third_party_errors
-from ..errors import MissingExtraError, NotFoundError, TrajectoryError
-from ..typing import Array
+from ..core.typing import Array
 from .array_files import ArrayFile
 from .column_names import SUFFIX, date_note
 from .recording_bounds import BoundedFile, check_chunks, check_folder, recording_database, values_within

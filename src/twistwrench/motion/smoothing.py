@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..algorithms.kinematics import brackets
+from ..core.errors import TrajectoryError
 from ..core.numbers import printed
-from ..errors import TrajectoryError
+from ..core.typing import Array
 from ..model.model import Model
-from ..typing import Array
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:

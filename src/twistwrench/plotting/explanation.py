@@ -10,12 +10,12 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number
+from ..core.typing import Array
 from ..joints.units import torque_word
 from ..robot.explanation import MOTION_TERMS, Explanation
 from ..sensing.log import ReadingLog
 from ..sensing.outliers import runs
 from ..sensing.sensor import ForceTorqueSensor
-from ..typing import Array
 from . import style
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.errors import UnknownNameError
 from ..core.glossary import complete
 from ..core.numbers import number, percent_of_limit, quantity
-from ..errors import UnknownNameError
+from ..core.typing import Array
 from ..joints.units import torque_word, unit_of
 from ..model.couplings import joint_effort, motor_torques
 from ..model.limits import Limits, over_limit
 from ..motion.bounds import bounds_or_own
 from ..motion.coordinates import Coordinates
-from ..typing import Array
 from ..viz.drawn_motion import DrawnMotion
 from . import style
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, rounded_down
-from ..errors import ValueRangeError
+from ..core.typing import Array
 from ..model.limits import over_limit
 from ..statics.force_capability import (
     WrenchEllipsoid,
@@ -21,7 +22,6 @@ from ..statics.force_capability import (
     wrench_polytope,
 )
 from ..statics.payload import SLICES, LargestPayload, PayloadMap
-from ..typing import Array
 from . import style
 
 if TYPE_CHECKING:

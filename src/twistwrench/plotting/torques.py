@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..core.numbers import deviation, number, percent_of_limit, seconds
+from ..core.typing import Array
 from ..joints.units import torque_word
 from ..model.limits import margin, over_limit
 from ..reports.load_case import cause_label
@@ -17,7 +18,6 @@ from ..reports.statistics import INTERVAL
 from ..reports.torque_report import ZERO, JointTorque, TorqueReport
 from ..sizing.choice import SizedJoint, Sizing
 from ..sizing.drives import hot_motor
-from ..typing import Array
 from . import style
 
 _SEEN = 0.02

@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
+from ..core.doubts import Doubt
+from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, percent, printed, quantity, rounded_down, seconds
 from ..core.text import listed
-from ..errors import UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints.units import unit_of, units_of
-from ..log_checks.doubts import Doubt
 from ..model.assembly import follower_torques
 from ..model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
 from ..model.limits import Limits, known_velocities
@@ -28,7 +29,6 @@ from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_load
 from ..motion.differentiation import MotionSamples
-from ..typing import Array
 from .robot_summary import StatedLimits, parse_numbers
 from .sentences import sentence
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..core.typing import Array
 from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import spline_rates
-from ..typing import Array
 from .load_case import LoadCase
 from .torque_report import TorqueReport, analyse
 

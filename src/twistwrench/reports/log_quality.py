@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.errors import TrajectoryError
+from ..core.estimation.noise import noise, quantum
 from ..core.numbers import number, percent, seconds, torque
 from ..core.text import listed
-from ..errors import TrajectoryError
-from ..estimation.noise import noise, quantum
+from ..core.typing import Array
 from ..motion.bounds import RunningExtrema
 from ..motion.column_names import split_unit, time_factor, time_meaning, unit_since_1970
 from ..motion.columns import check_header
@@ -20,7 +21,6 @@ from ..motion.csv_reader import CsvFile
 from ..motion.log_table import LARGE, excerpts
 from ..motion.motion_file import open_motion_file, text_columns
 from ..motion.plausibility import TimeAbove
-from ..typing import Array
 
 GAP = 3.0
 """Ratio to the median step above which a step is a gap."""

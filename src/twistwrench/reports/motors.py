@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.numbers import deviation, number, percent_of_limit, quantity, seconds
+from ..core.typing import Array
 from ..model.limits import over_limit
 from ..motion.bounds import RunningExtrema
-from ..typing import Array
 from .statistics import Rms
 
 if TYPE_CHECKING:

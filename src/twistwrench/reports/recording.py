@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.errors import MissingExtraError, ModelError, NotFoundError, ValueRangeError
 from ..core.files import as_path, replacing
 from ..core.numbers import seconds
+from ..core.typing import Array
 from ..core.verdict import Word
-from ..errors import MissingExtraError, ModelError, NotFoundError, ValueRangeError
 from ..formats.source import find_resource, read_robot_text
 from ..formats.writers import write_urdf
 from ..formats.xml import Element, parse, xml_text
@@ -27,7 +28,6 @@ from ..lie import quaternion, se3
 from ..model.couplings import joint_effort
 from ..motion.column_names import SINCE_1970
 from ..motion.coordinates import Coordinates
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..model.model import Model

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import number, printed
 from ..core.tables import CsvWriter
 from ..core.text import listed
-from ..errors import UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints.units import heading_unit, unit_of
 from ..model.couplings import coupled_entries, joint_effort, refuse_coupled
 from ..model.limits import Limits
@@ -24,7 +25,6 @@ from ..model.model import BASE, Body, Model
 from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
 from ..motion.csv_reader import CsvFile, Dialect, table_errors
-from ..typing import Array
 from . import blocks
 
 if TYPE_CHECKING:

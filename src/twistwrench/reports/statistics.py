@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.numbers import number, seconds
+from ..core.typing import Array
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import SURE, Differentiation, MotionSamples
 from ..motion.motion_log import LogRows
 from ..motion.smoothing import spline_rates
-from ..typing import Array
 from .load_case import LoadCase
 
 

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.doubts import Doubt
+from ..core.errors import TrajectoryError
+from ..core.estimation.noise import Survey, noise
 from ..core.numbers import printed, torque
 from ..core.tables import csv_table
-from ..errors import TrajectoryError
-from ..estimation.noise import Survey, noise
+from ..core.typing import Array
 from ..joints.units import unit_of
-from ..log_checks.doubts import Doubt
 from ..model.couplings import drive_turns
 from ..model.limits import margin
 from ..motion.bounds import RunningExtrema
@@ -27,7 +28,6 @@ from ..motion.differentiation import Differentiation, MotionSamples, Outlier, Ru
 from ..motion.log_table import excerpts
 from ..motion.motion_log import LogRows
 from ..motion.plausibility import SURROUNDINGS, DoubtfulSpans, InstantKind, doubtful_spans, impossible_torque
-from ..typing import Array
 from .load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
 from .log_quality import MeasuredTally, MeasuredTorque
 from .motors import MotorTally, MotorUse, Steps

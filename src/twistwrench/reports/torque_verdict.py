@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 
 from ..core.colours import NEAR_LIMIT
+from ..core.doubts import Doubt, Level, doubt_table
 from ..core.gravity import STRENGTH
 from ..core.numbers import deviation, number, percent, percent_of_limit, seconds, torque
 from ..core.text import ReadingNote, listed
 from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
-from ..log_checks.doubts import Doubt, Level, doubt_table
 from ..model.inertia_checks import massless_links
 from ..model.legs import hanging_base
 from ..model.limits import Limits, over_limit

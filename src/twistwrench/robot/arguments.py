@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import is_table
-from ..errors import FrameError, ShapeError
-from ..typing import Array
+from ..core.errors import FrameError, ShapeError
+from ..core.typing import Array
 
 if TYPE_CHECKING:
     from ..lie.twist_wrench import Wrench

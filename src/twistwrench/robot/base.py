@@ -11,9 +11,9 @@ from weakref import WeakMethod
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
-from ..errors import ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .engine import CachedModel, Engine
 
 if TYPE_CHECKING:

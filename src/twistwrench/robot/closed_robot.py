@@ -30,11 +30,11 @@ from ..algorithms.constraints import (
 )  # fmt: skip
 from ..algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
 from ..core import arguments, third_party
+from ..core.errors import KernelError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import KernelError, ValueRangeError
+from ..core.typing import Array
 from ..lie.labelled import TWIST
-from ..typing import Array
 from . import constraints as checks
 from .arguments import Wrenches, finite_states
 from .constraints import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes

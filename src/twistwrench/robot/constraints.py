@@ -28,14 +28,14 @@ from ..algorithms.kinematics import KINDS
 from ..algorithms.loop_closure import ConstraintProjector, through, usual_sizes
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments, third_party
+from ..core.errors import ConstraintError, ConstraintWarning, UnknownNameError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ..core.typing import Array
 from ..joints import Planar
 from ..lie.labelled import TWIST
 from ..model.couplings import refuse_couplings
 from ..model.model import BASE, Body, Model
-from ..typing import Array
 from .arguments import Rows, finite_states
 
 if TYPE_CHECKING:

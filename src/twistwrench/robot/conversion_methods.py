@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import MissingExtraError, ModelError, ModelWarning, ShapeError
 from ..core.glossary import complete
-from ..errors import MissingExtraError, ModelError, ModelWarning, ShapeError
 from .base import RobotBase
 from .task_space_methods import require_robot
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.glossary import complete
-from ..typing import Array
+from ..core.typing import Array
 from .arguments import Kind, Wrenches
 from .base import RobotBase
 

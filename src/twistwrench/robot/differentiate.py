@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..algorithms.kinematics import brackets, moving_parts
-from ..errors import KernelError, ShapeError, TwistWrenchError, UnknownNameError
+from ..core.errors import KernelError, ShapeError, TwistWrenchError, UnknownNameError
+from ..core.typing import Array
 from ..ir import autodiff
 from ..ir.expr import Expr
 from ..ir.tracer import Trace, trace
 from ..model.model import Model
-from ..typing import Array
 from .engine import compiled
 from .quantities import Shape
 from .robot import Robot

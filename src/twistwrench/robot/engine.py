@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core import arguments, object_cache, third_party
+from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..core.files import read_bytes
-from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
+from ..core.typing import Array
 from ..lie import series
 from ..runtime import batch_threads
 from ..runtime.interpreter import compiles
-from ..typing import Array
 from .arguments import Wrenches, brought, by_frame, is_symbolic, misfit, numbers
 
 if TYPE_CHECKING:

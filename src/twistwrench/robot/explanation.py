@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.errors import ShapeError, UnknownNameError
 from ..core.glossary import complete
 from ..core.numbers import number
-from ..errors import ShapeError, UnknownNameError
+from ..core.typing import Array
 from ..joints.units import units_of
 from ..model.actuation import counted
 from ..model.model import BASE, Model
-from ..typing import Array
 
 MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 """M ddq; terms with dq_i²; terms with dq_i dq_j; g."""

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..ir.loops import PLACES
 from ..joints.screw_joint import ScrewJoint
 from ..lie import se3, so3
 from ..model.assembly import random_configuration
 from ..model.description import frames_to_user
-from ..typing import Array
 from .ik_search import Frames, LoopClosureSolver, PoseSearch, SinglePose
 
 if TYPE_CHECKING:

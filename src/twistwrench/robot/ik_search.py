@@ -11,7 +11,8 @@ import numpy as np
 from ..algorithms.constraints import Closure
 from ..algorithms.loop_closure import LoopRows
 from ..algorithms.newton_step import NewtonStep
-from ..errors import ConstraintError
+from ..core.errors import ConstraintError
+from ..core.typing import Array
 from ..ir.loops import PLACES, Search
 from ..ir.program import TensorSpec
 from ..ir.tracer import trace
@@ -20,7 +21,6 @@ from ..model.model import Model
 from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.dispatch import make_call
-from ..typing import Array
 from .constraints import CLOSED, gap_units, some_configurations
 from .engine import compiled
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
+from ..core.errors import ValueRangeError
 from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
-from ..errors import ValueRangeError
 from .engine import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot
@@ -287,7 +287,7 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     >>> import twistwrench as tw
     >>> tw.from_mujoco("scene.xml")
     Traceback (most recent call last):
-    twistwrench.errors.ModelError: this is not a model of MuJoCo's: str lacks an attribute ...
+    twistwrench.core.errors.ModelError: this is not a model of MuJoCo's: str lacks an attribute ...
     """
     from ..formats.mujoco_model import read_mujoco_model
 
@@ -312,7 +312,7 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     >>> import twistwrench as tw
     >>> tw.from_pinocchio("arm.urdf")
     Traceback (most recent call last):
-    twistwrench.errors.ModelError: this is not a model of Pinocchio's: str lacks an attribute ...
+    twistwrench.core.errors.ModelError: this is not a model of Pinocchio's: str lacks an attribute ...
     """
     from ..formats.pinocchio_model import read_pinocchio_model
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from ..core.errors import UnknownNameError
 from ..core.glossary import complete
-from ..errors import UnknownNameError
-from ..typing import Array
+from ..core.typing import Array
 from .arguments import Kind, Wrenches, unlabelled
 from .derivatives import DerivativeMethods
 

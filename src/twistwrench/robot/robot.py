@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import taking_the_arguments_of
+from ..core.errors import ShapeError
 from ..core.glossary import complete
-from ..errors import ShapeError
-from ..typing import Array
+from ..core.typing import Array
 from .arguments import Rows, Wrenches, check_mapping, names_of, states, wrench_at
 from .conversion_methods import BridgeMethods, EditMethods, FileMethods
 from .quantity_methods import QuantityMethods

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.glossary import complete
-from ..typing import Array
+from ..core.typing import Array
 from .arguments import Kind, Rows
 
 if TYPE_CHECKING:

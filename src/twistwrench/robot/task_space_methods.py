@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments, third_party
+from ..core.errors import ModelError, ModelWarning, ValueRangeError
 from ..core.glossary import complete
-from ..errors import ModelError, ModelWarning, ValueRangeError
+from ..core.typing import Array
 from ..model.actuators import moving
-from ..typing import Array
 from .arguments import Kind, Rows, Wrenches, brought, states
 from .base import RobotBase
 

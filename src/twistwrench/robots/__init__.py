@@ -12,8 +12,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from ..core.errors import ModelWarning, UnknownNameError
 from ..core.glossary import complete
-from ..errors import ModelWarning, UnknownNameError
 
 if TYPE_CHECKING:
     from ..robot import Robot

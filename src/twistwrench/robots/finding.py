@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from ..errors import MissingExtraError, NotFoundError, UnknownNameError
+from ..core.errors import MissingExtraError, NotFoundError, UnknownNameError
 from . import names, path_of
 
 _EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"

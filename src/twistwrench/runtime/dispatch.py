@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import KernelError
+from ..core.errors import KernelError
+from ..core.typing import Array
 from ..ir.loops import Form
 from ..ir.program import TensorSpec, axes_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine
-from ..typing import Array
 from .dispatch_ir import CALL, POINTERS, BuiltinWriter, CallLayout, abi_matches, call_assembly
 from .gufunc import KernelMetadata, numpy_function, owner_of
 from .jit import Code, assembled

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core import object_cache
-from ..errors import KernelError
+from ..core.errors import KernelError
 from ..ir.program import Program, TensorSpec, axes_of, signature_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.doubts import Doubt, doubt, verdict_from_doubts
+from ..core.errors import ModelWarning, ShapeError, TwistWrenchError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import KGF
 from ..core.numbers import number
+from ..core.typing import Array
 from ..core.verdict import Verdict, Word
-from ..errors import ModelWarning, ShapeError, TwistWrenchError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import WRENCH
-from ..log_checks.doubts import Doubt, doubt, verdict_from_doubts
-from ..typing import Array
 from .fit import Uncertainty
 from .log import ReadingLog
 from .reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving

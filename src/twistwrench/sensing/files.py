@@ -15,16 +15,16 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..core.files import read_text, replacing
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
 from ..core.tables import csv_table
 from ..core.third_party import third_party_errors
-from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
+from ..core.typing import Array
 from ..lie.labelled import TWIST, WRENCH
 from ..motion.csv_reader import CsvFile, table_errors
-from ..typing import Array
 from .contact_detection import checked_noise
 from .fit import Uncertainty
 from .log import ReadingLog, checked_log, late

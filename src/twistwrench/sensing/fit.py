@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import ValueRangeError
-from ..estimation.covariance import (
+from ..core.errors import ValueRangeError
+from ..core.estimation.covariance import (
     channel_covariance,
     cluster_robust_covariance,
     f_test_freedom,
@@ -17,10 +17,10 @@ from ..estimation.covariance import (
     variance_estimate_covariance,
     weight_freedom,
 )
-from ..estimation.least_squares import MAD, huber_weights, orthogonal_fit
+from ..core.estimation.least_squares import MAD, huber_weights, orthogonal_fit
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.labelled import WRENCH
-from ..typing import Array
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, load_regressor, sign_factor
 

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.doubts import Doubt, doubt
+from ..core.errors import ValueRangeError
+from ..core.estimation.covariance import Whiteness
 from ..core.numbers import number, percent, plus_minus, seconds
-from ..errors import ValueRangeError
-from ..estimation.covariance import Whiteness
+from ..core.typing import Array
 from ..lie.labelled import WRENCH
-from ..log_checks.doubts import Doubt, doubt
-from ..typing import Array
 from .contact_detection import six_noises
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
 from .log import ReadingLog, checked_log

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.doubts import Doubt, doubt
+from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import number, printed
-from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..lie.labelled import WRENCH
-from ..log_checks.doubts import Doubt, doubt
-from ..typing import Array
 from .sensor import (
     ForceTorqueSensor,
     checked_rotations,

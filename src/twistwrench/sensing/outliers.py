@@ -8,10 +8,10 @@ from typing import Any, get_args
 
 import numpy as np
 
+from ..core.estimation.least_squares import MAD
 from ..core.numbers import number
-from ..estimation.least_squares import MAD
+from ..core.typing import Array
 from ..lie import so3
-from ..typing import Array
 from .contact_detection import CollisionThreshold
 from .fit import Fit, Problem, SensorState, fit
 from .log import ReadingLog

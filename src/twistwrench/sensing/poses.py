@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.estimation.least_squares import null_combinations
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import number, printed
-from ..errors import ShapeError, ValueRangeError
-from ..estimation.least_squares import null_combinations
+from ..core.typing import Array
 from ..lie import se3, so3
-from ..typing import Array
 from .contact_detection import checked_noise
 from .fit import SensorState, Unknowns
 from .log import ReadingLog, checked_log

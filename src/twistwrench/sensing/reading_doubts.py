@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.doubts import Doubt, doubt
 from ..core.gravity import KGF
 from ..core.numbers import number, percent, printed
+from ..core.typing import Array
 from ..lie.labelled import WRENCH
-from ..log_checks.doubts import Doubt, doubt
-from ..typing import Array
 
 if TYPE_CHECKING:
     from .fit import Fit

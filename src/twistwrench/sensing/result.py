@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.doubts import Doubt, doubt, verdict_from_doubts
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.estimation.covariance import student_quantile
 from ..core.glossary import complete
 from ..core.numbers import number, percent, plus_minus
+from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..errors import ShapeError, ValueRangeError
-from ..estimation.covariance import student_quantile
 from ..lie import so3
-from ..log_checks.doubts import Doubt, doubt, verdict_from_doubts
-from ..typing import Array
 from .fit import Fit, Uncertainty, uncertainty_of
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor

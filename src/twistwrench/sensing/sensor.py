@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.doubts import doubt
+from ..core.errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
-from ..errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..lie import quaternion, so3
 from ..lie.labelled import frame_name
 from ..lie.twist_wrench import Pose, Twist, Wrench
-from ..log_checks.doubts import doubt
-from ..typing import Array
 
 _KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
 

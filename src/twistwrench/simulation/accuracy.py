@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.errors import SimulationError
 from ..core.numbers import percent, printed
 from ..core.quadrature import ProbeRule, left_out
-from ..errors import SimulationError
-from ..typing import Array
+from ..core.typing import Array
 from .forces import System
 from .schemes import ADAPTIVE
 

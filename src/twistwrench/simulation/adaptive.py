@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..algorithms.recursion import zeros
+from ..core.errors import SimulationError
 from ..core.numbers import printed, residual
-from ..errors import SimulationError
+from ..core.typing import Array
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..robot.engine import compiled
 from ..runtime.dispatch import Rows, bind_calls, can_bind_calls
 from ..runtime.gufunc import owner_of
-from ..typing import Array
 from .accuracy import ForceQuadrature
 from .callback_steps import FASTEST
 from .compiled_steps import Ports, StepPlan, acts_by_itself, constants

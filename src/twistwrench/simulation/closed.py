@@ -18,8 +18,9 @@ from ..algorithms.friction import largest, positive, smallest
 from ..algorithms.kinematics import add
 from ..algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
 from ..core import arguments
+from ..core.errors import SimulationError, ValueRangeError
 from ..core.numbers import printed, residual
-from ..errors import SimulationError, ValueRangeError
+from ..core.typing import Array
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..model.model import Model
@@ -28,7 +29,6 @@ from ..robot import constraints as checks
 from ..robot.constraints import CLOSED, gap_units
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
-from ..typing import Array
 from .adaptive import Stepper
 from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
 from .forces import WORKS, System

@@ -18,6 +18,7 @@ from ..algorithms.forward_dynamics import forward_dynamics
 from ..algorithms.friction import eased, torque_past_eased_friction
 from ..algorithms.operational_space import clipped
 from ..algorithms.recursion import zeros
+from ..core.typing import Array
 from ..ir.loops import Scan, Source
 from ..ir.program import Program
 from ..ir.tracer import trace
@@ -27,7 +28,6 @@ from ..model.parameters import moves_joints, regrouped, with_symbolic_parameters
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
 from ..runtime.interpreter import compiles
-from ..typing import Array
 from .contact import RobotContact
 from .forces import WORKS, ControlLaw, System
 from .schemes import EULER, RK4, Tableau

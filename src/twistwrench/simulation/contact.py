@@ -27,12 +27,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..algorithms.contact import plane_contact, stop_contact
 from ..core import arguments
 from ..core.arguments import positive
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..ir.tracer import trace
 from ..model.model import Model
 from ..robot.engine import compiled
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..robot import Robot

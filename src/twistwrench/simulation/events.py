@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import arguments
+from ..core.errors import ValueRangeError
 from ..core.numbers import number, printed
-from ..errors import ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .forces import ControlLaw, Function, require_three
 
 if TYPE_CHECKING:

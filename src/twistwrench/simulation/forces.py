@@ -22,8 +22,9 @@ from ..algorithms.contact import velocity_step
 from ..algorithms.friction import eased, torque_past_eased_friction
 from ..algorithms.kinematics import brackets
 from ..core import arguments
+from ..core.errors import ShapeError, SimulationError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ShapeError, SimulationError, ValueRangeError
+from ..core.typing import Array
 from ..ir.tracer import trace
 from ..lie.twist_wrench import Wrench
 from ..model.couplings import motor_torques, motor_velocities
@@ -31,7 +32,6 @@ from ..model.model import Model
 from ..model.parameters import regrouped
 from ..robot.arguments import wrench_at
 from ..robot.engine import compiled
-from ..typing import Array
 from .contact import RobotContact
 
 if TYPE_CHECKING:

@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import positive, whole
+from ..core.errors import ShapeError, SimulationError, TwistWrenchError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
-from ..errors import ShapeError, SimulationError, TwistWrenchError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..model.couplings import refuse_couplings
 from ..model.limits import NONE_GIVEN
 from ..robot import constraints as checks
-from ..typing import Array
 from .adaptive import Stepper, TrialSteps, run_adaptive
 from .callback_steps import CallbackSteps, use_block
 from .closed import CLOSED_METHODS, ClosedScheme, ClosedSimulation, ClosedStepper, ClosedSteps, ClosedSystem, Loops

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, residual
-from ..errors import ValueRangeError
+from ..core.typing import Array
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .events import Happening
 
 if TYPE_CHECKING:

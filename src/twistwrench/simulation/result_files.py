@@ -13,14 +13,14 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..core.errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes, replacing
 from ..core.tables import CsvWriter, unescape_cell
 from ..core.third_party import third_party_errors
-from ..errors import NotFoundError, TrajectoryError, ValueRangeError
+from ..core.typing import Array
 from ..motion.array_files import check_archive
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
-from ..typing import Array
 from .events import Happening
 from .forces import WORKS
 from .result import SimulationResult

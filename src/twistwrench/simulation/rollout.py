@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .callback_steps import FASTEST
 from .rollout_gradient import RolloutGradient, computed, gradient, kept_for_gradients, linearized, room_for
 from .rollout_inputs import Inputs, cleaned

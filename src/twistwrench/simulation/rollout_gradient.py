@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from ..algorithms.friction import rubbing
 from ..algorithms.kinematics import velocity_map
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..ir import autodiff
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
@@ -25,7 +26,6 @@ from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.gufunc import owner_of
 from ..runtime.result_pool import result_arrays
-from ..typing import Array
 from .compiled_steps import Ports, StepPlan
 from .rollout_inputs import Inputs
 

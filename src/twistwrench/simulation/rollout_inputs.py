@@ -11,13 +11,13 @@ import numpy as np
 
 from ..core import arguments
 from ..core.arguments import positive, whole
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..model.couplings import refuse_couplings
 from ..model.limits import NONE_GIVEN
 from ..model.parameters import matching, nominal, refuse_impossible
 from ..robot.arguments import wrench_at
-from ..typing import Array
 from .compiled_steps import StepPlan
 from .forces import creep_of_samples, easing_remark
 from .torque_laws import GivenTorque, TorqueLaw

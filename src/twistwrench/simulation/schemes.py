@@ -18,9 +18,9 @@ from typing import Protocol
 import numpy as np
 
 from ..bodies.inertia import COMPOSITIONS
+from ..core.errors import SimulationError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import SimulationError, UnknownNameError, ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 from .forces import WORKS, System
 
 Tree = tuple["Tree", ...]
@@ -88,7 +88,7 @@ class Tableau:
     (Fraction(0, 1), Fraction(1, 1))
     >>> Tableau("wrong", 2, a=((0,),), b=(1,))
     Traceback (most recent call last):
-    twistwrench.errors.ValueRangeError: tableau 'wrong' is not of order 2: tree ((),) gives 0, wanted 1/2.
+    twistwrench.core.errors.ValueRangeError: tableau 'wrong' is not of order 2: tree ((),) gives 0, wanted 1/2.
     """
 
     name: str

@@ -12,10 +12,10 @@ from ..algorithms.inverse_dynamics import holding_torques
 from ..algorithms.operational_space import computed_torque, proportional_derivative, undriven
 from ..algorithms.recursion import zeros
 from ..core import arguments
+from ..core.errors import ValueRangeError
 from ..core.glossary import complete
-from ..errors import ValueRangeError
+from ..core.typing import Array
 from ..model.model import Model
-from ..typing import Array
 
 
 class TorqueLaw(Protocol):

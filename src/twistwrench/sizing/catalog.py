@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..formats.actuators import gear_ratio, plain_share, read_motor
 from ..formats.yaml import Section, Source, read_yaml, shown
 from ..model.actuators import Actuator, Motor, check_actuator

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core import arguments
+from ..core.errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..core.files import replacing
 from ..core.numbers import number
+from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..formats.yaml import Source
 from ..joints.units import units_of
 from ..model.actuators import moving
@@ -26,7 +27,6 @@ from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
 from ..reports.torque_verdict import as_it_hangs, base_doubts, model_warnings
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .catalog import Catalog, Pair, read_catalog
 from .drives import (
     CatalogMotor,

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.numbers import printed
+from ..core.typing import Array
 from ..model.actuators import Motor, Thermal, gear_input, moving
 from ..model.limits import over_limit
 from ..reports.motors import Demand
-from ..typing import Array
 
 _RPM = 2 * math.pi / 60
 _HOUR = 3600.0

@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.typing import Array
 from ..model.model import BASE
 from ..robot import Robot
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..diagnosis.shapes import LinkShapes, Solid

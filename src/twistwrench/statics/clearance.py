@@ -22,18 +22,18 @@ from numpy.typing import ArrayLike
 
 from ..bodies.enclosure import Enclosure
 from ..core import arguments
+from ..core.errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import quantity, seconds
 from ..core.text import listed, with_clipped_quotations
+from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
 from ..formats.known_elements import READ
 from ..formats.source import read_robot_text
 from ..formats.xacro import EXPAND, xacro_in
 from ..formats.xml import parse
 from ..model.description import frames_to_user
 from ..robot import Robot
-from ..typing import Array
 from .capsules import ALWAYS, CapsuleDistances, LinkCapsules, link_solids
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ValueRangeError
 from ..core.numbers import printed, vector
-from ..errors import ValueRangeError
-from ..typing import Array
+from ..core.typing import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)

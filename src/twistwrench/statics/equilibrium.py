@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import FrameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
-from ..errors import FrameError, ValueRangeError
+from ..core.typing import Array
 from ..lie import so3
 from ..lie.labelled import TWIST, WRENCH
 from ..model.couplings import refuse_couplings
-from ..typing import Array
 from .contacts import Contact, force_balance, least_norm_forces, unresisted_motion
 from .torque_limits import effort_limits, one_configuration, resting_torques
 

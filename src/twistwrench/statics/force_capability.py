@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, vector
-from ..errors import UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..model.couplings import motor_torques
-from ..typing import Array
 from .equilibrium import RANK_TOLERANCE
 from .torque_limits import (
     effort_limits,

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed, rounded_down
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.typing import Array
 from ..joints.units import units_of
 from ..model.assembly import follower_torques
 from ..model.couplings import drive_turns, motor_torques
 from ..model.limits import margin
 from ..reports.load_case import least_torque_per_kilogram
-from ..typing import Array
 from .torque_limits import (
     effort_limits,
     growth,

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import number, printed
-from ..errors import ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..model.limits import margin
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..model.limits import Limits

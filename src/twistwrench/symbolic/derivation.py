@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import KernelError, ShapeError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.text import listed
-from ..errors import KernelError, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..robot import Robot
-from ..typing import Array
 from .equations import Equations, Label, Line, Step, assembled
 from .expanded_form import (
     RingArithmetic,

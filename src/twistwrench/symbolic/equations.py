@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from .documents import Latex, html_page, latex_document, markdown_document
 from .expanded_form import Terms
 from .factored_form import EquationWriter

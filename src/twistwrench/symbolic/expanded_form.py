@@ -13,9 +13,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..core.typing import Array
 from ..joints.joint import CosineSine, exact, exact_rodrigues
 from ..model.model import BASE, Body, Model
-from ..typing import Array
 from .names import BodyEntries, Entry, ModelEntries
 from .trig_polynomial import Ring, TrigPolynomial
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 from .names import shortest, sympy
 from .trig_polynomial import Basis, Ring, ShortestForms, TrigPolynomial, Waves
 

@@ -9,7 +9,7 @@ from fractions import Fraction
 from numbers import Real
 from typing import Any
 
-from ..errors import ShapeError, ValueRangeError
+from ..core.errors import ShapeError, ValueRangeError
 from .equations import Equations, Label, Step, assembled, equation_fields
 from .expanded_form import Terms, Variable, dotted
 from .factored_form import EquationWriter

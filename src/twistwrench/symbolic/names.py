@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import MissingExtraError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..core.third_party import lazy_module
-from ..errors import MissingExtraError, UnknownNameError, ValueRangeError
 from ..model.couplings import refuse_couplings
 from ..model.model import BASE, Body, Model
 

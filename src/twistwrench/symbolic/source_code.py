@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import ValueRangeError
 from ..core.text import visible
-from ..errors import ValueRangeError
 from .documents import remarks_of
 from .names import sympy
 

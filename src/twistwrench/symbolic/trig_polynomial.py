@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 
 Basis = tuple[str, tuple[Any, ...]]
 """``("cos" | "sin", multiple of each angle)``; the first non-zero multiple is positive. cos 0 represents 1."""

@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..bodies.solids import rotational_inertia
+from ..core.errors import ModelWarning, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import ModelWarning, ValueRangeError
+from ..core.typing import Array
 from ..joints import JOINT_TYPES
 from ..joints.screw_joint import ScrewJoint
 from ..lie import se3, so3
 from ..model.builder import ModelBuilder
 from ..robot import Robot
-from ..typing import Array
 
 __all__ = [
     "KINDS",

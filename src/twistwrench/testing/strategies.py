@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..errors import MissingExtraError
+from ..core.errors import MissingExtraError
 from ..robot import Robot
 from . import KINDS, State, random_robot, random_state
 

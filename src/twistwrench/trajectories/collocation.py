@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..typing import Array
+from ..core.typing import Array
 from .limit_rows import PathRows, Row, Rows
 
 STAGES = 5

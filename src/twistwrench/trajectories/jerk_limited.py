@@ -13,7 +13,7 @@ import numpy as np
 
 from ..algorithms.time_scalings import Averaged
 from ..core.glossary import complete
-from ..typing import Array
+from ..core.typing import Array
 from .trajectory import shortest_durations
 
 if TYPE_CHECKING:

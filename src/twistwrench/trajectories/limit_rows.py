@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import PathError, ValueRangeError
 from ..core.numbers import printed
-from ..errors import PathError, ValueRangeError
+from ..core.typing import Array
 from ..model.couplings import motor_torques, motor_velocities
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..model.limits import Limits

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import PathError, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import PathError, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..robot.ik import pose_finder, twist_left
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..robot import Robot

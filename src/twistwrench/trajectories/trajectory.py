@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
+from ..core.errors import PathError, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import PathError, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..model.couplings import joint_velocities, motor_torques, motor_velocities
 from ..model.limits import TOLERANCE, Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .paths import JointPath, configuration, joint_line, require_path, spline
 
 if TYPE_CHECKING:

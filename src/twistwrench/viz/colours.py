@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..core.colours import COLOURS as MEANINGS
 from ..core.colours import NEAR_LIMIT, Style
+from ..core.typing import Array
 from ..lie import se3, so3
 from ..plotting import style
-from ..typing import Array
 from .scene import Scene, turned_z
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.doubts import Doubt
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import number, percent, printed, seconds
+from ..core.typing import Array
 from ..core.verdict import Verdict, Word
-from ..errors import ShapeError, ValueRangeError
-from ..log_checks.doubts import Doubt
 from ..model.couplings import joint_effort
 from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of, velocities_inside
 from ..motion.coordinates import joint_rates
@@ -22,7 +23,6 @@ from ..motion.motion import Motion
 from ..motion.motion_log import ASKED
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
 from ..reports.load_case import LoadCase
-from ..typing import Array
 from .surface import Decimation
 
 if TYPE_CHECKING:

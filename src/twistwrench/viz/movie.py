@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.colours import COLOURS, Style, word_style
+from ..core.errors import MissingExtraError, ShapeError, ValueRangeError
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
-from ..errors import MissingExtraError, ShapeError, ValueRangeError
+from ..core.typing import Array
 from ..model.limits import over_limit
 from ..model.model import BASE
 from ..plotting import style
 from ..reports.spoken_verdict import verdict_text
-from ..typing import Array
 from .colours import share_colours
 from .drawn_motion import DrawnMotion, motion_of
 from .scene import Scene, Shape, scene_of

@@ -23,16 +23,16 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.colours import COLOURS, Style, page_colours
+from ..core.errors import ModelWarning, ValueRangeError
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.text import listed
-from ..errors import ModelWarning, ValueRangeError
+from ..core.typing import Array
 from ..model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, robot_data, wrench_data
 from .page_loops import loops_of, standing_of

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.errors import SingularMassMatrixError
 from ..core.numbers import percent
-from ..errors import SingularMassMatrixError
+from ..core.typing import Array
 from ..export.javascript import javascript_module
 from ..export.request import BridgedQuantity
 from ..lie import se3
@@ -22,7 +23,6 @@ from ..motion.coordinates import Coordinates
 from ..reports.load_case import Payload
 from ..robot import Robot
 from ..simulation.schemes import RK4
-from ..typing import Array
 from .colours import COLOURS, SHARES, torque_marks
 from .scene import PAYLOAD, turned_z
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..algorithms.constraints import GROUND, Closure, independent_constraints
-from ..errors import ConstraintError, ValueRangeError
+from ..core.errors import ConstraintError, ValueRangeError
+from ..core.typing import Array
 from ..lie import se3
 from ..model.model import BASE, Frame, Model
 from ..robot import Robot
 from ..robot.constraints import driven, joints, named_motors, some_configurations
 from ..statics.contacts import Contact, pyramid_facets
 from ..statics.torque_limits import effort_limits
-from ..typing import Array
 from .starting_pose import clear_of_stops, starting_pose
 from .visuals import read_visuals
 

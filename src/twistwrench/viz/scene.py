@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..algorithms.recursion import base_poses, joint_poses
-from ..errors import InertiaError, ModelWarning
+from ..core.errors import InertiaError, ModelWarning
+from ..core.typing import Array
 from ..lie import se3, so3
 from ..model.model import BASE, Body, Model
-from ..typing import Array
 from .surface import Surface, box, cylinder, ellipsoid, sphere
 from .visuals import Colour, read_visuals
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core import arguments
-from ..errors import ValueRangeError
+from ..core.errors import ValueRangeError
+from ..core.typing import Array
 from ..joints.units import unit_of
 from ..motion.coordinates import Coordinates
-from ..typing import Array
 from .page_data import PagePrograms, round_above
 
 if TYPE_CHECKING:

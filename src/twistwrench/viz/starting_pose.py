@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..typing import Array
+from ..core.typing import Array
 
 if TYPE_CHECKING:
     from ..robot import Robot

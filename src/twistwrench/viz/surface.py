@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.mesh_files import check_faces, load_mesh
+from ..core.errors import MissingExtraError, ModelError
 from ..core.third_party import third_party_errors
-from ..errors import MissingExtraError, ModelError
-from ..typing import Array
+from ..core.typing import Array
 
 _CREASE = np.cos(np.radians(38.0))
 """Cosine of the crease angle; faces that meet at a smaller angle are shaded smoothly."""

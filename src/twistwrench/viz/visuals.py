@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import MissingExtraError, ModelError, NotFoundError
+from ..core.errors import MissingExtraError, ModelError, NotFoundError
+from ..core.typing import Array
 from ..formats.source import find_resource, read_robot_text
 from ..formats.urdf import origin_of
 from ..formats.xacro import EXPAND, xacro_in
 from ..formats.xml import Element, parse
-from ..typing import Array
 from .surface import Surface, box, cylinder, read_mesh, sphere
 
 if TYPE_CHECKING:

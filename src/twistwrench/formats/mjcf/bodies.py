@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.errors import RobotFileError
 from ...core.numbers import printed
-from ...errors import RobotFileError
+from ...core.typing import Array
 from ...joints.screw_joint import screw_through
 from ...lie import quaternion, se3, so3
 from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 from ...model.description import label, unused
-from ...typing import Array
 from ..known_elements import LEFT_OUT
 from ..urdf import IN_MJCF, direction, onto, tensor_of
 from ..xml import Element

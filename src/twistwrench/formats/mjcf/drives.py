@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...core.errors import ValueRangeError
 from ...core.numbers import number, printed
-from ...errors import ValueRangeError
+from ...core.typing import Array
 from ...lie import quaternion, se3
 from ...model.actuators import Actuator, Motor, check_actuator
 from ...model.builder import ModelBuilder
 from ...model.description import Mimic, label
 from ...model.model import OfferedClosure
-from ...typing import Array
 from ..known_elements import ACTUATORS, LEFT_OUT
 from ..xml import Element
 from .bodies import WORLD, MjcfBody, MjcfJoint, limited

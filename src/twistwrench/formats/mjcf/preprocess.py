@@ -14,13 +14,13 @@ from ...bodies.inertia import SpatialInertia
 from ...bodies.mesh import hull_faces
 from ...bodies.mesh_files import SUFFIXES
 from ...bodies.solids import ten_parameters
+from ...core.errors import RobotFileError, TwistWrenchError
 from ...core.files import read_bytes
 from ...core.gravity import GRAVITY
 from ...core.text import listed
 from ...core.third_party import third_party_errors
-from ...errors import RobotFileError, TwistWrenchError
+from ...core.typing import Array
 from ...lie import quaternion
-from ...typing import Array
 from ..known_elements import ACTUATORS
 from ..source import MAX_BYTES, read_robot_text
 from ..xml import Element, parse

@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.errors import ModelError
 from ...core.numbers import printed
-from ...errors import ModelError
+from ...core.typing import Array
 from ...lie import quaternion, se3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry, unused
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
-from ...typing import Array
 from ..mjcf.drives import ROWS
 from ..urdf import ENTRIES, IN_MJCF, LIMITS_OF_1_2
 from ..xml import Element, figures, new, xml_text

@@ -7,15 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.errors import ModelError
 from ...core.numbers import printed
 from ...core.text import listed
-from ...errors import ModelError
+from ...core.typing import Array
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry, ModelNote
 from ...model.limits import Friction, Limits
 from ...model.parts import ModelParts
-from ...typing import Array
 from ..mjcf.reader import REFERENCE
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ...core.child_process import ChildLimits, run_in_child
+from ...core.errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
 from ...core.text import clipped, listed
-from ...errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
 from ..known_elements import KNOWN, READ, Entry, Rows
 from ..xml import Element, parse
 

@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from ..core.verdict import Verdict
-from ..errors import UnknownNameError
+from .errors import UnknownNameError
+from .verdict import Verdict
 
 Level = Literal["refuse", "unsure", "note"]
 """Effect of a doubt on the verdict: LOOK AGAIN, UNSURE, or none."""

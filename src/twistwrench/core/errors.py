@@ -32,8 +32,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from .core.glossary import complete
-from .core.text import bounded_message, clipped, listed, visible
+from .glossary import complete
+from .text import bounded_message, clipped, listed, visible
 
 __all__ = [
     "CacheWarning",
