@@ -14,7 +14,7 @@ import numpy as np
 import twistwrench as tw
 from bench import machine
 from bench.timing import ROUNDS, Contender, interleave
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 
 STEPS, DT, MOTIONS = 10_000, 1e-3, 256
 METHODS = ("rk4", "semi_implicit")

@@ -25,7 +25,7 @@ from bench.faulty_logs_truth import (
     turned_gravity,
     with_links,
 )
-from twistwrench.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
 
 TIP_LOAD, TIP_COM = 2.0, np.array([0.02, -0.01, 0.05])
 """kg, and where in the frame of the tip [m]."""

@@ -24,8 +24,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 import twistwrench as tw
-from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import random_robot
 
 try:

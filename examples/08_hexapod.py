@@ -13,7 +13,7 @@ from argparse import ArgumentParser
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])

@@ -20,7 +20,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import twistwrench as tw
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot.closed_robot import ClosedRobot
 from twistwrench.simulation.closed import ClosedSimulation
 

@@ -20,7 +20,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import twistwrench as tw
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot.closed_robot import ClosedRobot
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"

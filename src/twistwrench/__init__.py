@@ -91,16 +91,15 @@ if _typing.TYPE_CHECKING:
     from . import testing as testing
     from . import trajectories as trajectories
     from . import viz as viz
-    from .bodies.inertia import SpatialInertia as SpatialInertia
-    from .bodies.rigid_body import RigidBody as RigidBody
     from .diagnosis.report import doctor as doctor
-    from .lie import se3 as se3
-    from .lie import so3 as so3
-    from .lie.adjoint import Ad as Ad
-    from .lie.adjoint import ad as ad
-    from .lie.twist_wrench import Pose as Pose
-    from .lie.twist_wrench import Twist as Twist
-    from .lie.twist_wrench import Wrench as Wrench
+    from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
+    from .mechanics.bodies.rigid_body import RigidBody as RigidBody
+    from .mechanics.lie import se3, so3
+    from .mechanics.lie.adjoint import Ad as Ad
+    from .mechanics.lie.adjoint import ad as ad
+    from .mechanics.lie.twist_wrench import Pose as Pose
+    from .mechanics.lie.twist_wrench import Twist as Twist
+    from .mechanics.lie.twist_wrench import Wrench as Wrench
     from .motion.motion import Motion as Motion
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
@@ -116,20 +115,20 @@ _MODULES = {
     },
     **{name: name for name in ("simulation", "sizing", "statics", "symbolic", "testing", "trajectories", "viz")},
     "pointwise": "robot.pointwise",
-    "se3": "lie.se3",
-    "so3": "lie.so3",
+    "se3": "mechanics.lie.se3",
+    "so3": "mechanics.lie.so3",
 }
 """Modules that ``tw.statics`` and similar names import on first use."""
 
 _NAMES = {
-    "Ad": "lie.adjoint",
+    "Ad": "mechanics.lie.adjoint",
     "Motion": "motion.motion",
-    "Pose": "lie.twist_wrench",
-    "RigidBody": "bodies.rigid_body",
-    "SpatialInertia": "bodies.inertia",
-    "Twist": "lie.twist_wrench",
-    "Wrench": "lie.twist_wrench",
-    "ad": "lie.adjoint",
+    "Pose": "mechanics.lie.twist_wrench",
+    "RigidBody": "mechanics.bodies.rigid_body",
+    "SpatialInertia": "mechanics.bodies.inertia",
+    "Twist": "mechanics.lie.twist_wrench",
+    "Wrench": "mechanics.lie.twist_wrench",
+    "ad": "mechanics.lie.adjoint",
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
     "find": "robots.finding",

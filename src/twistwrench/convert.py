@@ -12,7 +12,7 @@ from .core import arguments
 from .core.errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from .core.glossary import complete
 from .core.typing import Array
-from .model.model import BASE, Body
+from .mechanics.model.model import BASE, Body
 from .robot import Robot
 from .robot.task_space_methods import require_robot
 

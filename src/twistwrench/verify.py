@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from .algorithms.inverse_dynamics import closed_form
 from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from .core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
 from .core.third_party import captured_stderr
@@ -22,9 +21,10 @@ from .core.typing import Array
 from .formats import format_of_file, load_model, usd_path
 from .formats.source import read_robot_text
 from .formats.xacro import xacro_in
-from .lie.adjoint import ad
-from .model.assembly import ROOT_JOINT
-from .model.couplings import refuse_couplings
+from .mechanics.algorithms.inverse_dynamics import closed_form
+from .mechanics.lie.adjoint import ad
+from .mechanics.model.assembly import ROOT_JOINT
+from .mechanics.model.couplings import refuse_couplings
 from .robot import Robot
 from .testing import State, derivative, derivative_along, random_state, relative_gap
 

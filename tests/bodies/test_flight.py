@@ -11,8 +11,8 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 import twistwrench as tw
-from twistwrench.bodies import inertia as splitting
-from twistwrench.bodies.free_body import Flight
+from twistwrench.mechanics.bodies import inertia as splitting
+from twistwrench.mechanics.bodies.free_body import Flight
 
 EPS = np.finfo(float).eps
 MOMENTS = np.array([0.01, 0.02, 0.03])

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twistwrench as tw
-from twistwrench.lie import se3, so3
-from twistwrench.lie.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
-from twistwrench.lie.twist_wrench import move_covariance
+from twistwrench.mechanics.lie import se3, so3
+from twistwrench.mechanics.lie.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
+from twistwrench.mechanics.lie.twist_wrench import move_covariance
 from twistwrench.testing.strategies import seeds
 
 EPS = np.finfo(float).eps

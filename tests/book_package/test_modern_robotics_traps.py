@@ -16,8 +16,8 @@ from places import ROOT
 
 import twistwrench as tw
 import twistwrench.modern_robotics as mr
-from twistwrench.lie import series
-from twistwrench.lie.series import LARGEST_HALF_TURN
+from twistwrench.mechanics.lie import series
+from twistwrench.mechanics.lie.series import LARGEST_HALF_TURN
 
 sys.path.insert(0, str(ROOT))
 try:

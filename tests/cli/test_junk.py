@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.lie import quaternion, se3, so3
-from twistwrench.lie.adjoint import Ad, ad
-from twistwrench.lie.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
-from twistwrench.lie.twist_wrench import move_covariance
+from twistwrench.mechanics.lie import quaternion, se3, so3
+from twistwrench.mechanics.lie.adjoint import Ad, ad
+from twistwrench.mechanics.lie.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
+from twistwrench.mechanics.lie.twist_wrench import move_covariance
 
 V = np.arange(6.0)
 T = se3.exp(V / 7)

@@ -11,7 +11,7 @@ from twistwrench.cli.terminal import console, rendered
 from twistwrench.core.colours import terminal_style
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
 from twistwrench.core.verdict import Word
-from twistwrench.joints.units import unit_of
+from twistwrench.mechanics.joints.units import unit_of
 from twistwrench.reports.blocks import Table, share_bar, verdict, words
 
 

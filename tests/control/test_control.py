@@ -9,7 +9,7 @@ from controlled import Q6, TIGHT, Q, errors, second_order, tasks
 import twistwrench as tw
 from twistwrench import trajectories
 from twistwrench.control import PD, ComputedTorque, Impedance, PoseMotion, TaskSpace
-from twistwrench.lie import se3
+from twistwrench.mechanics.lie import se3
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.model.parts import disassemble
+from twistwrench.mechanics.model.parts import disassemble
 
 STRICT = ["-std=c++17", "-O0", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 STUBS = {

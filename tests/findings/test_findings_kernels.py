@@ -90,7 +90,7 @@ def test_finding_70_a_file_with_a_remark_is_known_again_in_any_order_of_imports(
     assert made[1]
     assert "has no <limit>" in made[2]
     assert made[3].count("ModelWarning") == 1
-    for imports in ("", "import twistwrench.trajectories, twistwrench.model.builder"):
+    for imports in ("", "import twistwrench.trajectories, twistwrench.mechanics.model.builder"):
         found = first_torque(path, place, imports)
         assert found[:3] == (made[0], False, made[2])
         assert found[3].partition("ModelWarning")[2] == made[3].partition("ModelWarning")[2] != ""

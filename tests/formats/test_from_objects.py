@@ -224,7 +224,7 @@ def test_to_mujoco_says_what_mujoco_refuses():
 def test_quaternions_of_scipy_turn_as_ours():
     from scipy.spatial.transform import Rotation
 
-    from twistwrench.lie import quaternion
+    from twistwrench.mechanics.lie import quaternion
 
     Q = np.random.default_rng(0).normal(size=(5, 4))
     np.testing.assert_allclose(

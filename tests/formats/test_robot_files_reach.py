@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.bodies.mesh import read_surface
 from twistwrench.formats.source import find_resource
 from twistwrench.identification import NormalEquationBlocks
+from twistwrench.mechanics.bodies.mesh import read_surface
 from twistwrench.simulation import SimulationResult
 from twistwrench.viz.surface import read_mesh
 

@@ -19,7 +19,7 @@ from twistwrench.core.errors import (
 )
 from twistwrench.formats import load_model
 from twistwrench.formats.xml import without_loose_declaration
-from twistwrench.model.model import Model
+from twistwrench.mechanics.model.model import Model
 from twistwrench.testing import assert_close
 
 BASE = '<link name="base"/>'

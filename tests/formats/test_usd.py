@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.lie import quaternion
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.testing import random_state
 from twistwrench.verify import verify
 

@@ -172,7 +172,7 @@ def test_mjcf_has_joints_springs_armature_keyframes_closures_and_gravity():
 
 def test_followers_stand_where_they_follow_to_in_keyframes():
     """MuJoCo has a coordinate for each."""
-    from twistwrench.model.builder import ModelBuilder
+    from twistwrench.mechanics.model.builder import ModelBuilder
 
     builder = ModelBuilder("pair")
     builder.add_link("base")
@@ -189,7 +189,7 @@ def test_followers_stand_where_they_follow_to_in_keyframes():
 
 
 def test_screws_stand_turned_and_slid_in_keyframes():
-    from twistwrench.model.builder import ModelBuilder
+    from twistwrench.mechanics.model.builder import ModelBuilder
 
     builder = ModelBuilder("nut")
     builder.add_link("base")
@@ -349,7 +349,7 @@ def test_sites_of_the_world_hang_on_a_link_beside_it_in_sdf():
 
 @pytest.mark.parametrize("form", FORMS)
 def test_names_may_have_any_character_that_xml_can_hold(form):
-    from twistwrench.model.builder import ModelBuilder
+    from twistwrench.mechanics.model.builder import ModelBuilder
 
     def named(*names):
         builder = ModelBuilder(names[0])
@@ -451,7 +451,7 @@ def test_convert_keeps_one_body_of_a_scene(tmp_path):
 
 @pytest.mark.slow
 def test_a_chain_deeper_than_pythons_stack_is_written():
-    from twistwrench.model.builder import ModelBuilder
+    from twistwrench.mechanics.model.builder import ModelBuilder
 
     builder = ModelBuilder("deep")
     builder.add_link("b0")

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
-from twistwrench.bodies.mesh_files import SUFFIXES as MESHES
 from twistwrench.formats import _USD
+from twistwrench.mechanics.bodies.mesh_files import SUFFIXES as MESHES
 from twistwrench.motion.array_files import _READERS
 
 from .harness import Reader, Tally, missing, run

@@ -35,7 +35,7 @@ def test_groups_are_all_that_torques_tell(seed):
 
 def test_regrouping_in_closed_form_keeps_the_groups():
     """What Gautier and Khalil's rules move inward is in no group: both models have the same ones."""
-    from twistwrench.model.parameters import regrouped
+    from twistwrench.mechanics.model.parameters import regrouped
 
     robot = tw.robots.ur5()
     base = BaseParameters.from_unknowns(UnknownParameters(robot, motor_inertia=False, friction=()))

@@ -8,8 +8,8 @@ from identification_logs import coloured, known_log
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.identification import identify, without_links
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
 ARM = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})

@@ -7,9 +7,9 @@ import pytest
 from identification_logs import known_log
 
 import twistwrench as tw
-from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
 from twistwrench.identification.consistent import MOST_STEPS, STRENGTHS, PositivePrior, PositiveProblem
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
@@ -68,8 +68,8 @@ def test_the_cost_is_that_of_a_conic_solver():
     problem, base, prior, sizes = random_problem(2, joints=3)
     unknown = base.unknown
     kinds = np.array(unknown.kinds)
-    from twistwrench.algorithms.inverse_dynamics import PARAMETER_NAMES
     from twistwrench.identification.consistent import pseudo_inertia
+    from twistwrench.mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 
     units = [pseudo_inertia(e) for e in np.eye(10)]
     x = cp.Variable(len(unknown.names))

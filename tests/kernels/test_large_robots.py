@@ -18,7 +18,7 @@ from twistwrench.ir.tracer import trace
 from twistwrench.lowering import batch_loop, lower, partition
 from twistwrench.lowering.spill_frame import SpillFrame
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, host
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot import programs
 from twistwrench.runtime import jit
 from twistwrench.runtime.gufunc import make_ufunc

@@ -7,12 +7,12 @@ import pytest
 from random_trees import TREES, tree
 
 import twistwrench as tw
-from twistwrench.algorithms.forward_dynamics import articulated_dynamics, articulated_pays
-from twistwrench.algorithms.inverse_dynamics import bias_forces
-from twistwrench.algorithms.mass_matrix import factored, mass_matrix, solved
 from twistwrench.ir.tracer import trace
-from twistwrench.model.builder import ModelBuilder
-from twistwrench.model.parameters import regrouped
+from twistwrench.mechanics.algorithms.forward_dynamics import articulated_dynamics, articulated_pays
+from twistwrench.mechanics.algorithms.inverse_dynamics import bias_forces
+from twistwrench.mechanics.algorithms.mass_matrix import factored, mass_matrix, solved
+from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.parameters import regrouped
 from twistwrench.testing import assert_close, random_state
 
 

@@ -54,7 +54,7 @@ def in_mujoco(robot):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     import xml.etree.ElementTree as Tree
 
-    from twistwrench.lie import quaternion
+    from twistwrench.mechanics.lie import quaternion
 
     root = Tree.Element("mujoco")
     Tree.SubElement(

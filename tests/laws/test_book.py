@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import assert_close, random_state
 
 PRINTED, EXACT = 1e-8, 1e-12

@@ -10,7 +10,7 @@ import pytest
 from mechanisms import COUPLER, CRANK, LEGS, MASSES, ROCKER, closed_platform, four_bar
 
 import twistwrench as tw
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import assert_close
 
 G = 9.81

@@ -7,7 +7,7 @@ import pytest
 from random_trees import DIFFERENCES, ROUNDING, frames
 
 import twistwrench as tw
-from twistwrench.algorithms.constraints import Closure, Rolling
+from twistwrench.mechanics.algorithms.constraints import Closure, Rolling
 from twistwrench.testing import assert_close, derivative
 
 pytest_plugins = ("random_tree_fixtures",)

@@ -9,8 +9,8 @@ from random_trees import DIFFERENCES, ROUNDING, frames, tree
 
 from twistwrench import Robot, SpatialInertia
 from twistwrench import verify as laws
-from twistwrench.algorithms.inverse_dynamics import closed_form
 from twistwrench.core.errors import ValueRangeError
+from twistwrench.mechanics.algorithms.inverse_dynamics import closed_form
 from twistwrench.testing import assert_close, derivative_along, random_robot, random_state, strategies
 
 pytest_plugins = ("random_tree_fixtures",)

@@ -8,8 +8,8 @@ from random_trees import DIFFERENCES, ROUNDING, UNDRIVEN, body_poses, frames
 
 import twistwrench as tw
 from twistwrench import Ad, se3, so3
-from twistwrench.model.builder import ModelBuilder
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import assert_close, derivative_along, random_state
 
 KINDS = ("body", "space", "world_aligned")

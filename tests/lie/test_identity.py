@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twistwrench.lie import se3, so3
-from twistwrench.lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
+from twistwrench.mechanics.lie import se3, so3
+from twistwrench.mechanics.lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 
 
 def test_products_are_those_of_matrices():

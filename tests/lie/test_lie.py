@@ -13,8 +13,8 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from twistwrench.lie import quaternion, se3, series, so3
-from twistwrench.lie.adjoint import Ad, ad
+from twistwrench.mechanics.lie import quaternion, se3, series, so3
+from twistwrench.mechanics.lie.adjoint import Ad, ad
 
 EPS = np.finfo(float).eps
 ROUNDING = 30 * EPS

@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
-from twistwrench.lie import quaternion, se3, series, so3
-from twistwrench.lie.adjoint import Ad, ad
+from twistwrench.mechanics.lie import quaternion, se3, series, so3
+from twistwrench.mechanics.lie.adjoint import Ad, ad
 
 EPS = np.finfo(float).eps
 FEW = 1e-15  # 4.5 eps: about a dozen roundings of numbers up to 1
@@ -293,7 +293,7 @@ def test_a_row_that_turns_a_million_times_leaves_the_others(name):
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_without_a_compiler_the_results_are_the_same(monkeypatch, kind):
     compiled = {name: function(given(name, 20).astype(kind)) for name, (function, _) in COMPILED.items()}
-    monkeypatch.setattr("twistwrench.lie.series.compiler", lambda name: None)
+    monkeypatch.setattr("twistwrench.mechanics.lie.series.compiler", lambda name: None)
     for name, (function, _) in COMPILED.items():
         found = function(given(name, 20).astype(kind))
         assert found.dtype == kind

@@ -25,9 +25,9 @@ from twistwrench.robot.quantities import QUANTITIES
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
-    "export", "joints", "model.actuators", "model.builder", "model.edit", "model.limits", "motion", "plotting.explanation",
-    "plotting.motion", "plotting.payload", "plotting.simulation", "plotting.style", "plotting.torques", "reports", "lie.axis",
-    "lie.twist_wrench", "core.verdict", "verify",
+    "export", "joints", "mechanics.model.actuators", "mechanics.model.builder", "mechanics.model.edit", "mechanics.model.limits", "motion", "plotting.explanation",
+    "plotting.motion", "plotting.payload", "plotting.simulation", "plotting.style", "plotting.torques", "reports", "mechanics.lie.axis",
+    "mechanics.lie.twist_wrench", "core.verdict", "verify",
 )  # fmt: skip
 """Modules that are imported by their own path, beside those of ``dir(twistwrench)``."""
 

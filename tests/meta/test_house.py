@@ -13,7 +13,7 @@ import pytest
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.joints import JOINT_TYPES
+from twistwrench.mechanics.joints import JOINT_TYPES
 from twistwrench.robot.closed_robot import ClosedRobot
 from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES
@@ -219,7 +219,7 @@ def test_tables_are_written_by_one_module():
 
 def test_units_of_joints_are_derived_in_one_module():
     assert not lines_with(
-        r"""(N m|rad/s)["'] if |else ["']N["']|\(["']N m["'], ["']N["']\)""", but=("joints/units.py",)
+        r"""(N m|rad/s)["'] if |else ["']N["']|\(["']N m["'], ["']N["']\)""", but=("mechanics/joints/units.py",)
     )
 
 
@@ -228,7 +228,7 @@ def test_colours_of_the_terminal_are_named_in_one_module():
 
 
 def test_limits_have_one_tolerance():
-    assert not lines_with(r"\b(share|most) > 1\b|1 \+ 1e-6|1 \+ TOLERANCE", but=("model/limits.py",))
+    assert not lines_with(r"\b(share|most) > 1\b|1 \+ 1e-6|1 \+ TOLERANCE", but=("mechanics/model/limits.py",))
 
 
 def test_gravity_is_a_number_in_one_module():
@@ -255,8 +255,10 @@ def test_lists_of_names_are_cut_short_in_one_module():
 
 
 def test_components_of_twists_and_wrenches_are_named_in_one_module():
-    assert not lines_with(r'"(wx", "wy|mx", "my)"', but=("lie/labelled.py",))
+    assert not lines_with(r'"(wx", "wy|mx", "my)"', but=("mechanics/lie/labelled.py",))
 
 
 def test_places_of_joints_are_asked_of_the_body():
-    assert not lines_with(r"slice\(\w+\.[qv]_index|\[[^\[]*\b[qv]_index : \w+\.[qv]_index \+", but=("model/model.py",))
+    assert not lines_with(
+        r"slice\(\w+\.[qv]_index|\[[^\[]*\b[qv]_index : \w+\.[qv]_index \+", but=("mechanics/model/mechanics/model.py",)
+    )

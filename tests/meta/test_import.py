@@ -30,10 +30,10 @@ LATER = (
     "platformdirs",
 )
 LATER += (
-    "twistwrench.algorithms",
+    "twistwrench.mechanics.algorithms",
     "twistwrench.formats",
     "twistwrench.ir",
-    "twistwrench.bodies",
+    "twistwrench.mechanics.bodies",
     "twistwrench.robots",
 )
 MODULES = sorted(

@@ -7,7 +7,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.formats.yaml import UNITS, in_si
-from twistwrench.model.actuators import Motor
+from twistwrench.mechanics.model.actuators import Motor
 from twistwrench.testing import assert_close
 
 FILE = """

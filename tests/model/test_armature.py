@@ -88,7 +88,7 @@ def test_trees_with_every_joint_type(seed):
     assert_close(geared.inverse_dynamics(q, dq, ddq), tau, 1e-11, "τ")
     assert_close(geared.mass_matrix(q), robot.mass_matrix(q) + np.diag(a), 1e-12, "M")
     assert_close(geared.forward_dynamics(q, dq, tau), ddq, 1e-8, "FD∘ID")
-    from twistwrench.algorithms.forward_dynamics import articulated_dynamics
+    from twistwrench.mechanics.algorithms.forward_dynamics import articulated_dynamics
 
     if not any(b.follows for b in geared.model.bodies):
         by_bodies = articulated_dynamics(geared.model, q.astype(object), dq.astype(object), tau.astype(object))
@@ -140,7 +140,7 @@ def test_velocities_of_a_moving_frame_bring_its_products(kind, seed):
         assert_close(by_dq[:, k], faster, 1e-9, "∂τ/∂dq", scale=np.abs(tau).max())
         further = derivative(lambda t, e=e: robot.inverse_dynamics(robot.add(q, np.multiply.outer(t, e)), dq, ddq), 1.0)
         assert_close(by_q[:, k], further, 1e-7, "∂τ/∂q", scale=np.abs(tau).max())
-    from twistwrench.algorithms.forward_dynamics import articulated_dynamics
+    from twistwrench.mechanics.algorithms.forward_dynamics import articulated_dynamics
 
     by_bodies = articulated_dynamics(robot.model, q.astype(object), dq.astype(object), tau.astype(object))
     assert_close(by_bodies.astype(float), ddq, 1e-8, "articulated bodies")

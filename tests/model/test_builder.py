@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from chains import FLAT, ROUND, ROUNDING, assert_same_model, chain, two_links
 
-from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.core.errors import (
     FrameError,
     InertiaError,
@@ -16,12 +15,13 @@ from twistwrench.core.errors import (
     UnknownNameError,
     ValueRangeError,
 )
-from twistwrench.lie import se3
-from twistwrench.lie.se3 import Ad
-from twistwrench.model.builder import ModelBuilder
-from twistwrench.model.edit import lock
-from twistwrench.model.model import BASE
-from twistwrench.model.parts import disassemble, reassemble
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.lie import se3
+from twistwrench.mechanics.lie.se3 import Ad
+from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.edit import lock
+from twistwrench.mechanics.model.model import BASE
+from twistwrench.mechanics.model.parts import disassemble, reassemble
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 

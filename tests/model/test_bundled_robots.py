@@ -12,8 +12,8 @@ import pytest
 from twistwrench import robots
 from twistwrench.core.errors import ModelWarning, UnknownNameError
 from twistwrench.formats import load_model
-from twistwrench.lie import se3
-from twistwrench.model.model import Model
+from twistwrench.mechanics.lie import se3
+from twistwrench.mechanics.model.model import Model
 
 FLOATING = {"floating_box", "quadruped"}
 

@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 import twistwrench as tw
 from twistwrench import statics, trajectories
 from twistwrench.cli.main import main
-from twistwrench.model.couplings import motor_torques, motor_velocities
+from twistwrench.mechanics.model.couplings import motor_torques, motor_velocities
 from twistwrench.reports.recording import Recording
 from twistwrench.reports.robot_summary import as_text, joint_rows, read_limits
 from twistwrench.testing import assert_close, derivative, random_state

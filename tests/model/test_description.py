@@ -13,9 +13,9 @@ from twistwrench.core.errors import (
     ModelError,
 )
 from twistwrench.formats.urdf import rotation_of_rpy
-from twistwrench.lie import se3
-from twistwrench.model.assembly import snap_rotation
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.lie import se3
+from twistwrench.mechanics.model.assembly import snap_rotation
+from twistwrench.mechanics.model.builder import ModelBuilder
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 

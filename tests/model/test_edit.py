@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from chains import FLAT, ROUND, assert_same_model, chain, random_inertia, two_links
 
-from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.core.errors import (
     InertiaError,
     ShapeError,
     UnknownNameError,
     ValueRangeError,
 )
-from twistwrench.model.edit import lock, with_gravity, with_payload
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.model.edit import lock, with_gravity, with_payload
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 

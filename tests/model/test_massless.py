@@ -9,7 +9,7 @@ import pytest
 from robot_files import BESIDE, FILES
 
 import twistwrench as tw
-from twistwrench.model.inertia_checks import massless_links
+from twistwrench.mechanics.model.inertia_checks import massless_links
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 SHAPE = "<visual><geometry><box size='1 1 1'/></geometry></visual>"

@@ -13,8 +13,8 @@ from quick import mostly_slow
 from random_trees import DIFFERENCES, ROUNDING, driven, tree
 
 import twistwrench as tw
-from twistwrench.model.builder import ModelBuilder
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import assert_close, derivative, random_state
 
 J, G = 2e-4, 80.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twistwrench.model.limits import TOLERANCE, Limits
+from twistwrench.mechanics.model.limits import TOLERANCE, Limits
 
 NONE = np.array([np.inf])
 

@@ -9,7 +9,7 @@ import pytest
 from random_trees import ROUNDING, tree
 
 import twistwrench as tw
-from twistwrench.model.parameters import nominal, with_symbolic_parameters
+from twistwrench.mechanics.model.parameters import nominal, with_symbolic_parameters
 from twistwrench.testing import assert_close, random_state
 
 QUANTITIES = (

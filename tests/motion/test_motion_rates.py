@@ -246,9 +246,9 @@ def test_floating_joints_give_body_rates(name):
 
 
 def test_planar_rates_follow_the_joint():
-    from twistwrench.bodies.inertia import SpatialInertia
-    from twistwrench.joints.multi_dof import Planar
-    from twistwrench.model.model import Body, Limits, Model
+    from twistwrench.mechanics.bodies.inertia import SpatialInertia
+    from twistwrench.mechanics.joints.multi_dof import Planar
+    from twistwrench.mechanics.model.model import Body, Limits, Model
 
     joint = Planar("slide", Planar.axes_from((0, 0, 1), 0.0, True, "slide"))
     none = np.full(3, np.inf)

@@ -11,7 +11,7 @@ from places import SHARED
 
 import twistwrench as tw
 from twistwrench.core.errors import TrajectoryError
-from twistwrench.model.model import Limits
+from twistwrench.mechanics.model.model import Limits
 from twistwrench.motion import MotionLog
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.reports.load_case import LoadCase, Payload

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from places import SHARED
 
-from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.core.errors import InertiaError, MissingExtraError, ModelError, ModelWarning, RobotFileError
 from twistwrench.formats import load_model
-from twistwrench.model.model import Model
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.model.model import Model
 
 FOLDER = SHARED / "robots"
 FILES = {path.stem: path for path in sorted(FOLDER.rglob("*.urdf"))} or {

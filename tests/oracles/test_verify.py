@@ -17,7 +17,7 @@ import twistwrench as tw
 from twistwrench import verify as module
 from twistwrench.cli.doctor import verification_view
 from twistwrench.cli.main import main
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
 from twistwrench.verify import Check, verify
 

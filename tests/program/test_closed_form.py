@@ -7,8 +7,8 @@ import pytest
 from random_trees import ROUNDING, frames
 
 import twistwrench as tw
-from twistwrench.algorithms.recursion import base_poses, joint_poses
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.algorithms.recursion import base_poses, joint_poses
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import assert_close
 
 pytest_plugins = ("random_tree_fixtures",)

@@ -15,9 +15,9 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.ir.program import FUSED, Program
-from twistwrench.lie import se3
 from twistwrench.lowering.reference_interpreter import NumpyKernel
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.lie import se3
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot import Robot
 from twistwrench.robot.quantities import QUANTITIES
 

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.model.legs import hanging_base
+from twistwrench.mechanics.model.legs import hanging_base
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import LoadCase, Payload

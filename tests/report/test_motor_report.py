@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.cli.main import main
+from twistwrench.mechanics.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import LoadCase, Payload

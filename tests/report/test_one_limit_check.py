@@ -16,7 +16,7 @@ import twistwrench as tw
 from twistwrench.cli.payload import payload_view
 from twistwrench.cli.torques import motors_table, report_view
 from twistwrench.core.verdict import Word
-from twistwrench.model.limits import TOLERANCE
+from twistwrench.mechanics.model.limits import TOLERANCE
 from twistwrench.plotting.style import OVER
 from twistwrench.plotting.torques import plot_report
 from twistwrench.reports.motors import Demand, MotorUse

@@ -7,8 +7,8 @@ import pytest
 from motions import LOAD, SLED, WRENCH, report_of, wrapped, write_motion, write_positions
 
 from twistwrench import load, robots
-from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.model.model import Limits
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.model.model import Limits
 from twistwrench.reports.load_case import TERMS
 from twistwrench.reports.statistics import Gaps, MinMaxDecimation, Rms
 

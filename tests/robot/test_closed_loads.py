@@ -9,7 +9,7 @@ import pytest
 from mechanisms import LEGS, MASSES, G, crank_only
 
 import twistwrench as tw
-from twistwrench.model.limits import Friction
+from twistwrench.mechanics.model.limits import Friction
 from twistwrench.motion.bounds import bounds_of
 
 pytest_plugins = ("mechanism_fixtures",)

@@ -16,8 +16,8 @@ from places import ROOT
 from random_trees import DIFFERENCES, ROUNDING
 
 import twistwrench as tw
-from twistwrench.algorithms import loop_closure
-from twistwrench.model.limits import Friction
+from twistwrench.mechanics.algorithms import loop_closure
+from twistwrench.mechanics.model.limits import Friction
 from twistwrench.testing import assert_close, derivative, random_robot
 
 pytest_plugins = ("mechanism_fixtures",)

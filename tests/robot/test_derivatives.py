@@ -104,7 +104,7 @@ def test_batches_and_out():
 
 
 def test_a_massless_finger_has_no_derivative_of_forward_dynamics():
-    from twistwrench.model.builder import ModelBuilder
+    from twistwrench.mechanics.model.builder import ModelBuilder
 
     builder = ModelBuilder("finger")
     builder.add_link("base")

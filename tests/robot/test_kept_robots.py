@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
-from twistwrench.model.assembly import DEFAULT_SNAP
+from twistwrench.mechanics.model.assembly import DEFAULT_SNAP
 from twistwrench.robot import engine
 
 ARM = """<robot name="arm">
@@ -27,7 +27,12 @@ ARM = """<robot name="arm">
   <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
     <limit lower="-2" upper="2" effort="10" velocity="1"/></joint>
 </robot>"""
-HEAVY = ("twistwrench.algorithms", "twistwrench.formats", "twistwrench.model.builder", "twistwrench.ir.tracer")
+HEAVY = (
+    "twistwrench.mechanics.algorithms",
+    "twistwrench.formats",
+    "twistwrench.mechanics.model.builder",
+    "twistwrench.ir.tracer",
+)
 HEAVY += (
     "twistwrench.lowering.lower",
     "llvmlite.binding",
@@ -44,7 +49,7 @@ import os, sys
 import twistwrench as tw
 robot = tw.load({path!r}{options})
 tau = robot.inverse_dynamics(*[[0.1 * k for k in range(robot_nv)] for robot_nv in 3 * ({nv},)])
-print(tau.tobytes().hex(), "twistwrench.model.builder" in sys.modules, "llvmlite.binding" in sys.modules)
+print(tau.tobytes().hex(), "twistwrench.mechanics.model.builder" in sys.modules, "llvmlite.binding" in sys.modules)
 """
 
 
@@ -86,7 +91,7 @@ def test_what_is_kept_of_a_kernel_is_what_it_has(file, place):
     code = (
         "import sys, twistwrench as tw\nfrom twistwrench.runtime.gufunc import owner_of\n"
         f"kernel = tw.load({str(file)!r}).kernel('inverse_dynamics')\nowner = owner_of(kernel)\n"
-        "print(owner.length, owner.cost, kernel.__name__, kernel.__doc__, 'twistwrench.model.builder' in sys.modules)"
+        "print(owner.length, owner.cost, kernel.__name__, kernel.__doc__, 'twistwrench.mechanics.model.builder' in sys.modules)"
     )
     (fresh, read), (kept, read_again) = (python(code, place).rsplit(" ", 1) for _ in range(2))
     assert (read, read_again) == ("True", "False")
@@ -251,7 +256,7 @@ path = {path!r}
 robot = tw.load(path)
 q, dq, ddq = np.array([0.1, 0.2]), np.array([0.3, -0.4]), np.array([0.5, 0.6])
 found = [robot.inverse_dynamics(q, dq, ddq)]
-print("twistwrench.model.builder" in sys.modules)
+print("twistwrench.mechanics.model.builder" in sys.modules)
 open(path, "w").write("<robot name='gone'><link name='base'/></robot>")  # what was loaded is what counts
 found += [robot.inverse_dynamics(q, dq, ddq) for _ in range(4)]  # by the builtin, from the third on
 found += [robot.inverse_dynamics(*(x.astype("f") for x in (q, dq, ddq)))]
@@ -309,7 +314,7 @@ def test_kernels_with_options_are_told_apart(file, place):
 
 def test_a_robot_is_known_whatever_was_imported_before(file, place):
     torque(file, place)
-    code = "import twistwrench.algorithms.inverse_dynamics, twistwrench.ir.tracer\n" + TORQUE.format(
+    code = "import twistwrench.mechanics.algorithms.inverse_dynamics, twistwrench.ir.tracer\n" + TORQUE.format(
         path=str(file), options="", nv=2
     )
     code += "print('twistwrench.formats.urdf' in sys.modules)"
@@ -319,10 +324,10 @@ def test_a_robot_is_known_whatever_was_imported_before(file, place):
 @pytest.mark.parametrize("name", ["text", "mjcf"])
 def test_what_is_no_plain_urdf_file_is_read_each_time(tmp_path, place, name):
     if name == "text":
-        code = f"import sys, twistwrench as tw; tw.load({ARM!r}); print('twistwrench.model.builder' in sys.modules)"
+        code = f"import sys, twistwrench as tw; tw.load({ARM!r}); print('twistwrench.mechanics.model.builder' in sys.modules)"
     else:
         (tmp_path / "arm.xml").write_text(tw.load(ARM).to_mjcf())
-        code = f"import sys, twistwrench as tw; tw.load({str(tmp_path / 'arm.xml')!r}); print('twistwrench.model.builder' in sys.modules)"
+        code = f"import sys, twistwrench as tw; tw.load({str(tmp_path / 'arm.xml')!r}); print('twistwrench.mechanics.model.builder' in sys.modules)"
     assert [python(code, place, "-W", "ignore") for _ in range(2)] == ["True", "True"]
 
 

@@ -9,9 +9,9 @@ import pytest
 from random_trees import ROUNDING, frames
 
 import twistwrench as tw
-from twistwrench.algorithms.operational_space import row_numbers
-from twistwrench.lie.labelled import TWIST
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.algorithms.operational_space import row_numbers
+from twistwrench.mechanics.lie.labelled import TWIST
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import assert_close, derivative, random_robot, random_state
 
 pytest_plugins = ("random_tree_fixtures",)

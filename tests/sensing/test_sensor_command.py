@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.lie import quaternion
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.sensing.contact_detection import compensation
 from twistwrench.sensing.files import read_log, read_sensor, read_sensor_file, write_log, write_sensor
 from twistwrench.sensing.identification import identify

@@ -9,7 +9,7 @@ import pytest
 from mechanisms import GROUND, closed_platform, four_bar
 
 import twistwrench as tw
-from twistwrench.model.limits import Friction
+from twistwrench.mechanics.model.limits import Friction
 
 
 @pytest.fixture(scope="module")

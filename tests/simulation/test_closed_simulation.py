@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import twistwrench as tw
-from twistwrench.algorithms.loop_closure import small_gaps
-from twistwrench.model.limits import Friction
+from twistwrench.mechanics.algorithms.loop_closure import small_gaps
+from twistwrench.mechanics.model.limits import Friction
 from twistwrench.simulation import SimulationResult
 
 LEVEL = 0.5

@@ -11,9 +11,9 @@ from quick import mostly_slow
 from simulated import rates
 
 import twistwrench as tw
-from twistwrench.lie import quaternion
 from twistwrench.lowering import lower, scan_loop
 from twistwrench.lowering.target_machine import DOUBLE, choices, host
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.simulation import BatchComputedTorque, BatchPD
 from twistwrench.simulation import rollout_gradient as rollout_kernel

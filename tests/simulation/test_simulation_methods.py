@@ -10,7 +10,7 @@ import pytest
 from simulated import dop853, far, rates, run
 
 import twistwrench as tw
-from twistwrench.bodies.inertia import COMPOSITIONS
+from twistwrench.mechanics.bodies.inertia import COMPOSITIONS
 from twistwrench.simulation import METHODS, Partitioned, Tableau
 from twistwrench.simulation.forces import Manifold, System
 from twistwrench.simulation.schemes import (

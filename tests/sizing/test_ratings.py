@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import twistwrench as tw
 from twistwrench.core.verdict import Word
-from twistwrench.model.actuators import Motor, Thermal, gear_input
+from twistwrench.mechanics.model.actuators import Motor, Thermal, gear_input
 from twistwrench.sizing import drives
 
 UR5 = tw.robots.ur5()

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.formats.yaml import in_si
-from twistwrench.model.actuators import Thermal
+from twistwrench.mechanics.model.actuators import Thermal
 from twistwrench.sizing import catalog as catalogs
 from twistwrench.sizing import drives
 

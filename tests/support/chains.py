@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.lie import se3
-from twistwrench.model.builder import ModelBuilder
-from twistwrench.model.model import Model
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.lie import se3
+from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.model import Model
 
 # Numbers here are of order 1 and pass through a few dozen operations each.
 ROUNDING = 1e-13

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.lie import so3
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.lie import so3
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot import Robot
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 
 CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.7
 """Lengths of a crank–rocker, m: by Grashof's rule 0.3 + 0.8 < 0.6 + 0.7 the crank turns all the way round."""

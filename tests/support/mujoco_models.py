@@ -159,7 +159,7 @@ def _at(robot, model, mujoco, q, dq, ddq):
 
 
 def _com(robot, q, i):
-    from twistwrench.algorithms.recursion import base_poses, joint_poses
+    from twistwrench.mechanics.algorithms.recursion import base_poses, joint_poses
 
     T = base_poses(robot.model, joint_poses(robot.model, q))[i]
     return T[:3, :3] @ robot.model.bodies[i].inertia.com + T[:3, 3]

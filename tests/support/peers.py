@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from twistwrench.core.numbers import printed
 from twistwrench.core.third_party import captured_stderr
 from twistwrench.formats import format_of_file, load_model
 from twistwrench.formats.source import read_robot_text
 from twistwrench.formats.xml import parse
-from twistwrench.lie import quaternion
-from twistwrench.model.assembly import ROOT_JOINT
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+from twistwrench.mechanics.lie import quaternion
+from twistwrench.mechanics.model.assembly import ROOT_JOINT
 from twistwrench.robot import Robot
 
 

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from twistwrench.joints import JOINT_TYPES
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.joints import JOINT_TYPES
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import random_robot
 
 ROUNDING = 1e-11

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twistwrench.lie import quaternion
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.simulation.forces import System
 from twistwrench.simulation.schemes import scheme_of
 

@@ -87,8 +87,8 @@ def _gap(what, one, other, size=None):
 
 def arm():
     """One of everything that a file can hold."""
-    from twistwrench.model.builder import ModelBuilder
-    from twistwrench.model.model import OfferedClosure
+    from twistwrench.mechanics.model.builder import ModelBuilder
+    from twistwrench.mechanics.model.model import OfferedClosure
 
     builder = ModelBuilder("all")
     for name in ("world", "shoulder", "upper", "nut", "tool"):

@@ -12,7 +12,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.core.errors import KernelError, MissingExtraError, ShapeError, UnknownNameError, ValueRangeError
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derivation as check
 from twistwrench.symbolic import derivation as derivation_size
 from twistwrench.symbolic import derive

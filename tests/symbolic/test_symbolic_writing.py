@@ -10,7 +10,7 @@ import sympy
 
 import twistwrench as tw
 from twistwrench.core.errors import ValueRangeError
-from twistwrench.model.builder import ModelBuilder
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derive, lagrange
 from twistwrench.symbolic.documents import broken, text_width
 from twistwrench.symbolic.names import shortest

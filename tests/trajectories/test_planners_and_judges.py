@@ -10,7 +10,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.core.verdict import Word
-from twistwrench.model.couplings import Coupling, with_couplings
+from twistwrench.mechanics.model.couplings import Coupling, with_couplings
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import LoadCase, Payload

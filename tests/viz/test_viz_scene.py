@@ -11,8 +11,8 @@ from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.formats.source import find_resource
-from twistwrench.lie import se3
-from twistwrench.model.model import BASE
+from twistwrench.mechanics.lie import se3
+from twistwrench.mechanics.model.model import BASE
 from twistwrench.viz.scene import equal_inertia_ellipsoid, scene_of, turned_z
 from twistwrench.viz.surface import box, cylinder, ellipsoid, joined, sphere
 from twistwrench.viz.visuals import read_visuals

@@ -9,7 +9,7 @@ import click
 
 from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode, Verdict, Word
-from ..model.description import grouped
+from ..mechanics.model.description import grouped
 from ..reports.blocks import plain, verdict
 from ..reports.robot_summary import assignments
 from ..robot.load import save

@@ -23,8 +23,8 @@ from ..formats.actuators import actuator_content, read_log_side
 from ..identification.parameters import PARAMETER_UNITS, group_units
 from ..identification.payload import motor_side, read_motion
 from ..identification.write import OF_COUPLED_MOTORS
-from ..joints.units import heading_unit
-from ..model.couplings import with_couplings
+from ..mechanics.joints.units import heading_unit
+from ..mechanics.model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
 from ..plotting.identification import bodies_view, identification_pictures, identification_view

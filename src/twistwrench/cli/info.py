@@ -13,10 +13,10 @@ from .. import robots
 from ..core.colours import Style
 from ..core.errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import number
-from ..joints.units import heading_unit
-from ..model.couplings import coupled_entries, joint_effort
-from ..model.description import grouped
-from ..model.model import BASE, Body, Model
+from ..mechanics.joints.units import heading_unit
+from ..mechanics.model.couplings import coupled_entries, joint_effort
+from ..mechanics.model.description import grouped
+from ..mechanics.model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Branch, Line, Piece, Table, numbers, remarks, words
 from ..reports.robot_summary import as_text, link_of

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from ..algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
 from ..core.colours import Style, strong
 from ..core.errors import ConstraintWarning, PathError, ValueRangeError
 from ..core.numbers import number, percent, percent_of_limit, printed, seconds, torque
 from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
-from ..joints.units import heading_unit, units_of
-from ..model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
-from ..model.limits import Limits, over_limit
+from ..mechanics.algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
+from ..mechanics.joints.units import heading_unit, units_of
+from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
+from ..mechanics.model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits

@@ -16,8 +16,8 @@ from ..core.errors import ValueRangeError
 from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque, without_noise
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
-from ..joints.units import heading_unit, unit_of
-from ..model.limits import over_limit
+from ..mechanics.joints.units import heading_unit, unit_of
+from ..mechanics.model.limits import over_limit
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits, credible_load
 from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words

@@ -26,7 +26,7 @@ from .main import Given, option, option_group, printed_blocks, typed_words_and_n
 from .shared import show_written, write_text
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
     from ..viz.scene import Scene
 

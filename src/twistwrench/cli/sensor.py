@@ -19,9 +19,9 @@ from ..core.numbers import estimate, number, percent, quantity, seconds
 from ..core.tables import csv_table
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
-from ..joints.units import heading_unit, unit_of
-from ..lie import quaternion, so3
-from ..lie.labelled import WRENCH
+from ..mechanics.joints.units import heading_unit, unit_of
+from ..mechanics.lie import quaternion, so3
+from ..mechanics.lie.labelled import WRENCH
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.robot_summary import parse_numbers
 from ..sensing import Identification, PoseProposal, ReadingLog, identify, propose_poses, read_log, write_sensor

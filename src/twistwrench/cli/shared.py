@@ -20,7 +20,7 @@ from ..core.files import replacing
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
-from ..model.couplings import refuse_couplings
+from ..mechanics.model.couplings import refuse_couplings
 from ..reports.blocks import Block, verdict
 from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.robot_summary import assignments, parse_numbers
@@ -28,7 +28,7 @@ from .main import Decorator, Given, RobotOption, command, note, option, option_g
 
 if TYPE_CHECKING:
     from ..core.typing import Array
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
     from ..statics.clearance import PathClearance

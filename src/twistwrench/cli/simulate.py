@@ -15,7 +15,7 @@ from ..core.errors import SimulationError, ValueRangeError
 from ..core.numbers import number, residual, seconds
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
-from ..joints.units import heading_unit, unit_of
+from ..mechanics.joints.units import heading_unit, unit_of
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words

@@ -14,7 +14,7 @@ from ..core.errors import ValueRangeError
 from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
-from ..model.limits import over_limit
+from ..mechanics.model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.motion import Motion
 from ..motion.motion_log import MotionLog

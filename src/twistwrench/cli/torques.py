@@ -19,8 +19,8 @@ from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit
 from ..core.text import listed
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode, Word
-from ..joints.units import unit_of
-from ..model.limits import over_limit
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts
 from ..motion.motion_log import MotionLog

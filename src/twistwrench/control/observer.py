@@ -21,14 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.kinematics import KINDS
-from ..algorithms.operational_space import row_numbers
 from ..core import arguments
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..lie.labelled import WRENCH
+from ..mechanics.algorithms.kinematics import KINDS
+from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.lie.labelled import WRENCH
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
 from ..robot.task_space_methods import require_robot

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.operational_space import undriven
-from ..algorithms.time_scalings import PosePath
 from ..core import arguments
 from ..core.errors import FrameError, ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..lie import so3
-from ..lie.twist_wrench import Pose
-from ..model.model import BASE
+from ..mechanics.algorithms.operational_space import undriven
+from ..mechanics.algorithms.time_scalings import PosePath
+from ..mechanics.lie import so3
+from ..mechanics.lie.twist_wrench import Pose
+from ..mechanics.model.model import BASE
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 

@@ -20,14 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.operational_space import row_numbers
 from ..core import arguments
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..lie import se3, so3
-from ..lie.labelled import TWIST
+from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.lie import se3, so3
+from ..mechanics.lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
 from ..robot.closed_robot import ClosedRobot

@@ -12,7 +12,7 @@ from ..core.numbers import in_file, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
-from ..model.limits import margin
+from ..mechanics.model.limits import margin
 from ..motion.credible_values import credible_limits
 from ..motion.plausibility import BY_WEIGHT
 from ..reports.load_case import arm_entries, limits_remedy, placeholder_limits

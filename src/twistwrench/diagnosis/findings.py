@@ -13,15 +13,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ..algorithms.recursion import ancestors, base_poses
-from ..bodies.inertia import SpatialInertia
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.typing import Array
 from ..formats.edit import Edit
-from ..lie import se3
-from ..model.assembly import random_configuration
-from ..model.model import BASE, Model
+from ..mechanics.algorithms.recursion import ancestors, base_poses
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import se3
+from ..mechanics.model.assembly import random_configuration
+from ..mechanics.model.model import BASE, Model
 
 
 class Severity(StrEnum):

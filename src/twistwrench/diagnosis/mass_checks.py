@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number, percent, printed
 from ..core.text import listed
 from ..core.typing import Array
 from ..formats.edit import Edit
 from ..formats.robot_text import WrittenInertia, about_com
 from ..formats.sdf import assumed_text
-from ..model.inertia_checks import massless_links, reasons
-from ..model.model import BASE
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.inertia_checks import massless_links, reasons
+from ..mechanics.model.model import BASE
 from ..reports.load_case import reach
 from .findings import Effect, FileRepair, Finding, Severity
 from .parsed_file import ParsedFile, ParsedLink, SymmetricLinks, symmetric_links

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..algorithms.recursion import base_poses, joint_poses
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
 from ..core.files import as_path
 from ..core.text import bounded_message
@@ -27,8 +25,10 @@ from ..formats.source import is_text, robot_file
 from ..formats.urdf import add_joint, add_link, origin_of
 from ..formats.xacro import EXPAND, xacro_in
 from ..formats.xml import Element, parse
-from ..model.builder import ModelBuilder
-from ..model.model import BASE, Model
+from ..mechanics.algorithms.recursion import base_poses, joint_poses
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.model import BASE, Model
 from ..robot import Robot
 from .findings import Effect, Effects, FileRepair, Finding, Severity
 from .shapes import LinkShapes, ShapeReader, ShapeSpec

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
-from ..bodies.mesh import convex_hull
-from ..bodies.mesh_files import SUFFIXES
-from ..bodies.solids import clipped, rotational_inertia, second_moments
 from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from ..core.typing import Array
 from ..formats.source import find_resource
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.bodies.mesh import convex_hull
+from ..mechanics.bodies.mesh_files import SUFFIXES
+from ..mechanics.bodies.solids import clipped, rotational_inertia, second_moments
 from ..viz import surface
 
 _LARGEST = 200 * 2**20

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number, percent, printed, residual
 from ..core.typing import Array
 from ..formats.robot_text import WrittenInertia
 from ..formats.urdf import ENTRIES, IN_MJCF
-from ..model.inertia_checks import reasons
-from ..model.model import BASE
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.inertia_checks import reasons
+from ..mechanics.model.model import BASE
 from .findings import FileRepair, Finding, Severity
 from .parsed_file import ParsedFile, ParsedLink
 from .shapes import METRICS, nearest

@@ -16,8 +16,8 @@ from ..core.gravity import STRENGTH
 from ..core.numbers import in_file
 from ..core.typing import Array
 from ..ir.program import FUSED, TensorSpec
-from ..joints.units import unit_of
-from ..model.parameters import nominal
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.parameters import nominal
 from ..printers.c99 import FUSED_MACROS, PRECISIONS, identifier
 from ..printers.cuda import CudaFunction
 from ..robot.quantities import QUANTITIES

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.kinematics import velocity_map
 from ..core import arguments
 from ..core.errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
 from ..ir.program import Program, TensorSpec
 from ..ir.tracer import trace
-from ..lie.labelled import TWIST
+from ..mechanics.algorithms.kinematics import velocity_map
+from ..mechanics.lie.labelled import TWIST
 from ..printers.c99 import PRECISIONS, CFunction, identifier
 from ..robot.arguments import CONFIGURATIONS
 from ..robot.programs import checked_options, program_of

@@ -12,11 +12,11 @@ import numpy as np
 
 from ..core.errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
-from ..model.actuation import with_actuators, with_friction, with_link_friction
-from ..model.actuators import Actuator, Motor, Rotor, Thermal
-from ..model.couplings import Coupling, with_couplings, without_couplings
-from ..model.edit import with_armature
-from ..model.model import Model
+from ..mechanics.model.actuation import with_actuators, with_friction, with_link_friction
+from ..mechanics.model.actuators import Actuator, Motor, Rotor, Thermal
+from ..mechanics.model.couplings import Coupling, with_couplings, without_couplings
+from ..mechanics.model.edit import with_armature
+from ..mechanics.model.model import Model
 from .yaml import Section, Source, plain_number, read_yaml, shown
 
 _PER_METRE: dict[str, Callable[[float], float]] = {

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.errors import InertiaError, ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..lie import se3
-from ..lie.adjoint import Ad
-from ..model.builder import ModelBuilder
-from ..model.model import Model
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import se3
+from ..mechanics.lie.adjoint import Ad
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.model import Model
 
 COLUMNS = ("theta", "d", "a", "alpha")
 """Columns of a table: rotation and translation about and along z [rad, m], then along and about x [m, rad]."""

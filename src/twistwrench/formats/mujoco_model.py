@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import ModelError
-from ..model.builder import ModelBuilder
-from ..model.description import ModelNote
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.description import ModelNote
 from .known_elements import LEFT_OUT
 from .mjcf import read_mjcf
 from .mjcf.bodies import WORLD

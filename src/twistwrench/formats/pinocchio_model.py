@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import MissingExtraError, ModelError
 from ..core.typing import Array
-from ..joints import Joint
-from ..model.builder import ModelBuilder
-from ..model.couplings import joint_effort
-from ..model.description import Mimic, unused
-from ..model.model import BASE, Model
-from ..model.parts import disassemble
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.joints import Joint
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.couplings import joint_effort
+from ..mechanics.model.description import Mimic, unused
+from ..mechanics.model.model import BASE, Model
+from ..mechanics.model.parts import disassemble
 from .urdf import known_limits
 from .writers.written import Losses, configurations_of, drive_of, moved, screw_of
 
@@ -195,7 +195,7 @@ def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None
 
 
 def _add_configuration(builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str]) -> None:
-    from ..joints import JOINT_TYPES
+    from ..mechanics.joints import JOINT_TYPES
 
     positions: dict[str, Array] = {}
     for j in range(1, model.njoints):

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import ModelError, TwistWrenchError
 from ..core.numbers import in_file
 from ..core.typing import Array
-from ..lie import se3
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import se3
 from . import sdf, urdf
 from .edit import ELSEWHERE, FOUND, Edit, TextChanges
 from .mjcf import bodies as mjcf

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import RobotFileError, UnknownNameError
 from ..core.text import listed
 from ..core.typing import Array
-from ..joints.screw_joint import screw_through
-from ..lie import quaternion, se3
-from ..model.builder import ModelBuilder
-from ..model.description import Mimic
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.joints.screw_joint import screw_through
+from ..mechanics.lie import quaternion, se3
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.description import Mimic
 from .known_elements import unread
 from .urdf import known_limits, rotation_of_rpy, tensor_of
 from .xml import Element

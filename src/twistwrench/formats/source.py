@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
-from ..bodies.mesh_files import SUFFIXES
 from ..core.errors import NotFoundError, RobotFileError
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
+from ..mechanics.bodies.mesh_files import SUFFIXES
 
 MAX_BYTES = 64 * 2**20
 """Largest accepted file [bytes]; the largest robot descriptions in use have a few MiB."""

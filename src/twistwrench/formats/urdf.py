@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import RobotFileError
 from ..core.numbers import printed
 from ..core.text import clipped
 from ..core.typing import Array
-from ..lie import quaternion, se3, so3
-from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
-from ..model.assembly import DEFAULT_SNAP, snap_rotation
-from ..model.builder import ModelBuilder
-from ..model.description import Mimic
-from ..model.model import OfferedClosure
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import quaternion, se3, so3
+from ..mechanics.lie.identity import IDENTITY, UPRIGHT, pose_rows
+from ..mechanics.model.assembly import DEFAULT_SNAP, snap_rotation
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.description import Mimic
+from ..mechanics.model.model import OfferedClosure
 from .known_elements import unread
 from .xml import Element
 
@@ -63,7 +63,7 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
     """Builder with the links and joints of a ``<robot>`` element; ``snap`` applies to inertial frames.
 
     Raises :class:`~twistwrench.RobotFileError` with element and line for violations of the format, and the errors of
-    :class:`~twistwrench.model.builder.ModelBuilder` for inconsistent robots.
+    :class:`~twistwrench.mechanics.model.builder.ModelBuilder` for inconsistent robots.
     """
     builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
     notes = unread("URDF", robot)

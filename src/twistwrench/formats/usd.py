@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.child_process import ChildLimits, run_in_child, sandboxed
 from ..core.errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..core.gravity import STRENGTH
@@ -25,13 +24,14 @@ from ..core.numbers import printed
 from ..core.text import clipped, listed
 from ..core.third_party import captured_stderr, reason_of, third_party_errors
 from ..core.typing import Array
-from ..joints.screw_joint import screw_through
-from ..lie import quaternion, se3, so3
-from ..lie.identity import IDENTITY, pose_rows
-from ..lie.labelled import TWIST
-from ..model.assembly import ROOT_JOINT
-from ..model.builder import ModelBuilder
-from ..model.model import OfferedClosure
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.joints.screw_joint import screw_through
+from ..mechanics.lie import quaternion, se3, so3
+from ..mechanics.lie.identity import IDENTITY, pose_rows
+from ..mechanics.lie.labelled import TWIST
+from ..mechanics.model.assembly import ROOT_JOINT
+from ..mechanics.model.builder import ModelBuilder
+from ..mechanics.model.model import OfferedClosure
 from .known_elements import LeftOut, Unread
 from .sdf import add_ball
 from .xml import MOST_BODIES

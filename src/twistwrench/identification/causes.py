@@ -28,11 +28,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.estimation.filters import UniformSpline, lagged, low_pass
 from ..core.typing import Array
-from ..lie import so3
-from ..model.model import BASE
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import so3
+from ..mechanics.model.model import BASE
 from .parameters import BaseParameters
 from .rows import SteadySamples, of_springs, states_with_rows
 

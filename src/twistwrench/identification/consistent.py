@@ -19,8 +19,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..algorithms.inverse_dynamics import PARAMETER_NAMES
-from ..bodies.inertia import SpatialInertia
 from ..core.estimation.least_squares import (
     Information,
     NormalEquations,
@@ -33,7 +31,9 @@ from ..core.estimation.least_squares import (
 from ..core.numbers import number
 from ..core.text import listed
 from ..core.typing import Array
-from ..model.actuation import with_friction
+from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.actuation import with_friction
 from ..robot import Robot
 from .parameters import DRIVE, BaseParameters
 

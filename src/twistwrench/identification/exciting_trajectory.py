@@ -18,8 +18,8 @@ from ..core.numbers import number, printed
 from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..model.couplings import refuse_couplings
-from ..model.limits import Limits
+from ..mechanics.model.couplings import refuse_couplings
+from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_of
 from ..motion.motion import Motion
 from ..robot import Robot

@@ -22,16 +22,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..core.doubts import undetermined_table
 from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent
 from ..core.text import listed
 from ..core.typing import Array
-from ..joints.units import units_of
-from ..model.couplings import without_couplings
-from ..model.model import BASE, Model
+from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..mechanics.joints.units import units_of
+from ..mechanics.model.couplings import without_couplings
+from ..mechanics.model.model import BASE, Model
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 

@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from ..algorithms.inverse_dynamics import PARAMETER_NAMES
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from ..formats.actuators import read_log_side
 from ..formats.yaml import Source
 from ..log_checks.contradictions import Contradictions
-from ..model.couplings import motor_velocities, refuse_couplings, with_couplings, without_couplings
-from ..model.model import BASE, Model
+from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.couplings import motor_velocities, refuse_couplings, with_couplings, without_couplings
+from ..mechanics.model.model import BASE, Model
 from ..motion.motion import Motion
 from ..motion.motion_file import open_motion_file
 from ..motion.motion_log import LogRows, MotionLog

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.doubts import Doubt, verdict_from_doubts
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.estimation.covariance import GroupCovariance
@@ -24,7 +23,8 @@ from ..core.numbers import percent, printed
 from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..model.model import BASE
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.model import BASE
 from ..robot import Robot
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups

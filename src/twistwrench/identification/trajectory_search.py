@@ -21,7 +21,7 @@ from numpy.polynomial import polynomial
 
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.typing import Array
-from ..model.limits import Limits
+from ..mechanics.model.limits import Limits
 from ..robot import Robot
 from ..statics.capsules import MARGIN, CapsuleDistances, Pullback
 from .parameters import BaseParameters

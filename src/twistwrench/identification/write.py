@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.files import as_path, replacing
 from ..core.numbers import number, percent
@@ -20,9 +19,10 @@ from ..diagnosis.parsed_file import Subject, read_subject
 from ..formats.edit import TextChanges, encoded
 from ..formats.robot_text import TEXTS
 from ..formats.xml import parse
-from ..joints.units import unit_of
-from ..lie import se3
-from ..model.model import BASE, Model
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.joints.units import unit_of
+from ..mechanics.lie import se3
+from ..mechanics.model.model import BASE, Model
 from ..robot import Robot, load
 from .consistent import ConsistentRobot
 

@@ -25,10 +25,10 @@ from ..core.estimation.sampling import (
 from ..core.numbers import number, percent, printed, seconds
 from ..core.text import listed
 from ..core.typing import Array
-from ..model.limits import known_velocities
+from ..mechanics.model.limits import known_velocities
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..motion.coordinates import Coordinates
     from ..motion.motion import Motion
     from ..motion.motion_log import LogRows

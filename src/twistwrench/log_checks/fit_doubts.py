@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
 from ..core.doubts import Doubt, doubt, doubt_table
 from ..core.estimation.cross_validation import HeldOut
 from ..core.estimation.least_squares import Prior
@@ -18,7 +17,8 @@ from ..core.estimation.sampling import cut_off, moves
 from ..core.numbers import number, percent, plus_minus, printed
 from ..core.text import listed
 from ..core.typing import Array
-from ..model.model import BASE
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.model import BASE
 
 if TYPE_CHECKING:
     from ..identification.hyperparameters import FitSettings

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array, Poses
-from ..lie import se3
-from ..lie.adjoint import Ad
+from ..mechanics.algorithms.time_scalings import PosePath, cubic_share, quintic_share
+from ..mechanics.lie import se3
+from ..mechanics.lie.adjoint import Ad
 from ..robot import Robot, from_screws
 from .matrices import log6, pose_argument
 

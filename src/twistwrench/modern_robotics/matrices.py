@@ -13,7 +13,7 @@ from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array, Poses, Rotations, Twists
-from ..lie import se3, so3
+from ..mechanics.lie import se3, so3
 
 # ── Rotations ──
 
@@ -239,7 +239,7 @@ def _lower(diagonal: Array, below: Array) -> Array:
 def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Twists:
     """Screw axis (s, q × s + h s) through a point along a unit vector with a pitch (MR section 3.3.2.2).
 
-    s is not normalised, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis` normalises it.
+    s is not normalised, as in the book's package; ``screw_axis`` of :mod:`twistwrench.mechanics.lie.axis` normalises it.
 
     Parameters
     ----------

@@ -14,15 +14,15 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..joints.units import Part, unit_of
-from ..model.assembly import follower_torques
-from ..model.couplings import drive_turns, motor_torques
-from ..model.limits import TOLERANCE, Limits, margin
+from ..mechanics.joints.units import Part, unit_of
+from ..mechanics.model.assembly import follower_torques
+from ..mechanics.model.couplings import drive_turns, motor_torques
+from ..mechanics.model.limits import TOLERANCE, Limits, margin
 from ..robot.task_space_methods import require_robot
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
     from ..robot import Robot
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.errors import TrajectoryError
 from ..core.typing import Array
-from ..lie.labelled import WRENCH
+from ..mechanics.lie.labelled import WRENCH
 
 SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque"}
 """Suffixes of a joint's name in written files, for each part of a motion."""

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.typing import Array
-from ..joints.units import units_of
-from ..model.couplings import drive_turns
-from ..model.model import Model
+from ..mechanics.joints.units import units_of
+from ..mechanics.model.couplings import drive_turns
+from ..mechanics.model.model import Model
 from .column_names import DEGREES, SUFFIX
 
 
@@ -62,7 +62,7 @@ class Coordinates:
     drive_turns: tuple[bool, ...] = ()
     """True for drive torques in N m, False for forces in N."""
     coupled: tuple[tuple[Array, Array, Array], ...] = ()
-    """Indices of coupled joints and matrices of their motors, see :attr:`twistwrench.model.model.Model.coupled`."""
+    """Indices of coupled joints and matrices of their motors, see :attr:`twistwrench.mechanics.model.model.Model.coupled`."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
         """Column names of a quantity in written files.

@@ -12,13 +12,13 @@ from ..core.doubts import Doubt, doubt
 from ..core.gravity import STRENGTH
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..model.limits import FASTEST_TURN
-from ..model.model import BASE, Model
+from ..mechanics.model.limits import FASTEST_TURN
+from ..mechanics.model.model import BASE, Model
 from .coordinates import Coordinates
 from .plausibility import BY_WEIGHT, shared_round, weight_torques
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
 
 _UNITS = (STRENGTH, 10.0, math.degrees(1.0), 10 * STRENGTH, 100.0, 100 * STRENGTH, 1000.0)

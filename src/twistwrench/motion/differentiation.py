@@ -13,7 +13,7 @@ from ..core.errors import TrajectoryError
 from ..core.estimation.least_squares import MAD
 from ..core.estimation.noise import SampleErrors, Survey, sample_errors, survey
 from ..core.typing import Array
-from ..model.model import Model
+from ..mechanics.model.model import Model
 from .bounds import velocities_inside
 from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import excerpts, windows

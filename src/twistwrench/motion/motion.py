@@ -24,7 +24,7 @@ from ..core.numbers import printed
 from ..core.tables import csv_table
 from ..core.typing import Array
 from ..log_checks.contradictions import Contradictions
-from ..model.limits import Limits
+from ..mechanics.model.limits import Limits
 from ..robot.task_space_methods import require_robot
 from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column

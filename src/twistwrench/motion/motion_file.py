@@ -20,7 +20,7 @@ from ..core.child_process import sandboxed
 from ..core.errors import TrajectoryError, TwistWrenchError
 from ..core.files import as_path
 from ..core.typing import Array
-from ..model.model import Model
+from ..mechanics.model.model import Model
 from .array_files import ArrayFile, array_file, is_archive, simulation_file
 from .child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970

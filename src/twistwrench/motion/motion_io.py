@@ -15,8 +15,8 @@ from ..core import arguments
 from ..core.errors import MissingExtraError, ShapeError, TrajectoryError
 from ..core.glossary import complete
 from ..core.typing import Array
-from ..joints.units import unit_of, units_of
-from ..model.model import Model
+from ..mechanics.joints.units import unit_of, units_of
+from ..mechanics.model.model import Model
 from .array_files import ArrayFile
 from .column_names import time_meaning
 from .coordinates import Coordinates

@@ -20,10 +20,10 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
 from ..core.text import ReadingNote, listed
 from ..core.typing import Array
-from ..joints.units import unit_of
 from ..log_checks.contradictions import Contradictions, stamp_doubts
-from ..model.limits import Limits
-from ..model.model import Model
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.limits import Limits
+from ..mechanics.model.model import Model
 from . import log_table
 from .array_files import ArrayFile
 from .column_names import date_note, time_column

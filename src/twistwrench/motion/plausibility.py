@@ -23,12 +23,12 @@ from ..core.estimation.noise import quantum
 from ..core.numbers import number, seconds
 from ..core.text import listed
 from ..core.typing import Array
-from ..joints.units import unit_of
-from ..model.couplings import drive_turns
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.couplings import drive_turns
 from .bounds import RunningExtrema
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
     from .coordinates import Coordinates
 

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..algorithms.kinematics import brackets
 from ..core.errors import TrajectoryError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..model.model import Model
+from ..mechanics.algorithms.kinematics import brackets
+from ..mechanics.model.model import Model
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.typing import Array
-from ..joints.units import torque_word
+from ..mechanics.joints.units import torque_word
 from ..robot.explanation import MOTION_TERMS, Explanation
 from ..sensing.log import ReadingLog
 from ..sensing.outliers import runs

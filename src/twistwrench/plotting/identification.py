@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ..bodies.inertia import SpatialInertia
-from ..bodies.mesh import hull_faces
 from ..core.colours import Style
 from ..core.errors import ValueRangeError
 from ..core.numbers import estimate, number, percent, plus_minus
 from ..core.text import listed
 from ..core.typing import Array
-from ..joints.units import heading_unit, unit_of, units_of
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.bodies.mesh import hull_faces
+from ..mechanics.joints.units import heading_unit, unit_of, units_of
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..reports.page import Picture

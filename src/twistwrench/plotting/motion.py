@@ -12,9 +12,9 @@ from ..core.errors import UnknownNameError
 from ..core.glossary import complete
 from ..core.numbers import number, percent_of_limit, quantity
 from ..core.typing import Array
-from ..joints.units import torque_word, unit_of
-from ..model.couplings import joint_effort, motor_torques
-from ..model.limits import Limits, over_limit
+from ..mechanics.joints.units import torque_word, unit_of
+from ..mechanics.model.couplings import joint_effort, motor_torques
+from ..mechanics.model.limits import Limits, over_limit
 from ..motion.bounds import bounds_or_own
 from ..motion.coordinates import Coordinates
 from ..viz.drawn_motion import DrawnMotion

@@ -13,7 +13,7 @@ from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, rounded_down
 from ..core.typing import Array
-from ..model.limits import over_limit
+from ..mechanics.model.limits import over_limit
 from ..statics.force_capability import (
     WrenchEllipsoid,
     WrenchPolytope,

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number, residual
-from ..model.couplings import motor_torques
-from ..model.limits import Limits
+from ..mechanics.model.couplings import motor_torques
+from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_or_own
 from ..trajectories.fastest import Fastest
 from ..trajectories.trajectory import required_torques

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..core.numbers import deviation, number, percent_of_limit, seconds
 from ..core.typing import Array
-from ..joints.units import torque_word
-from ..model.limits import margin, over_limit
+from ..mechanics.joints.units import torque_word
+from ..mechanics.model.limits import margin, over_limit
 from ..reports.load_case import cause_label
 from ..reports.motors import MotorUse
 from ..reports.statistics import INTERVAL

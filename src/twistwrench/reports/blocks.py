@@ -17,7 +17,7 @@ from ..core.colours import NEAR_LIMIT, Style, word_style
 from ..core.numbers import MISSING, number, percent_of_limit
 from ..core.text import ReadingNote
 from ..core.verdict import Word
-from ..model.limits import over_limit
+from ..mechanics.model.limits import over_limit
 
 Piece: TypeAlias = str | tuple[str, str]
 """Text, or text with its style."""

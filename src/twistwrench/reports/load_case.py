@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.inverse_dynamics import MotorLoads, motor_loads
-from ..bodies.inertia import SpatialInertia
 from ..core.doubts import Doubt
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, percent, printed, quantity, rounded_down, seconds
 from ..core.text import listed
 from ..core.typing import Array
-from ..joints.units import unit_of, units_of
-from ..model.assembly import follower_torques
-from ..model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
-from ..model.limits import Limits, known_velocities
-from ..model.model import BASE, Model
+from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.joints.units import unit_of, units_of
+from ..mechanics.model.assembly import follower_torques
+from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
+from ..mechanics.model.limits import Limits, known_velocities
+from ..mechanics.model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_load
 from ..motion.differentiation import MotionSamples
@@ -33,7 +33,7 @@ from .robot_summary import StatedLimits, parse_numbers
 from .sentences import sentence
 
 if TYPE_CHECKING:
-    from ..model.model import Body, Model
+    from ..mechanics.model.model import Body, Model
     from ..robot import Robot
     from ..robot.explanation import Explanation
 

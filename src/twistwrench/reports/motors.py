@@ -11,14 +11,14 @@ import numpy as np
 
 from ..core.numbers import deviation, number, percent_of_limit, quantity, seconds
 from ..core.typing import Array
-from ..model.limits import over_limit
+from ..mechanics.model.limits import over_limit
 from ..motion.bounds import RunningExtrema
 from .statistics import Rms
 
 if TYPE_CHECKING:
-    from ..algorithms.inverse_dynamics import MotorLoads
-    from ..model.actuators import Actuator, Motor
-    from ..model.model import Model
+    from ..mechanics.algorithms.inverse_dynamics import MotorLoads
+    from ..mechanics.model.actuators import Actuator, Motor
+    from ..mechanics.model.model import Model
 
 _MOST_POINTS = 4096
 SURE_LOAD = 3.0

@@ -23,14 +23,14 @@ from ..core.verdict import Word
 from ..formats.source import find_resource, read_robot_text
 from ..formats.writers import write_urdf
 from ..formats.xml import Element, parse, xml_text
-from ..joints.units import unit_of
-from ..lie import quaternion, se3
-from ..model.couplings import joint_effort
+from ..mechanics.joints.units import unit_of
+from ..mechanics.lie import quaternion, se3
+from ..mechanics.model.couplings import joint_effort
 from ..motion.column_names import SINCE_1970
 from ..motion.coordinates import Coordinates
 
 if TYPE_CHECKING:
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
     from ..motion.motion import Motion
     from ..robot import Robot
     from .torque_report import TorqueReport

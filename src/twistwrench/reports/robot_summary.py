@@ -18,10 +18,10 @@ from ..core.numbers import number, printed
 from ..core.tables import CsvWriter
 from ..core.text import listed
 from ..core.typing import Array
-from ..joints.units import heading_unit, unit_of
-from ..model.couplings import coupled_entries, joint_effort, refuse_coupled
-from ..model.limits import Limits
-from ..model.model import BASE, Body, Model
+from ..mechanics.joints.units import heading_unit, unit_of
+from ..mechanics.model.couplings import coupled_entries, joint_effort, refuse_coupled
+from ..mechanics.model.limits import Limits
+from ..mechanics.model.model import BASE, Body, Model
 from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
 from ..motion.csv_reader import CsvFile, Dialect, table_errors

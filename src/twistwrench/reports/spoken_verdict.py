@@ -12,8 +12,8 @@ from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
 from ..core.verdict import Word
-from ..joints.units import unit_of
-from ..model.limits import TOLERANCE
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.limits import TOLERANCE
 from ..motion.coordinates import Coordinates
 from ..motion.motion_log import ASKED
 from . import load_case
@@ -48,8 +48,8 @@ from .torque_verdict import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..model.limits import Limits
-    from ..model.model import Model
+    from ..mechanics.model.limits import Limits
+    from ..mechanics.model.model import Model
     from ..motion.bounds import Violation
     from ..statics.clearance import PathClearance
 

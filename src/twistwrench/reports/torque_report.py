@@ -19,9 +19,9 @@ from ..core.estimation.noise import Survey, noise
 from ..core.numbers import printed, torque
 from ..core.tables import csv_table
 from ..core.typing import Array
-from ..joints.units import unit_of
-from ..model.couplings import drive_turns
-from ..model.limits import margin
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.couplings import drive_turns
+from ..mechanics.model.limits import margin
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
@@ -35,7 +35,7 @@ from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSear
 
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..statics.clearance import PathClearance
 
 ZERO = 1e-9

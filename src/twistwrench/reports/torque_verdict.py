@@ -14,11 +14,11 @@ from ..core.gravity import STRENGTH
 from ..core.numbers import deviation, number, percent, percent_of_limit, seconds, torque
 from ..core.text import ReadingNote, listed
 from ..core.verdict import Verdict, Word
-from ..joints.units import unit_of
-from ..model.inertia_checks import massless_links
-from ..model.legs import hanging_base
-from ..model.limits import Limits, over_limit
-from ..model.model import BASE, Model
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.inertia_checks import massless_links
+from ..mechanics.model.legs import hanging_base
+from ..mechanics.model.limits import Limits, over_limit
+from ..mechanics.model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
 from ..motion.plausibility import Origin

@@ -14,8 +14,8 @@ from ..core.errors import FrameError, ShapeError
 from ..core.typing import Array
 
 if TYPE_CHECKING:
-    from ..lie.twist_wrench import Wrench
-    from ..model.model import Model
+    from ..mechanics.lie.twist_wrench import Wrench
+    from ..mechanics.model.model import Model
 
 
 Kind = Literal["body", "space", "world_aligned"]
@@ -162,7 +162,7 @@ def unlabelled(F: Wrench, frame: str) -> Array:
 
 def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     """Components (..., 6) of a wrench at a frame, float64 or float32."""
-    from ..lie.twist_wrench import Wrench
+    from ..mechanics.lie.twist_wrench import Wrench
 
     model.frame(frame)
     frame = str(frame)

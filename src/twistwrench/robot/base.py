@@ -18,9 +18,9 @@ from .engine import CachedModel, Engine
 
 if TYPE_CHECKING:
     from ..ir.program import Program
-    from ..model.actuators import Actuator
-    from ..model.limits import Limits
-    from ..model.model import Model, OfferedClosure
+    from ..mechanics.model.actuators import Actuator
+    from ..mechanics.model.limits import Limits
+    from ..mechanics.model.model import Model, OfferedClosure
     from ..runtime.dispatch import CallSignature
     from .programs import KernelOptions
     from .robot import Robot
@@ -162,7 +162,7 @@ class RobotBase:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
-        from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+        from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 
         return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
 
@@ -207,7 +207,7 @@ class RobotBase:
         -------
         q : (nq,) array
         """
-        from ..model import assembly as configuration
+        from ..mechanics.model import assembly as configuration
 
         return configuration.from_names(self.model, joints)
 
@@ -225,7 +225,7 @@ class RobotBase:
         q : (*size, nq) array
         """
         from ..core import arguments
-        from ..model import assembly as configuration
+        from ..mechanics.model import assembly as configuration
 
         try:
             shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
@@ -309,7 +309,7 @@ class RobotBase:
         >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
         [-39.18, -69.68]
         """
-        from ..model.parameters import matching, nominal
+        from ..mechanics.model.parameters import matching, nominal
 
         known = nominal(self.model)
         return {name: known[name] for name in matching(self.model, patterns or ("*",))}

@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.constraints import (
+from ..core import arguments, third_party
+from ..core.errors import KernelError, ValueRangeError
+from ..core.glossary import complete
+from ..core.numbers import printed
+from ..core.typing import Array
+from ..mechanics.algorithms.constraints import (
     Closure,
     ConstrainedDerivatives,
     ConstrainedMotion,
@@ -27,14 +32,9 @@ from ..algorithms.constraints import (
     balance,
     constrained_derivatives,
     with_gaps,
-)  # fmt: skip
-from ..algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
-from ..core import arguments, third_party
-from ..core.errors import KernelError, ValueRangeError
-from ..core.glossary import complete
-from ..core.numbers import printed
-from ..core.typing import Array
-from ..lie.labelled import TWIST
+)
+from ..mechanics.algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
+from ..mechanics.lie.labelled import TWIST
 from . import constraints as checks
 from .arguments import Wrenches, finite_states
 from .constraints import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes

@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.constraints import (
+from ..core import arguments, third_party
+from ..core.errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ..core.glossary import complete
+from ..core.numbers import printed
+from ..core.typing import Array
+from ..mechanics.algorithms.constraints import (
     SINGULAR,
     UNBALANCED,
     Closure,
@@ -23,19 +28,14 @@ from ..algorithms.constraints import (
     place_of,
     row_names,
     with_gaps,
-)  # fmt: skip
-from ..algorithms.kinematics import KINDS
-from ..algorithms.loop_closure import ConstraintProjector, through, usual_sizes
-from ..algorithms.operational_space import row_numbers
-from ..core import arguments, third_party
-from ..core.errors import ConstraintError, ConstraintWarning, UnknownNameError
-from ..core.glossary import complete
-from ..core.numbers import printed
-from ..core.typing import Array
-from ..joints import Planar
-from ..lie.labelled import TWIST
-from ..model.couplings import refuse_couplings
-from ..model.model import BASE, Body, Model
+)
+from ..mechanics.algorithms.kinematics import KINDS
+from ..mechanics.algorithms.loop_closure import ConstraintProjector, through, usual_sizes
+from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.joints import Planar
+from ..mechanics.lie.labelled import TWIST
+from ..mechanics.model.couplings import refuse_couplings
+from ..mechanics.model.model import BASE, Body, Model
 from .arguments import Rows, finite_states
 
 if TYPE_CHECKING:

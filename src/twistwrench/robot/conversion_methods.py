@@ -17,7 +17,7 @@ from .base import RobotBase
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
-    from ..bodies.inertia import SpatialInertia
+    from ..mechanics.bodies.inertia import SpatialInertia
     from .programs import KernelOptions
     from .robot import Robot
 
@@ -40,8 +40,8 @@ class EditMethods(RobotBase):
         >>> bool(abs(loaded.gravity_forces(ur5.neutral)[1]) > abs(ur5.gravity_forces(ur5.neutral)[1]))
         True
         """
-        from ..bodies.inertia import SpatialInertia
-        from ..model import edit
+        from ..mechanics.bodies.inertia import SpatialInertia
+        from ..mechanics.model import edit
 
         if not isinstance(payload, SpatialInertia):
             raise ShapeError(
@@ -57,7 +57,7 @@ class EditMethods(RobotBase):
         -------
         robot : Robot
         """
-        from ..model import edit
+        from ..mechanics.model import edit
 
         return self._of_model(edit.with_gravity(self.model, gravity))
 
@@ -97,7 +97,7 @@ class EditMethods(RobotBase):
         """
         if not isinstance(joints, Mapping):
             raise ShapeError(f"with_armature takes a dict {{joint: kg m² or kg}}, got {joints!r}.")
-        from ..model import edit
+        from ..mechanics.model import edit
 
         return self._of_model(edit.with_armature(self.model, joints))
 
@@ -114,7 +114,7 @@ class EditMethods(RobotBase):
         """
         if not isinstance(joints, Mapping):
             raise ShapeError(f"lock takes a dict {{joint: position}}, got {joints!r}.")
-        from ..model import edit
+        from ..mechanics.model import edit
 
         return self._of_model(edit.lock(self.model, joints))
 
@@ -150,7 +150,7 @@ class EditMethods(RobotBase):
         >>> both.joint_names[-3:]
         ('wrist_3_joint', 'hand_joint1', 'hand_joint2')
         """
-        from ..model import joining
+        from ..mechanics.model import joining
 
         T = np.eye(4) if pose is None else arguments.pose(pose, "attach: pose")
         return self._of_model(joining.attach(self.model, require_robot(other, "attach").model, frame, T, prefix))
@@ -186,7 +186,7 @@ class EditMethods(RobotBase):
         >>> tw.robots.quadruped().chain("trunk", "FL_foot").nv
         3
         """
-        from ..model import joining
+        from ..mechanics.model import joining
 
         return self._of_model(joining.chain(self.model, base, tip))
 
@@ -288,7 +288,7 @@ def _text(robot: Any, form: str) -> str:
 
 
 def _warn(name: str, form: str, lost: Iterable[str]) -> None:
-    from ..model.description import frames_to_user, grouped
+    from ..mechanics.model.description import frames_to_user, grouped
 
     for sentence in grouped(lost):
         warnings.warn(f"robot {name!r} as {form}: {sentence}.", ModelWarning, stacklevel=frames_to_user())

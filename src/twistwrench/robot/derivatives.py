@@ -208,7 +208,7 @@ class DerivativeMethods(RobotBase):
         by_q, by_dq, by_tau = self._open().forward_dynamics_derivatives(q, dq, tau)
         n, batch = self.nv, by_q.shape[:-2]
         A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
-        from ..algorithms.kinematics import brackets
+        from ..mechanics.algorithms.kinematics import brackets
 
         A[..., :n, :n] = np.einsum("bad,...a->...db", brackets(self.model), np.asarray(dq, float))
         A[..., :n, n:] = np.eye(n)

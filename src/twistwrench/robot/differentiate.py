@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..algorithms.kinematics import brackets, moving_parts
 from ..core.errors import KernelError, ShapeError, TwistWrenchError, UnknownNameError
 from ..core.typing import Array
 from ..ir import autodiff
 from ..ir.expr import Expr
 from ..ir.tracer import Trace, trace
-from ..model.model import Model
+from ..mechanics.algorithms.kinematics import brackets, moving_parts
+from ..mechanics.model.model import Model
 from .engine import compiled
 from .quantities import Shape
 from .robot import Robot

@@ -17,7 +17,7 @@ from ..core import arguments, object_cache, third_party
 from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..core.files import read_bytes
 from ..core.typing import Array
-from ..lie import series
+from ..mechanics.lie import series
 from ..runtime import batch_threads
 from ..runtime.interpreter import compiles
 from .arguments import Wrenches, brought, by_frame, is_symbolic, misfit, numbers
@@ -25,7 +25,7 @@ from .arguments import Wrenches, brought, by_frame, is_symbolic, misfit, numbers
 if TYPE_CHECKING:
     from ..ir.loops import Form
     from ..ir.program import Program
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
     from ..runtime.dispatch import CallSignature
 
 Options = Mapping[str, Any]
@@ -305,7 +305,7 @@ class Engine:
 
     def require_invertible(self) -> None:
         """Raise SingularMassMatrixError, naming the joints, if M has no inverse at a generic configuration."""
-        from ..model.assembly import random_configuration
+        from ..mechanics.model.assembly import random_configuration
 
         if self.model.nv == 0:
             return
@@ -466,7 +466,7 @@ SHAPES = {
 
 
 class ExponentialKernel:
-    """Function of :mod:`~twistwrench.lie.se3`, compiled for one row and for many."""
+    """Function of :mod:`~twistwrench.mechanics.lie.se3`, compiled for one row and for many."""
 
     def __init__(self, name: str) -> None:
         self.name, (self.given, self.found) = name, SHAPES[name]
@@ -504,7 +504,7 @@ class ExponentialKernel:
 
     @property
     def _text(self) -> Callable[[Array], tuple[Array, Any]]:
-        from ..lie import se3 as exponentials
+        from ..mechanics.lie import se3 as exponentials
 
         found: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
         return found
@@ -517,10 +517,10 @@ class ExponentialKernel:
 
 @cache
 def kernel(name: str) -> ExponentialKernel | None:
-    """Kernel of a function of :mod:`~twistwrench.lie.se3`; None if programs run on NumPy."""
+    """Kernel of a function of :mod:`~twistwrench.mechanics.lie.se3`; None if programs run on NumPy."""
     return ExponentialKernel(name) if compiles() else None
 
 
 def install() -> None:
-    """Install compiled kernels for exp and log of :mod:`~twistwrench.lie`."""
+    """Install compiled kernels for exp and log of :mod:`~twistwrench.mechanics.lie`."""
     series.compiler = kernel

@@ -16,9 +16,9 @@ from ..core.errors import ShapeError, UnknownNameError
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.typing import Array
-from ..joints.units import units_of
-from ..model.actuation import counted
-from ..model.model import BASE, Model
+from ..mechanics.joints.units import units_of
+from ..mechanics.model.actuation import counted
+from ..mechanics.model.model import BASE, Model
 
 MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 """M ddq; terms with dq_i²; terms with dq_i dq_j; g."""
@@ -259,7 +259,7 @@ def _causes(model: Model) -> dict[str, Array]:
 
 def _moved(parameters: Array, T: Array) -> Array:
     """Inertial parameters transformed from frame {b} to {a}; linear, so that differences can be transformed too."""
-    from ..bodies.inertia import SpatialInertia
+    from ..mechanics.bodies.inertia import SpatialInertia
 
     return SpatialInertia.from_parameters(parameters).in_frame(T).parameters
 

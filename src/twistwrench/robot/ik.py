@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.operational_space import row_numbers
 from ..core import arguments
 from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
 from ..ir.loops import PLACES
-from ..joints.screw_joint import ScrewJoint
-from ..lie import se3, so3
-from ..model.assembly import random_configuration
-from ..model.description import frames_to_user
+from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.joints.screw_joint import ScrewJoint
+from ..mechanics.lie import se3, so3
+from ..mechanics.model.assembly import random_configuration
+from ..mechanics.model.description import frames_to_user
 from .ik_search import Frames, LoopClosureSolver, PoseSearch, SinglePose
 
 if TYPE_CHECKING:

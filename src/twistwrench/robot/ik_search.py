@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.constraints import Closure
-from ..algorithms.loop_closure import LoopRows
-from ..algorithms.newton_step import NewtonStep
 from ..core.errors import ConstraintError
 from ..core.typing import Array
 from ..ir.loops import PLACES, Search
 from ..ir.program import TensorSpec
 from ..ir.tracer import trace
-from ..model.assembly import random_configuration
-from ..model.model import Model
+from ..mechanics.algorithms.constraints import Closure
+from ..mechanics.algorithms.loop_closure import LoopRows
+from ..mechanics.algorithms.newton_step import NewtonStep
+from ..mechanics.model.assembly import random_configuration
+from ..mechanics.model.model import Model
 from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.dispatch import make_call

@@ -19,7 +19,7 @@ from .robot import Robot
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
 
 Mimic = Literal["follow", "independent"]
 Inertia = Literal["error", "accept", "repair"]
@@ -117,12 +117,12 @@ def load(
         return Robot(_read(source, None, options))
     if known.remarks is not None:
         if known.remarks:
-            from ..model.description import issue
+            from ..mechanics.model.description import issue
 
             issue(known.remarks)
         mine = deepcopy(options)  # copied: the caller may change them later
         return Robot(CachedModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
-    from ..model.description import sentences
+    from ..mechanics.model.description import sentences
 
     found = _read(source, known.data, options)
     keep_file(known, sentences(found.name, found.defects))

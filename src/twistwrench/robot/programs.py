@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms import constraints, forward_dynamics, kinematics, operational_space
-from ..algorithms.forward_dynamics import accelerations, torque_derivatives_and_factors
 from ..core.errors import KernelError, UnknownNameError, ValueRangeError
 from ..core.typing import Array
 from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnSolve, Product, Products
 from ..ir.program import Program
 from ..ir.tracer import Trace, trace
-from ..model.model import Model
-from ..model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
+from ..mechanics.algorithms import constraints, forward_dynamics, kinematics, operational_space
+from ..mechanics.algorithms.forward_dynamics import accelerations, torque_derivatives_and_factors
+from ..mechanics.model.model import Model
+from ..mechanics.model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
 from .arguments import CONFIGURATIONS
 from .differentiate import Chart, Derivative
 from .quantities import QUANTITIES, Quantity, Shape, other_name_hint

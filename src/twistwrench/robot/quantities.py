@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..algorithms import (
+from ..mechanics.algorithms import (
     constraints,
     forward_dynamics,
     friction,
@@ -15,7 +15,7 @@ from ..algorithms import (
     mass_matrix,
     operational_space,
 )
-from ..model.model import Model
+from ..mechanics.model.model import Model
 from .arguments import CONFIGURATIONS
 
 Shape = tuple[int, ...]

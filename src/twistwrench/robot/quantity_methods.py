@@ -16,7 +16,7 @@ from .arguments import Kind, Wrenches, unlabelled
 from .derivatives import DerivativeMethods
 
 if TYPE_CHECKING:
-    from ..lie.twist_wrench import Wrench
+    from ..mechanics.lie.twist_wrench import Wrench
 
 
 class QuantityMethods(DerivativeMethods):
@@ -380,7 +380,7 @@ class QuantityMethods(DerivativeMethods):
         >>> arm.wrench_torques([0, 0], [0, 0, 0, 0, 0, 10.0]).round(12).tolist()
         [0.0, 0.0]
         """
-        from ..lie.twist_wrench import Wrench
+        from ..mechanics.lie.twist_wrench import Wrench
 
         if isinstance(wrench_by_robot, Wrench):
             frame = wrench_by_robot.frame if frame is None else frame

@@ -19,8 +19,8 @@ from .shared_methods import Method, SharedMethods
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
-    from ..algorithms.inverse_dynamics import ClosedForm
-    from ..model.model import Model
+    from ..mechanics.algorithms.inverse_dynamics import ClosedForm
+    from ..mechanics.model.model import Model
     from ..runtime.dispatch import CallSignature
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
@@ -44,7 +44,7 @@ class Robot(
     """A robot: kinematics, dynamics, statics and control of a tree of joints, compiled at first use.
 
     Immutable: every edit returns a new robot. Created by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,
-    :func:`~twistwrench.from_dh`, or from a model of a :class:`~twistwrench.model.builder.ModelBuilder`. Every method
+    :func:`~twistwrench.from_dh`, or from a model of a :class:`~twistwrench.mechanics.model.builder.ModelBuilder`. Every method
     accepts any leading batch shape and broadcasts as NumPy does; documented shapes are those of one state.
 
     Parameters
@@ -314,7 +314,7 @@ class Robot(
         if self.model.springs:
             apart["springs"] = self.holding_torques(q) - self.gravity_forces(q)
         if self.model.armature.any():
-            from ..algorithms.recursion import armature_forces
+            from ..mechanics.algorithms.recursion import armature_forces
 
             apart["armature"] = armature_forces(self.model, dq, ddq)
         if friction and self.model.friction.any:
@@ -348,7 +348,7 @@ class Robot(
         wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
             raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
-        from ..algorithms.inverse_dynamics import closed_form
+        from ..mechanics.algorithms.inverse_dynamics import closed_form
 
         return closed_form(self.model, q, dq, wrenches)
 

@@ -17,7 +17,7 @@ from .arguments import Kind, Rows
 
 if TYPE_CHECKING:
     from ..export.request import Quantities
-    from ..lie.twist_wrench import Wrench
+    from ..mechanics.lie.twist_wrench import Wrench
     from ..simulation import Event, JointStops, Plane
     from ..simulation.torque_laws import TorqueLaw
     from ..statics.clearance import Clearance

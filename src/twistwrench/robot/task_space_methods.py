@@ -13,17 +13,17 @@ from ..core import arguments, third_party
 from ..core.errors import ModelError, ModelWarning, ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array
-from ..model.actuators import moving
+from ..mechanics.model.actuators import moving
 from .arguments import Kind, Rows, Wrenches, brought, states
 from .base import RobotBase
 
 if TYPE_CHECKING:
-    from ..algorithms.inverse_dynamics import MotorLoads, PowerBalance
+    from ..mechanics.algorithms.inverse_dynamics import MotorLoads, PowerBalance
     from .robot import Robot
 
 
 def _count(given: Mapping[str, Any]) -> int:
-    from ..algorithms.operational_space import row_numbers
+    from ..mechanics.algorithms.operational_space import row_numbers
 
     return len(row_numbers(given.get("rows")))
 
@@ -95,8 +95,8 @@ class TaskSpaceMethods(RobotBase):
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
-        from ..algorithms.loop_closure import ConstraintProjector
-        from ..algorithms.operational_space import row_numbers
+        from ..mechanics.algorithms.loop_closure import ConstraintProjector
+        from ..mechanics.algorithms.operational_space import row_numbers
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
@@ -109,8 +109,8 @@ def _by_kernel(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
-    from ..algorithms.loop_closure import ConstraintProjector, doubtful
-    from ..algorithms.operational_space import row_numbers
+    from ..mechanics.algorithms.loop_closure import ConstraintProjector, doubtful
+    from ..mechanics.algorithms.operational_space import row_numbers
 
     chosen = row_numbers(rows)
     arrays = brought(robot.model, name, arrays, {})
@@ -142,7 +142,7 @@ def _by_kernel(
 
 def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
     """J (8, 6, nv) and M (8, nv, nv) at sample configurations, and typical sizes of the rows of J scaled by M; (6,)."""
-    from ..algorithms.loop_closure import usual_sizes
+    from ..mechanics.algorithms.loop_closure import usual_sizes
 
     def found() -> tuple[Array, Array, Array]:
         robot.engine.require_invertible()
@@ -157,8 +157,8 @@ def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Arr
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
     """Warn once of rows that are lost at every configuration."""
-    from ..algorithms.loop_closure import independent_rows
-    from ..lie.labelled import TWIST
+    from ..mechanics.algorithms.loop_closure import independent_rows
+    from ..mechanics.lie.labelled import TWIST
 
     remarked = robot.engine.cached(("lost rows remarked", frame, kind, chosen), list)
     if remarked:
@@ -186,13 +186,13 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
 
 
 def _of_motors(*found: Any) -> MotorLoads:
-    from ..algorithms.inverse_dynamics import MotorLoads
+    from ..mechanics.algorithms.inverse_dynamics import MotorLoads
 
     return MotorLoads(*found)
 
 
 def _of_powers(*found: Any) -> PowerBalance:
-    from ..algorithms.inverse_dynamics import PowerBalance
+    from ..mechanics.algorithms.inverse_dynamics import PowerBalance
 
     return PowerBalance(*found)
 
@@ -261,7 +261,7 @@ class ActuationMethods:
         if not robot.actuators:
             raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
         given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        from ..algorithms.inverse_dynamics import motor_loads
+        from ..mechanics.algorithms.inverse_dynamics import motor_loads
 
         carried, rotor = self._loads(q, dq, ddq, friction, given)
         (dq,) = states(robot.model, "motor_loads", dq=dq)
@@ -299,7 +299,7 @@ class ActuationMethods:
         >>> round(float(balance.joints), 9), abs(float(sum(balance))) < 1e-12
         (25.0, True)
         """
-        from ..algorithms.inverse_dynamics import power_balance
+        from ..mechanics.algorithms.inverse_dynamics import power_balance
 
         robot, wrenches = self._open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq, left = self._moved(q, dq, tau, friction, wrenches)

@@ -18,8 +18,8 @@ from ..core.gravity import KGF
 from ..core.numbers import number
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
-from ..lie import so3
-from ..lie.labelled import WRENCH
+from ..mechanics.lie import so3
+from ..mechanics.lie.labelled import WRENCH
 from .fit import Uncertainty
 from .log import ReadingLog
 from .reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..core.files import read_text, replacing
@@ -23,7 +22,8 @@ from ..core.numbers import printed
 from ..core.tables import csv_table
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
-from ..lie.labelled import TWIST, WRENCH
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie.labelled import TWIST, WRENCH
 from ..motion.csv_reader import CsvFile, table_errors
 from .contact_detection import checked_noise
 from .fit import Uncertainty

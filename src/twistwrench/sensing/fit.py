@@ -19,8 +19,8 @@ from ..core.estimation.covariance import (
 )
 from ..core.estimation.least_squares import MAD, huber_weights, orthogonal_fit
 from ..core.typing import Array
-from ..lie import so3
-from ..lie.labelled import WRENCH
+from ..mechanics.lie import so3
+from ..mechanics.lie.labelled import WRENCH
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, load_regressor, sign_factor
 

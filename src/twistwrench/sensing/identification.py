@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.doubts import Doubt, doubt
 from ..core.errors import ValueRangeError
 from ..core.estimation.covariance import Whiteness
 from ..core.numbers import number, percent, plus_minus, seconds
 from ..core.typing import Array
-from ..lie.labelled import WRENCH
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie.labelled import WRENCH
 from .contact_detection import six_noises
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
 from .log import ReadingLog, checked_log

@@ -16,7 +16,7 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..lie.labelled import WRENCH
+from ..mechanics.lie.labelled import WRENCH
 from .sensor import (
     ForceTorqueSensor,
     checked_rotations,

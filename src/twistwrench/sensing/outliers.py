@@ -11,7 +11,7 @@ import numpy as np
 from ..core.estimation.least_squares import MAD
 from ..core.numbers import number
 from ..core.typing import Array
-from ..lie import so3
+from ..mechanics.lie import so3
 from .contact_detection import CollisionThreshold
 from .fit import Fit, Problem, SensorState, fit
 from .log import ReadingLog

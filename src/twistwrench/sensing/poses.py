@@ -17,7 +17,7 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..lie import se3, so3
+from ..mechanics.lie import se3, so3
 from .contact_detection import checked_noise
 from .fit import SensorState, Unknowns
 from .log import ReadingLog, checked_log

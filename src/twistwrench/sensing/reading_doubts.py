@@ -12,7 +12,7 @@ from ..core.doubts import Doubt, doubt
 from ..core.gravity import KGF
 from ..core.numbers import number, percent, printed
 from ..core.typing import Array
-from ..lie.labelled import WRENCH
+from ..mechanics.lie.labelled import WRENCH
 
 if TYPE_CHECKING:
     from .fit import Fit

@@ -16,7 +16,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, percent, plus_minus
 from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..lie import so3
+from ..mechanics.lie import so3
 from .fit import Fit, Uncertainty, uncertainty_of
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor

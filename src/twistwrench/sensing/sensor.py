@@ -9,16 +9,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.doubts import doubt
 from ..core.errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.typing import Array
-from ..lie import quaternion, so3
-from ..lie.labelled import frame_name
-from ..lie.twist_wrench import Pose, Twist, Wrench
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import quaternion, so3
+from ..mechanics.lie.labelled import frame_name
+from ..mechanics.lie.twist_wrench import Pose, Twist, Wrench
 
 _KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
 

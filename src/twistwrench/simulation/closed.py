@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from ..algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
-from ..algorithms.friction import largest, positive, smallest
-from ..algorithms.kinematics import add
-from ..algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
 from ..core import arguments
 from ..core.errors import SimulationError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.typing import Array
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
-from ..model.model import Model
-from ..model.parameters import moves_joints
+from ..mechanics.algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
+from ..mechanics.algorithms.friction import largest, positive, smallest
+from ..mechanics.algorithms.kinematics import add
+from ..mechanics.algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
+from ..mechanics.model.model import Model
+from ..mechanics.model.parameters import moves_joints
 from ..robot import constraints as checks
 from ..robot.constraints import CLOSED, gap_units
 from ..robot.engine import compiled
@@ -140,7 +140,7 @@ def lost(pivot: Array, earlier: Array | float) -> Array:
 # q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
 #
 # determine the acceleration only. After each step q and dq are projected: see
-# :mod:`twistwrench.algorithms.loop_closure`.
+# :mod:`twistwrench.mechanics.algorithms.loop_closure`.
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
 """Methods that only evaluate rates; the variational ones support open robots only."""

@@ -12,19 +12,19 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..algorithms import kinematics as integration
-from ..algorithms.contact import largest, velocity_step
-from ..algorithms.forward_dynamics import forward_dynamics
-from ..algorithms.friction import eased, torque_past_eased_friction
-from ..algorithms.operational_space import clipped
-from ..algorithms.recursion import zeros
 from ..core.typing import Array
 from ..ir.loops import Scan, Source
 from ..ir.program import Program
 from ..ir.tracer import trace
-from ..model.couplings import motor_velocities
-from ..model.model import Model
-from ..model.parameters import moves_joints, regrouped, with_symbolic_parameters
+from ..mechanics.algorithms import kinematics as integration
+from ..mechanics.algorithms.contact import largest, velocity_step
+from ..mechanics.algorithms.forward_dynamics import forward_dynamics
+from ..mechanics.algorithms.friction import eased, torque_past_eased_friction
+from ..mechanics.algorithms.operational_space import clipped
+from ..mechanics.algorithms.recursion import zeros
+from ..mechanics.model.couplings import motor_velocities
+from ..mechanics.model.model import Model
+from ..mechanics.model.parameters import moves_joints, regrouped, with_symbolic_parameters
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
 from ..runtime.interpreter import compiles
@@ -162,7 +162,7 @@ class StepPlan:
         return (*found[:2], *torques[:1])
 
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, *rest: Any) -> tuple[Array, ...]:
-        """dq1 by :func:`~twistwrench.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
+        """dq1 by :func:`~twistwrench.mechanics.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
 
         With friction, dq1 is that at the midpoint qm = q ⊕ ½ h dq, and q1 = qm ⊕ ½ h dq1; works use mean velocities.
         """

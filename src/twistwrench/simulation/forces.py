@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.contact import velocity_step
-from ..algorithms.friction import eased, torque_past_eased_friction
-from ..algorithms.kinematics import brackets
 from ..core import arguments
 from ..core.errors import ShapeError, SimulationError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
 from ..ir.tracer import trace
-from ..lie.twist_wrench import Wrench
-from ..model.couplings import motor_torques, motor_velocities
-from ..model.model import Model
-from ..model.parameters import regrouped
+from ..mechanics.algorithms.contact import velocity_step
+from ..mechanics.algorithms.friction import eased, torque_past_eased_friction
+from ..mechanics.algorithms.kinematics import brackets
+from ..mechanics.lie.twist_wrench import Wrench
+from ..mechanics.model.couplings import motor_torques, motor_velocities
+from ..mechanics.model.model import Model
+from ..mechanics.model.parameters import regrouped
 from ..robot.arguments import wrench_at
 from ..robot.engine import compiled
 from .contact import RobotContact
@@ -287,7 +287,7 @@ def easing_remark(model: Model, creep: Array) -> str | None:
 
 
 class DryFrictionStep:
-    """:func:`~twistwrench.algorithms.contact.velocity_step` of one robot, compiled."""
+    """:func:`~twistwrench.mechanics.algorithms.contact.velocity_step` of one robot, compiled."""
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
         self.usual, self.friction, self.gained = usual, friction, gains is not None

@@ -18,8 +18,8 @@ from ..core.errors import ShapeError, SimulationError, TwistWrenchError, Unknown
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
 from ..core.typing import Array
-from ..model.couplings import refuse_couplings
-from ..model.limits import NONE_GIVEN
+from ..mechanics.model.couplings import refuse_couplings
+from ..mechanics.model.limits import NONE_GIVEN
 from ..robot import constraints as checks
 from .adaptive import Stepper, TrialSteps, run_adaptive
 from .callback_steps import CallbackSteps, use_block

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.friction import rubbing
-from ..algorithms.kinematics import velocity_map
 from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import printed
@@ -20,6 +18,8 @@ from ..ir import autodiff
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..lowering.target_machine import SINGLE
+from ..mechanics.algorithms.friction import rubbing
+from ..mechanics.algorithms.kinematics import velocity_map
 from ..robot.differentiate import Chart
 from ..robot.engine import compiled
 from ..runtime import batch_threads

@@ -14,9 +14,9 @@ from ..core.arguments import positive, whole
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..model.couplings import refuse_couplings
-from ..model.limits import NONE_GIVEN
-from ..model.parameters import matching, nominal, refuse_impossible
+from ..mechanics.model.couplings import refuse_couplings
+from ..mechanics.model.limits import NONE_GIVEN
+from ..mechanics.model.parameters import matching, nominal, refuse_impossible
 from ..robot.arguments import wrench_at
 from .compiled_steps import StepPlan
 from .forces import creep_of_samples, easing_remark

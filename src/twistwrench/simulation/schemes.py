@@ -17,10 +17,10 @@ from typing import Protocol
 
 import numpy as np
 
-from ..bodies.inertia import COMPOSITIONS
 from ..core.errors import SimulationError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
+from ..mechanics.bodies.inertia import COMPOSITIONS
 from .forces import WORKS, System
 
 Tree = tuple["Tree", ...]
@@ -274,7 +274,7 @@ Shampine, "Some practical Runge–Kutta formulas", Math. Comp. 46, 1986."""
 #
 # Sources: Marsden and West, "Discrete mechanics and variational integrators", Acta Numerica 10, 2001; Bou-Rabee and
 # Marsden, "Hamilton–Pontryagin integrators on Lie groups", Found. Comput. Math. 9, 2009; the compositions are those of
-# :mod:`twistwrench.bodies.inertia`.
+# :mod:`twistwrench.mechanics.bodies.inertia`.
 
 _MOST = 100
 """Largest number of iterations. Convergence is linear and faster for shorter steps; three or four are usual."""

@@ -8,14 +8,14 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.inverse_dynamics import holding_torques
-from ..algorithms.operational_space import computed_torque, proportional_derivative, undriven
-from ..algorithms.recursion import zeros
 from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array
-from ..model.model import Model
+from ..mechanics.algorithms.inverse_dynamics import holding_torques
+from ..mechanics.algorithms.operational_space import computed_torque, proportional_derivative, undriven
+from ..mechanics.algorithms.recursion import zeros
+from ..mechanics.model.model import Model
 
 
 class TorqueLaw(Protocol):

@@ -11,7 +11,7 @@ from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..formats.actuators import gear_ratio, plain_share, read_motor
 from ..formats.yaml import Section, Source, read_yaml, shown
-from ..model.actuators import Actuator, Motor, check_actuator
+from ..mechanics.model.actuators import Actuator, Motor, check_actuator
 from .drives import KINDS, CatalogMotor, Gear
 
 Pair = tuple[str, str]

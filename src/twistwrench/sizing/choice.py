@@ -18,9 +18,9 @@ from ..core.numbers import number
 from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..formats.yaml import Source
-from ..joints.units import units_of
-from ..model.actuators import moving
-from ..model.couplings import refuse_couplings
+from ..mechanics.joints.units import units_of
+from ..mechanics.model.actuators import moving
+from ..mechanics.model.couplings import refuse_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..model.actuators import Motor, Thermal, gear_input, moving
-from ..model.limits import over_limit
+from ..mechanics.model.actuators import Motor, Thermal, gear_input, moving
+from ..mechanics.model.limits import over_limit
 from ..reports.motors import Demand
 
 _RPM = 2 * math.pi / 60

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.typing import Array
-from ..model.model import BASE
+from ..mechanics.model.model import BASE
 from ..robot import Robot
 
 if TYPE_CHECKING:

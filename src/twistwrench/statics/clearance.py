@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.enclosure import Enclosure
 from ..core import arguments
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
 from ..core.glossary import complete
@@ -32,7 +31,8 @@ from ..formats.known_elements import READ
 from ..formats.source import read_robot_text
 from ..formats.xacro import EXPAND, xacro_in
 from ..formats.xml import parse
-from ..model.description import frames_to_user
+from ..mechanics.bodies.enclosure import Enclosure
+from ..mechanics.model.description import frames_to_user
 from ..robot import Robot
 from .capsules import ALWAYS, CapsuleDistances, LinkCapsules, link_solids
 

@@ -14,14 +14,14 @@ from ..core.errors import FrameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
 from ..core.typing import Array
-from ..lie import so3
-from ..lie.labelled import TWIST, WRENCH
-from ..model.couplings import refuse_couplings
+from ..mechanics.lie import so3
+from ..mechanics.lie.labelled import TWIST, WRENCH
+from ..mechanics.model.couplings import refuse_couplings
 from .contacts import Contact, force_balance, least_norm_forces, unresisted_motion
 from .torque_limits import effort_limits, one_configuration, resting_torques
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
     from ..robot.arguments import Kind
 

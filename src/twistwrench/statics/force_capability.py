@@ -13,7 +13,7 @@ from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, vector
 from ..core.typing import Array
-from ..model.couplings import motor_torques
+from ..mechanics.model.couplings import motor_torques
 from .equilibrium import RANK_TOLERANCE
 from .torque_limits import (
     effort_limits,

@@ -13,10 +13,10 @@ from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed, rounded_down
 from ..core.typing import Array
-from ..joints.units import units_of
-from ..model.assembly import follower_torques
-from ..model.couplings import drive_turns, motor_torques
-from ..model.limits import margin
+from ..mechanics.joints.units import units_of
+from ..mechanics.model.assembly import follower_torques
+from ..mechanics.model.couplings import drive_turns, motor_torques
+from ..mechanics.model.limits import margin
 from ..reports.load_case import least_torque_per_kilogram
 from .torque_limits import (
     effort_limits,

@@ -14,10 +14,10 @@ from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..model.limits import margin
+from ..mechanics.model.limits import margin
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
 
 _NO_LEVER = 1e-12

@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..core.typing import Array
-from ..joints.joint import CosineSine, exact, exact_rodrigues
-from ..model.model import BASE, Body, Model
+from ..mechanics.joints.joint import CosineSine, exact, exact_rodrigues
+from ..mechanics.model.model import BASE, Body, Model
 from .names import BodyEntries, Entry, ModelEntries
 from .trig_polynomial import Ring, TrigPolynomial
 

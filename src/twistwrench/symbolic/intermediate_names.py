@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..core.typing import Array
-from ..joints.joint import exact
-from ..model.model import BASE, Model
+from ..mechanics.joints.joint import exact
+from ..mechanics.model.model import BASE, Model
 from .equations import Label, Step, entry_name, equation_fields
 from .expanded_form import Coordinate, chart_waves, joint_motion, numbers_of
 from .names import BodyEntries, Entry, ModelEntries, sympy

@@ -14,8 +14,8 @@ import numpy as np
 from ..core.errors import MissingExtraError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..core.third_party import lazy_module
-from ..model.couplings import refuse_couplings
-from ..model.model import BASE, Body, Model
+from ..mechanics.model.couplings import refuse_couplings
+from ..mechanics.model.model import BASE, Body, Model
 
 sympy: Any = lazy_module("sympy")
 

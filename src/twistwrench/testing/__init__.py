@@ -12,16 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
-from ..bodies.solids import rotational_inertia
 from ..core.errors import ModelWarning, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..joints import JOINT_TYPES
-from ..joints.screw_joint import ScrewJoint
-from ..lie import se3, so3
-from ..model.builder import ModelBuilder
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.bodies.solids import rotational_inertia
+from ..mechanics.joints import JOINT_TYPES
+from ..mechanics.joints.screw_joint import ScrewJoint
+from ..mechanics.lie import se3, so3
+from ..mechanics.model.builder import ModelBuilder
 from ..robot import Robot
 
 __all__ = [

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from ..algorithms.time_scalings import PosePath, cubic, quintic, s_curve, screw_path, straight_path, trapezoid, uniform
+from ..mechanics.algorithms.time_scalings import (
+    PosePath,
+    cubic,
+    quintic,
+    s_curve,
+    screw_path,
+    straight_path,
+    trapezoid,
+    uniform,
+)
 from ..motion.bounds import Violation, bounds_of
 from .fastest import Fastest, fastest
 from .paths import JointPath, follow_poses, joint_line, spline

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.time_scalings import quintic
 from ..core import arguments
 from ..core.errors import ConstraintWarning, PathError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
 from ..core.text import listed
 from ..core.typing import Array
-from ..model.couplings import motor_torques
-from ..model.limits import Limits
+from ..mechanics.algorithms.time_scalings import quintic
+from ..mechanics.model.couplings import motor_torques
+from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_of, velocities_inside
 from ..robot.task_space_methods import require_robot
 from .collocation import AT_REST, Cell, FastestScaling, try_cell

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.time_scalings import Averaged
 from ..core.glossary import complete
 from ..core.typing import Array
+from ..mechanics.algorithms.time_scalings import Averaged
 from .trajectory import shortest_durations
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
     from .paths import JointPath
 

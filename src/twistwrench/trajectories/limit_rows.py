@@ -17,10 +17,10 @@ import numpy as np
 from ..core.errors import PathError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..model.couplings import motor_torques, motor_velocities
+from ..mechanics.model.couplings import motor_torques, motor_velocities
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..robot import Robot
     from .paths import JointPath
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.time_scalings import quintic
 from ..core import arguments
 from ..core.errors import PathError, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..model.couplings import joint_velocities, motor_torques, motor_velocities
-from ..model.limits import TOLERANCE, Limits
+from ..mechanics.algorithms.time_scalings import quintic
+from ..mechanics.model.couplings import joint_velocities, motor_torques, motor_velocities
+from ..mechanics.model.limits import TOLERANCE, Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from ..core.colours import COLOURS as MEANINGS
 from ..core.colours import NEAR_LIMIT, Style
 from ..core.typing import Array
-from ..lie import se3, so3
+from ..mechanics.lie import se3, so3
 from ..plotting import style
 from .scene import Scene, turned_z
 
 if TYPE_CHECKING:
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
     from ..robot import Robot
 
 SHARES = (

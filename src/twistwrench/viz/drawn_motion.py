@@ -15,7 +15,7 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import number, percent, printed, seconds
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
-from ..model.couplings import joint_effort
+from ..mechanics.model.couplings import joint_effort
 from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of, velocities_inside
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
@@ -26,7 +26,7 @@ from ..reports.load_case import LoadCase
 from .surface import Decimation
 
 if TYPE_CHECKING:
-    from ..model.limits import Limits
+    from ..mechanics.model.limits import Limits
     from ..motion.motion_log import MotionLog
     from ..reports.torque_report import TorqueReport
     from ..robot import Robot

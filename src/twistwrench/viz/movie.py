@@ -19,8 +19,8 @@ from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
 from ..core.typing import Array
-from ..model.limits import over_limit
-from ..model.model import BASE
+from ..mechanics.model.limits import over_limit
+from ..mechanics.model.model import BASE
 from ..plotting import style
 from ..reports.spoken_verdict import verdict_text
 from .colours import share_colours

@@ -29,7 +29,7 @@ from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.text import listed
 from ..core.typing import Array
-from ..model.couplings import refuse_couplings
+from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot

@@ -17,8 +17,8 @@ from ..core.numbers import percent
 from ..core.typing import Array
 from ..export.javascript import javascript_module
 from ..export.request import BridgedQuantity
-from ..lie import se3
-from ..model.model import BASE, Frame, Model
+from ..mechanics.lie import se3
+from ..mechanics.model.model import BASE, Frame, Model
 from ..motion.coordinates import Coordinates
 from ..reports.load_case import Payload
 from ..robot import Robot

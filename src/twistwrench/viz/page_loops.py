@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.constraints import GROUND, Closure, independent_constraints
 from ..core.errors import ConstraintError, ValueRangeError
 from ..core.typing import Array
-from ..lie import se3
-from ..model.model import BASE, Frame, Model
+from ..mechanics.algorithms.constraints import GROUND, Closure, independent_constraints
+from ..mechanics.lie import se3
+from ..mechanics.model.model import BASE, Frame, Model
 from ..robot import Robot
 from ..robot.constraints import driven, joints, named_motors, some_configurations
 from ..statics.contacts import Contact, pyramid_facets

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import robots
 from ..core.numbers import number
-from ..model.model import BASE
+from ..mechanics.model.model import BASE
 from ..reports.load_case import Payload
 from ..reports.spoken_verdict import verdict_data
 from ..robot import Robot

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.recursion import base_poses, joint_poses
 from ..core.errors import InertiaError, ModelWarning
 from ..core.typing import Array
-from ..lie import se3, so3
-from ..model.model import BASE, Body, Model
+from ..mechanics.algorithms.recursion import base_poses, joint_poses
+from ..mechanics.lie import se3, so3
+from ..mechanics.model.model import BASE, Body, Model
 from .surface import Surface, box, cylinder, ellipsoid, sphere
 from .visuals import Colour, read_visuals
 
 if TYPE_CHECKING:
-    from ..bodies.inertia import SpatialInertia
-    from ..joints import Joint
+    from ..mechanics.bodies.inertia import SpatialInertia
+    from ..mechanics.joints import Joint
     from ..robot import Robot
 
 Part = tuple[int, Surface, tuple[float, float, float]]

@@ -15,7 +15,7 @@ import numpy as np
 from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.typing import Array
-from ..joints.units import unit_of
+from ..mechanics.joints.units import unit_of
 from ..motion.coordinates import Coordinates
 from .page_data import PagePrograms, round_above
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.mesh_files import check_faces, load_mesh
 from ..core.errors import MissingExtraError, ModelError
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
+from ..mechanics.bodies.mesh_files import check_faces, load_mesh
 
 _CREASE = np.cos(np.radians(38.0))
 """Cosine of the crease angle; faces that meet at a smaller angle are shaded smoothly."""

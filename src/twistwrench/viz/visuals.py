@@ -18,7 +18,7 @@ from ..formats.xml import Element, parse
 from .surface import Surface, box, cylinder, read_mesh, sphere
 
 if TYPE_CHECKING:
-    from ..model.model import Model
+    from ..mechanics.model.model import Model
 
 # ── ``<visual>`` elements of URDF
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
 from ...core.errors import RobotFileError
 from ...core.numbers import printed
 from ...core.typing import Array
-from ...joints.screw_joint import screw_through
-from ...lie import quaternion, se3, so3
-from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
-from ...model.description import label, unused
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.joints.screw_joint import screw_through
+from ...mechanics.lie import quaternion, se3, so3
+from ...mechanics.lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
+from ...mechanics.model.description import label, unused
 from ..known_elements import LEFT_OUT
 from ..urdf import IN_MJCF, direction, onto, tensor_of
 from ..xml import Element

@@ -12,11 +12,11 @@ import numpy as np
 from ...core.errors import ValueRangeError
 from ...core.numbers import number, printed
 from ...core.typing import Array
-from ...lie import quaternion, se3
-from ...model.actuators import Actuator, Motor, check_actuator
-from ...model.builder import ModelBuilder
-from ...model.description import Mimic, label
-from ...model.model import OfferedClosure
+from ...mechanics.lie import quaternion, se3
+from ...mechanics.model.actuators import Actuator, Motor, check_actuator
+from ...mechanics.model.builder import ModelBuilder
+from ...mechanics.model.description import Mimic, label
+from ...mechanics.model.model import OfferedClosure
 from ..known_elements import ACTUATORS, LEFT_OUT
 from ..xml import Element
 from .bodies import WORLD, MjcfBody, MjcfJoint, limited

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
-from ...bodies.mesh import hull_faces
-from ...bodies.mesh_files import SUFFIXES
-from ...bodies.solids import ten_parameters
 from ...core.errors import RobotFileError, TwistWrenchError
 from ...core.files import read_bytes
 from ...core.gravity import GRAVITY
 from ...core.text import listed
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
-from ...lie import quaternion
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.bodies.mesh import hull_faces
+from ...mechanics.bodies.mesh_files import SUFFIXES
+from ...mechanics.bodies.solids import ten_parameters
+from ...mechanics.lie import quaternion
 from ..known_elements import ACTUATORS
 from ..source import MAX_BYTES, read_robot_text
 from ..xml import Element, parse
@@ -378,7 +378,7 @@ class Meshes:
             raise RobotFileError(
                 f"the mass of {geom} is that of a mesh, and {error} Put the mesh there, or give the body an <inertial>."
             ) from None
-        from ...bodies.mesh import read_surface
+        from ...mechanics.bodies.mesh import read_surface
 
         if path.suffix.lower() not in (*SUFFIXES, ".msh"):
             raise element.error(f"names the file {path.name!r}, which is not a mesh: {', '.join(SUFFIXES)}, .msh.")

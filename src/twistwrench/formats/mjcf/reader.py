@@ -6,14 +6,14 @@ from collections.abc import Sequence, Set
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
 from ...core.errors import UnknownNameError
 from ...core.typing import Array
-from ...joints.screw_joint import screw_motion
-from ...lie import quaternion, se3
-from ...lie.identity import IDENTITY, product
-from ...model.builder import ModelBuilder
-from ...model.description import unused
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.joints.screw_joint import screw_motion
+from ...mechanics.lie import quaternion, se3
+from ...mechanics.lie.identity import IDENTITY, product
+from ...mechanics.model.builder import ModelBuilder
+from ...mechanics.model.description import unused
 from ..known_elements import LEFT_OUT, unread
 from ..xml import Element
 from .bodies import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from ...model.model import Model
+from ...mechanics.model.model import Model
 from .mjcf import write_mjcf
 from .sdf import write_sdf
 from .urdf import write_urdf

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
 from ...core.errors import ModelError
 from ...core.numbers import printed
 from ...core.typing import Array
-from ...lie import quaternion, se3
-from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry, unused
-from ...model.model import Model
-from ...model.parts import ModelParts, disassemble
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.lie import quaternion, se3
+from ...mechanics.model.assembly import ROOT_JOINT
+from ...mechanics.model.description import JointEntry, unused
+from ...mechanics.model.model import Model
+from ...mechanics.model.parts import ModelParts, disassemble
 from ..mjcf.drives import ROWS
 from ..urdf import ENTRIES, IN_MJCF, LIMITS_OF_1_2
 from ..xml import Element, figures, new, xml_text

@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
 from ...core.errors import ModelError
 from ...core.gravity import GRAVITY
 from ...core.typing import Array
-from ...lie import se3
-from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry, unused
-from ...model.model import Model
-from ...model.parts import ModelParts, disassemble
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.lie import se3
+from ...mechanics.model.assembly import ROOT_JOINT
+from ...mechanics.model.description import JointEntry, unused
+from ...mechanics.model.model import Model
+from ...mechanics.model.parts import ModelParts, disassemble
 from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, drive_of, screw_of

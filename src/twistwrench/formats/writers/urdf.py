@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
 from ...core.gravity import GRAVITY
 from ...core.typing import Array
-from ...model.description import JointEntry, unused
-from ...model.limits import Limits
-from ...model.model import Model
-from ...model.parts import ModelParts, disassemble
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.model.description import JointEntry, unused
+from ...mechanics.model.limits import Limits
+from ...mechanics.model.model import Model
+from ...mechanics.model.parts import ModelParts, disassemble
 from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, drive_of, moved, screw_of

@@ -11,11 +11,11 @@ from ...core.errors import ModelError
 from ...core.numbers import printed
 from ...core.text import listed
 from ...core.typing import Array
-from ...lie import se3, so3
-from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry, ModelNote
-from ...model.limits import Friction, Limits
-from ...model.parts import ModelParts
+from ...mechanics.lie import se3, so3
+from ...mechanics.model.assembly import ROOT_JOINT
+from ...mechanics.model.description import JointEntry, ModelNote
+from ...mechanics.model.limits import Friction, Limits
+from ...mechanics.model.parts import ModelParts
 from ..mjcf.reader import REFERENCE
 
 

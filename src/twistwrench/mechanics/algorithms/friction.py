@@ -1,0 +1,135 @@
+"""Joint friction (Modern Robotics section 8.9.4, with Stribeck's exponential), and branch-free switching functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ...core.typing import Array
+from ..model.couplings import joint_torques, motor_torques, motor_velocities
+from ..model.model import Model
+
+
+def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
+    """Torques that overcome friction at dq for joints that transmit the torque ``load``; (nv,)."""
+    u = motor_velocities(model, dq)
+    lost = _drive_friction(model, u, None if load is None else motor_torques(model, load))
+    return np.asarray(joint_torques(model, lost))
+
+
+def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
+    """Friction law at the velocities u of drives that transmit ``load``; (nv,)."""
+    f, s = model.friction, signs(u)
+    tau = f.viscous * u + s * _dry(model, u)
+    return np.asarray(tau if load is None else tau + s * f.load * (signs(load) * load))
+
+
+def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
+    """Part of the torques tau that remains after friction; (nv,).
+
+    The transmitted torque x solves x + sign(dq) load |x| = y, where y is the torque after the load-independent friction. As
+    load < 1, x has the sign of y.
+    """
+    u = motor_velocities(model, dq)
+    y = motor_torques(model, tau) - _drive_friction(model, u)
+    return np.asarray(joint_torques(model, y / (1.0 + model.friction.load * (signs(u) * signs(y)))))
+
+
+def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:
+    """Like :func:`torque_past_friction`, but dry friction is multiplied by ``share`` of :func:`eased`; (nv,)."""
+    u = motor_velocities(model, dq)
+    damping = model.friction.viscous * u
+    y = motor_torques(model, tau) - damping - share * (_drive_friction(model, u) - damping)
+    return np.asarray(joint_torques(model, y / (1.0 + share * model.friction.load * (signs(u) * signs(y)))))
+
+
+def eased(dq: Array, creep: Array) -> Array:
+    """tanh(|dq| / creep), the fraction of dry friction at low speeds; (nv,).
+
+    Symbols use the exponential. Near rest its error is 1e-16 absolute; the relative error is larger.
+    """
+    if dq.dtype != object:
+        return np.asarray(np.tanh(np.abs(dq) / creep))
+    return np.asarray(1.0 - 2.0 / (_exp(2.0 * (signs(dq) * dq / creep)) + 1.0))
+
+
+def rubbing(model: Model) -> list[int]:
+    """Indices of the velocities with dry friction."""
+    f = model.friction
+    laws = zip(f.coulomb, f.static, f.load, strict=True)
+    return [k for k, law in enumerate(laws) if not all(map(is_zero, law))]
+
+
+def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
+    """Largest dry friction of joints that slide backward and forward, at the speeds dq; (nv,) each.
+
+    The two differ if friction grows with the load: the transmitted torque is the part of tau that friction leaves.
+    """
+    dry, load = _dry(model, dq), model.friction.load
+    back, forth = dry.copy(), dry.copy()
+    for k, c in enumerate(load):
+        if not is_zero(c):
+            y = tau[k] - model.friction.viscous[k] * dq[k]
+            for found, way in ((back, -1.0), (forth, 1.0)):
+                carried = abs(y - way * dry[k])
+                found[k] = dry[k] + c * (carried / (1.0 + way * c * (y - way * dry[k]).sign()))
+    return back, forth
+
+
+def _dry(model: Model, dq: Array) -> Array:
+    """Coulomb friction plus the static friction that remains at this speed; (nv,)."""
+    f = model.friction
+    dry = [
+        c if _same(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))
+        for c, s, v, x in zip(f.coulomb, f.static, f.stribeck, dq, strict=True)
+    ]
+    return np.array(dry, object).reshape(dq.shape)
+
+
+def _same(a: Any, b: Any) -> bool:
+    """True if two numbers are equal; a symbol equals only itself."""
+    return a is b or (isinstance(a, float) and isinstance(b, float) and a == b)
+
+
+def is_zero(x: Any) -> bool:
+    """True for the number 0; False for symbols."""
+    return isinstance(x, float) and x == 0.0
+
+
+def _exp(x: Any) -> Any:
+    return x.exp() if hasattr(x, "exp") else np.exp(x)
+
+
+def signs(x: Array) -> Array:
+    """-1, 0 or 1, for symbols and numbers."""
+    return np.array([e.sign() if hasattr(e, "sign") else np.sign(e) for e in x], object).reshape(x.shape)
+
+
+# ── Branch-free switching functions, for numbers and symbols
+
+
+def positive(x: Any) -> Any:
+    """1 if a number is above 0, else 0."""
+    s = signs(np.array([x], object))[0]
+    return 0.5 * (s + s * s)
+
+
+def either(which: Any, a: Any, b: Any) -> Any:
+    """a if ``which`` is 1, b if it is 0; bit-exact for finite numbers."""
+    return which * a + (1.0 - which) * b
+
+
+def largest(numbers: Iterable[Any], least: Any) -> Any:
+    """Largest absolute value, at least ``least``; NaN if any number is NaN."""
+    for x in numbers:
+        least = abs(x).clip(least, np.inf) if hasattr(x, "clip") else max(abs(x), least)
+    return least
+
+
+def smallest(numbers: Iterable[Any], most: Any) -> Any:
+    """Smallest number, at most ``most``; NaN if any number is NaN."""
+    for x in numbers:
+        most = x.clip(-np.inf, most) if hasattr(x, "clip") else min(x, most)
+    return most

@@ -1,0 +1,112 @@
+"""Operational-space dynamics, F = Λ dV + η (MR section 8.6), and joint control laws (MR section 11.4).
+
+With Y = L⁻ᵀJ' and M = L'DL, J M⁻¹ J' is Y'D⁻¹Y: M is factored once, and the zeros between branches stay zeros. The
+pivots of J M⁻¹ J' are returned too. Each is the squared part of a row that is independent of the later rows; a value near
+zero marks a direction in which the hand cannot move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ...core.errors import ShapeError, UnknownNameError, ValueRangeError
+from ...core.typing import Array
+from ..lie.labelled import TWIST
+from ..model.model import Model
+from .forward_dynamics import articulated_pays
+from .inverse_dynamics import bias_forces, inverse_dynamics
+from .kinematics import jacobian, jacobian_rate
+from .mass_matrix import factored, lowered, mass_matrix, solved
+from .recursion import zeros
+
+
+def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
+    """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for non-square J."""
+    L, D = factored(mass_matrix(model, q))
+    Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    R, E = factored(Y.T @ (D[:, None] * Y))
+    Lambda = zeros(len(rows), len(rows))
+    for k, unit in enumerate(np.eye(len(rows)).astype(object)):
+        Lambda[:, k] = solved(R, E, unit)
+    lower = np.tril_indices(len(rows), -1)
+    Lambda.T[lower] = Lambda[lower]
+    return Lambda, 1.0 / E
+
+
+def task_bias(model: Model, q: Array, dq: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
+    """η = Λ (J M⁻¹ h - (dJ/dt) dq) and the pivots of J M⁻¹ J'; (r,), (r,). MR section 8.6."""
+    L, D = factored(mass_matrix(model, q))
+    Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    R, E = factored(Y.T @ (D[:, None] * Y))
+    z = D * lowered(L, bias_forces(model, q, dq))
+    return solved(R, E, Y.T @ z - jacobian_rate(model, q, dq, frame, kind)[list(rows)] @ dq), 1.0 / E
+
+
+def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
+    """Numbers 0 to 5 of the rows of a twist, from names ("vx vz"), numbers, or None for all six; in the order given.
+
+    Raises UnknownNameError for other names, ValueRangeError for numbers outside 0 to 5, repeated rows, and an empty selection.
+    """
+    if rows is None:
+        return tuple(range(6))
+    try:
+        given = rows.replace(",", " ").split() if isinstance(rows, str) else list(rows)
+    except TypeError:
+        raise ShapeError(
+            f"rows={rows!r}: give names, such as {' '.join(TWIST[3:])!r}, or numbers from 0 to 5."
+        ) from None
+    found = tuple(_row_number(row) for row in given)
+    if not found:
+        raise ValueRangeError(f"rows={rows!r} names no row. Choose from {', '.join(TWIST)}; None means all six.")
+    if len(set(found)) < len(found):
+        raise ValueRangeError(f"rows={rows!r} names a row twice: {', '.join(TWIST[k] for k in found)}. Name each once.")
+    return found
+
+
+def _row_number(row: object) -> int:
+    if isinstance(row, str):
+        if row not in TWIST:
+            raise UnknownNameError.from_choices("row of a twist", row, TWIST)
+        return TWIST.index(row)
+    if isinstance(row, bool) or not isinstance(row, int | np.integer):
+        raise ShapeError(f"a row of a twist is a name or a number, got {row!r}. Names: {', '.join(TWIST)}.")
+    if not 0 <= row < 6:
+        raise ValueRangeError(f"row {row} is out of range: a twist has rows 0 to 5, which are {', '.join(TWIST)}.")
+    return int(row)
+
+
+# ── Control laws of joints. Modern Robotics section 11.4
+
+
+def undriven(model: Model) -> tuple[str, ...]:
+    """Joints of several degrees of freedom (ball, planar, floating), which single-joint control laws do not drive."""
+    return tuple(body.joint.name for body in model.leaders if body.joint.nv > 1)
+
+
+def clipped(tau: Array, limits: Array) -> Array:
+    """Torques clipped to their limits; (nv,). For symbols; a plain number is the 0 of a joint without control law."""
+    return np.array([x.clip(-y, y) if hasattr(x, "clip") else x for x, y in zip(tau, limits, strict=True)], object)
+
+
+def proportional_derivative(
+    model: Model, q: Array, dq: Array, q_des: Array, dq_des: Array, kp: Array, kd: Array
+) -> Array:
+    """Kp e + Kd ė for every joint of one degree of freedom, 0 for others; (nv,). MR section 11.4."""
+    u = zeros(model.nv)
+    for body in model.leaders:
+        if body.joint.nv == 1:
+            i, k = body.q_index, body.v_index
+            u[k] = kp[k] * (q_des[i] - q[i]) + kd[k] * (dq_des[k] - dq[k])
+    return u
+
+
+def computed_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """τ = M q̈ + h for the desired acceleration; (nv,). MR eq. 11.35.
+
+    If forward dynamics uses M, this reuses its M and h.
+    """
+    if articulated_pays(model):
+        return inverse_dynamics(model, q, dq, ddq)
+    return mass_matrix(model, q) @ ddq + bias_forces(model, q, dq)

@@ -1,0 +1,154 @@
+"""Outward and inward passes over the kinematic tree; maps between robot and body coordinates; armature and springs of joints.
+
+An algorithm is a loop ``for i, p in outward(model)`` or ``for i, p in inward(model)``; ``p`` is the parent's number,
+``BASE`` for bodies on the base. Parents come before children, so the passes count up and down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...core.typing import Array
+from ..lie.adjoint import ad
+from ..model.couplings import joint_torques, motor_velocities
+from ..model.model import BASE, Body, Model, Spring
+
+
+def outward(model: Model) -> Iterator[tuple[int, int]]:
+    """(body, parent) from the base to the leaves."""
+    return ((i, body.parent) for i, body in enumerate(model.bodies))
+
+
+def inward(model: Model) -> Iterator[tuple[int, int]]:
+    """(body, parent) from the leaves to the base."""
+    return ((i, model.bodies[i].parent) for i in reversed(range(len(model.bodies))))
+
+
+def ancestors(model: Model, i: int) -> Iterator[int]:
+    """The body itself, its parent, and so on up to the base, excluded."""
+    while i != BASE:
+        yield i
+        i = model.bodies[i].parent
+
+
+def joint_coordinates(model: Model, q: Array) -> list[Array]:
+    """Coordinates of each body's joint, (nq,) of that joint; those of a follower come from its leader."""
+    mine = [q[body.places[0]] for body in model.bodies]
+    return [body.ratio * x + body.offset if body.follows else x for body, x in zip(model.bodies, mine, strict=True)]
+
+
+def joint_poses(model: Model, q: Array) -> list[Array]:
+    """T[i], pose of body i in its parent's frame; (4, 4) each."""
+    coordinates = joint_coordinates(model, q)
+    return [body.placement @ body.joint.pose(x) for body, x in zip(model.bodies, coordinates, strict=True)]
+
+
+def spread(model: Model, dq: Array) -> list[Array]:
+    """Twist A dq of each joint in its body's frame; (6,) each. For ddq in place of dq, its derivative, as A is constant."""
+    twists = []
+    for body in model.bodies:
+        mine = dq[body.places[1]]
+        twists.append(body.ratio * (mine @ body.joint.axes))
+    return twists
+
+
+def collect(model: Model, wrenches: Array) -> Array:
+    """Joint torques A' F (nv,) from the wrench on each body through its joint, summed over joints that share a coordinate."""
+    tau = zeros(model.nv)
+    for body, F in zip(model.bodies, wrenches, strict=True):
+        torque = body.joint.axes @ F
+        mine = body.places[1]
+        tau[mine] = tau[mine] + body.ratio * torque
+    return tau
+
+
+def add_entry(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
+    """Add an entry for velocity a of one joint and b of another, scaled by the ratios of followers."""
+    r, c = row.v_index + a, column.v_index + b
+    matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
+
+
+def zeros(*shape: int) -> Array:
+    """Array of zeros that can hold symbols."""
+    return np.full(shape, 0.0, object)
+
+
+def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
+    """T_s,i: pose of each body in the base frame, from the poses in the parents' frames."""
+    poses: list[Array] = []
+    for i, p in outward(model):
+        poses.append(T[i] if p == BASE else poses[p] @ T[i])
+    return poses
+
+
+# ── Armature: inertia A = diag(a) of drives, with kinetic energy ½ u' A u in the joint velocities u
+
+# The velocities of planar, ball and floating joints are not coordinate rates, but components of the joint's twist V along its
+# axes S_k. Lagrange's equations become Hamel's, and an armature has velocity products like any inertia of that twist:
+#
+#     τ = A du/dt - [V, ·]' A u = A du/dt + C u,     C = L u,     L_abc = a_c S_c·[S_a, S_b]     (axes of unit length).
+#
+# C is skew, as required by dM/dt = 0. L is zero for joints of one degree of freedom. For a ball joint with equal armatures C u
+# is zero. For a floating joint a (ω × v) remains: the velocity of its origin is expressed in a moving frame.
+# Source: Hamel, "Die Lagrange-Eulerschen Gleichungen der Mechanik", 1904; Modern Robotics section 8.2.2.
+
+
+def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
+    """(place in dq, L (n, n, n)) of each joint that has n > 1 velocities and an armature."""
+    for body in model.leaders:
+        mine, S = body.places[1], body.joint.axes
+        a = model.armature[mine]
+        if body.joint.nv > 1 and a.any():
+            yield mine, np.array([[a * (S @ (ad(S_a) @ S_b)) for S_b in S] for S_a in S])
+
+
+def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
+    """Torques of the armature, A ddq + C u with u = dq; (..., nv)."""
+    tau = joint_torques(model, model.armature * motor_velocities(model, ddq))
+    for mine, L in armature_symbols(model):
+        u = dq[..., mine]
+        pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; squares have zero coefficients
+        products = u[..., None, :, None] * u[..., None, None, :]
+        tau[..., mine] = tau[..., mine] + (pairs * products).sum(axis=(-2, -1))
+    return tau
+
+
+# ── Springs between joint coordinates: energy and torques. Modern Robotics section 8.9.5
+
+
+def spring_energy(model: Model, q: Array) -> Any:
+    """½ Σ k x² with the elongation x of each spring [J]."""
+    stretched = [(spring.stiffness, _stretch(model, spring, q)) for spring in model.springs]
+    return sum((0.5 * stiffness * (x * x) for stiffness, x in stretched), start=0.0)
+
+
+def spring_forces(model: Model, q: Array) -> Array:
+    """Torques that hold the springs, the gradient of their energy; (nv,)."""
+    tau = zeros(model.nv)
+    for spring in model.springs:
+        force = spring.stiffness * _stretch(model, spring, q)
+        for body, weight in _ends(model, spring):
+            tau[body.v_index] = tau[body.v_index] + weight * force
+    return tau
+
+
+def spring_stiffness(model: Model) -> Array:
+    """Second derivative of the springs' energy; (nv, nv)."""
+    K = zeros(model.nv, model.nv)
+    for spring in model.springs:
+        for one, a in _ends(model, spring):
+            for other, b in _ends(model, spring):
+                K[one.v_index, other.v_index] = K[one.v_index, other.v_index] + spring.stiffness * a * b
+    return K
+
+
+def _stretch(model: Model, spring: Spring, q: Array) -> Any:
+    return sum((weight * q[body.q_index] for body, weight in _ends(model, spring)), start=-spring.rest)
+
+
+def _ends(model: Model, spring: Spring) -> Iterator[tuple[Body, float]]:
+    by_name = {body.joint.name: body for body in model.leaders}
+    return ((by_name[joint], weight) for joint, weight in spring.terms)

@@ -1,0 +1,3 @@
+"""Rigid bodies: their spatial inertia."""
+
+from __future__ import annotations

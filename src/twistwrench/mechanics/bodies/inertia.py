@@ -1,0 +1,435 @@
+"""Spatial inertia about a body-fixed frame, and momentum-conserving rotation steps. MR sections 8.2.1 and 8.2.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.errors import FrameError, InertiaError, ValueRangeError
+from ...core.glossary import complete
+from ...core.numbers import number, vector, without_noise
+from ...core.tables import html_table
+from ...core.typing import Array
+from ..lie import so3
+from ..lie.labelled import Labelled
+from . import consistency, mesh, solids
+from .solids import moment_matrix, second_moments, ten_parameters
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpatialInertia:
+    """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
+
+    The object has no frame label. Its frame is that of the operand it is used with: the twist in ``G @ V``, the other
+    inertia in ``G1 + G2``, ``frame=`` in ``with_payload``. A sum of inertias about two frames is wrong without an error;
+    convert one first with :meth:`in_frame`. The constructor does not check physical consistency; :meth:`defects` does.
+    ``G @ V`` is the momentum of the body moving with twist V. The parameters may be symbols.
+
+    Examples
+    --------
+    >>> G = SpatialInertia.from_com(2.0, (0, 0, 0.5), np.diag([0.1, 0.1, 0.02]))
+    >>> G
+    SpatialInertia: mass 2 kg, com (0, 0, 0.5) m, about the com Ixx, Iyy, Izz = (0.1, 0.1, 0.02) kg m²
+    >>> G.mass, G.com.tolist(), round(float(G.moment_about_origin[0, 0]), 6)
+    (2.0, [0.0, 0.0, 0.5], 0.6)
+    >>> G.principal()[0].round(9).tolist(), G.defects()
+    ([0.02, 0.1, 0.1], [])
+    """
+
+    parameters: Array
+    """Parameters (10,): m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin; kg, kg m, kg m²."""
+
+    __array_ufunc__ = None  # array + inertia raises TypeError instead of broadcasting
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.parameters.setflags(write=False)  # unpickled arrays are writable
+
+    def __post_init__(self) -> None:
+        what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
+        pi = np.array(arguments.one(self.parameters, f"{what} the array", 10, symbols=True))
+        pi.setflags(write=False)
+        object.__setattr__(self, "parameters", pi)
+
+    def __repr__(self) -> str:
+        if self.parameters.dtype == object or not np.isfinite(self.parameters).all():
+            ten = ", ".join(map(str, self.parameters))
+            return f"SpatialInertia: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = ({ten}) about the origin"
+        I, c = self.moment_about_com, self.com
+        products = I[[0, 0, 1], [1, 2, 2]]
+        scale = float(np.abs(I).max() + self.mass * c @ c)  # rounding error of Steiner's terms
+        said = f"Ixx, Iyy, Izz = {vector(without_noise(I.diagonal(), scale))}"
+        if without_noise(products, scale).any():
+            said += f", Ixy, Ixz, Iyz = {vector(without_noise(products, scale))}"
+        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {said} kg m²"
+
+    def _repr_html_(self) -> str | None:
+        if self.parameters.dtype == object:
+            return None  # notebooks show repr
+        I = [[float(x) for x in row] for row in self.moment_about_com]
+        title = f"{number(self.mass, 6)} kg, com {vector(self.com)} m; moments of inertia about the com, in kg m²"
+        return html_table(title, ("x", "y", "z"), I)
+
+    # ── constructors ──
+
+    @classmethod
+    def from_parameters(cls, pi: ArrayLike) -> SpatialInertia:
+        """Spatial inertia from the ten inertial parameters, in the order of :attr:`parameters`.
+
+        Parameters
+        ----------
+        pi : (10,) array_like, (m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about the frame's origin [kg, kg m, kg m²]
+
+        Examples
+        --------
+        >>> SpatialInertia.from_parameters([2, 0, 0, 1, 1, 0, 1, 0, 0, 1]).com.tolist()
+        [0.0, 0.0, 0.5]
+        """
+        return cls(np.asarray(arguments.array(pi, "inertial parameters", 10)))
+
+    @classmethod
+    def from_com(
+        cls, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), moment_about_com: ArrayLike | None = None
+    ) -> SpatialInertia:
+        """Spatial inertia from mass, centre of mass and rotational inertia about it, in the frame's axes.
+
+        Parameters
+        ----------
+        mass : float [kg]
+        com : (3,) array_like, centre of mass [m]
+        moment_about_com : (3, 3) array_like, optional, rotational inertia [kg m²]; None: a point mass
+
+        Raises
+        ------
+        InertiaError, ShapeError
+            ``moment_about_com`` is not symmetric, or of another size.
+
+        Examples
+        --------
+        >>> SpatialInertia.from_com(2.0, (0, 0, 0.5)).moment_about_origin.diagonal().tolist()
+        [0.5, 0.5, 0.0]
+        """
+        m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
+        I = np.zeros((3, 3)) if moment_about_com is None else moment_matrix(moment_about_com)
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
+        gap = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
+        most = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
+        if not gap <= 1e-9 * most and np.isfinite(I).all():
+            raise InertiaError(
+                f"moment_about_com is not symmetric: entries that should be equal differ by {number(gap, 3)} kg m²."
+            )
+        x, y, z = c.tolist()
+        hx, hy, hz = m * x, m * y, m * z
+        if hx or hy or hz:  # Steiner: I_o = I_com - m [c]^2
+            h_hat, c_hat = [[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]], [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+            with np.errstate(over="ignore", invalid="ignore"):  # defects() reports values that are not finite
+                (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (np.array(h_hat) @ np.array(c_hat)).tolist()
+            xx, xy, yy, xz, yz, zz = xx - sxx, xy - sxy, yy - syy, xz - sxz, yz - syz, zz - szz
+        return cls._of(np.array([m, hx, hy, hz, xx, xy, yy, xz, yz, zz]))
+
+    @classmethod
+    def _of(cls, parameters: Array) -> SpatialInertia:
+        """Inertia of ten floats in an array that the caller does not keep."""
+        made = object.__new__(cls)
+        parameters.setflags(write=False)
+        object.__setattr__(made, "parameters", parameters)
+        return made
+
+    @classmethod
+    def zero(cls) -> SpatialInertia:
+        """Zero spatial inertia: no mass and no moments.
+
+        Examples
+        --------
+        >>> SpatialInertia.zero().mass
+        0.0
+        """
+        return cls._of(np.zeros(10))
+
+    from_points = classmethod(solids.from_points)
+    box = classmethod(solids.box)
+    sphere = classmethod(solids.sphere)
+    cylinder = classmethod(solids.cylinder)
+    capsule = classmethod(solids.capsule)
+    cone = classmethod(solids.cone)
+    ellipsoid = classmethod(solids.ellipsoid)
+    mesh = classmethod(mesh.mesh)
+    from_matrix = classmethod(consistency.from_matrix)
+    from_pseudo_inertia = classmethod(consistency.from_pseudo_inertia)
+    from_log_cholesky = classmethod(consistency.from_log_cholesky)
+
+    # ── properties ──
+
+    log_cholesky = consistency.log_cholesky
+
+    @property
+    def mass(self) -> Any:
+        """Mass [kg]."""
+        return self.parameters.item(0)
+
+    @property
+    def first_moment(self) -> Array:
+        """Mass times centre of mass (3,) [kg m]."""
+        return self.parameters[1:4]
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass (3,) [m]; the origin if the mass is zero."""
+        return self.first_moment / self.mass if self.mass else np.zeros(3)
+
+    @property
+    def moment_about_origin(self) -> Array:
+        """Rotational inertia (3, 3) about the frame's origin [kg m²]."""
+        xx, xy, yy, xz, yz, zz = self.parameters[4:]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def moment_about_com(self) -> Array:
+        """Rotational inertia (3, 3) about the centre of mass, in the frame's axes [kg m²]."""
+        c = so3.hat(self.com)
+        return self.moment_about_origin + self.mass * c @ c
+
+    @property
+    def matrix(self) -> Array:
+        """Spatial inertia matrix G (6, 6) in F = G dV - ad(V)' G V, about the origin, angular part first [kg m², kg m, kg]."""
+        h = so3.hat(self.first_moment)
+        return np.block([[self.moment_about_origin, h], [-h, self.mass * np.eye(3)]])
+
+    @property
+    def second_moment(self) -> Array:
+        """Matrix of second moments (3, 3), ∫ r r' dm = ½ tr(I) 1 - I [kg m²]."""
+        return second_moments(self.moment_about_origin)
+
+    @property
+    def pseudo_inertia(self) -> Array:
+        """Matrix ∫ [r; 1] [r; 1]' dm (4, 4); positive definite exactly if a real body has it."""
+        h = self.first_moment
+        return np.block([[self.second_moment, h[:, None]], [h[None, :], np.full((1, 1), self.mass)]])
+
+    def principal(self) -> tuple[Array, Array]:
+        """Principal moments of inertia about the centre of mass, ascending, and their axes.
+
+        Axes of repeated moments are aligned with the frame's axes; those of a ball equal them.
+
+        Returns
+        -------
+        moments : (3,) array [kg m²]
+        axes : (3, 3) array, a rotation whose columns are the axes
+
+        Raises
+        ------
+        InertiaError
+            The inertia is not finite.
+        """
+        if not np.isfinite(self.parameters).all():
+            raise InertiaError(f"this inertia has no principal axes: it {self.defects()[0]}.")
+        moments, axes = np.linalg.eigh(self.moment_about_com)
+        return moments, consistency.aligned_axes(moments, axes)
+
+    # ── change of frame, sums ──
+
+    def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
+        """Inertia of the same body in another frame {a}, given this one in {b}.
+
+        G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
+
+        Parameters
+        ----------
+        T_ab : (4, 4) array_like, pose of {b} seen from {a}
+
+        Returns
+        -------
+        G_a : SpatialInertia
+
+        Examples
+        --------
+        >>> T = np.eye(4)
+        >>> T[:3, 3] = 0, 0, 1
+        >>> SpatialInertia.sphere(0.1, mass=2).in_frame(T).com.tolist()
+        [0.0, 0.0, 1.0]
+        """
+        T = arguments.pose(arguments.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
+        R, p, m = T[:3, :3], T[:3, 3], self.mass
+        h, I = R @ self.first_moment, R @ self.moment_about_origin @ R.T
+        u = h + 0.5 * m * p
+        d = 2.0 * (u @ p)
+        # I + d 1 - u p' - p u', entry by entry: for three numbers this is faster than NumPy operations.
+        (x, y, z), (a, b, c), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = p.tolist(), u.tolist(), I.tolist()
+        moments = [
+            xx + d - a * x - x * a, xy - a * y - x * b, yy + d - b * y - y * b,
+            xz - a * z - x * c, yz - b * z - y * c, zz + d - c * z - z * c,
+        ]  # fmt: skip
+        pi = [m, *(h + m * p).tolist(), *moments]
+        return SpatialInertia._of(np.array(pi)) if I.dtype == np.float64 else SpatialInertia.from_parameters(pi)
+
+    def turned(self, k: int, angle: Any) -> SpatialInertia:
+        """Inertia of the body rotated about a coordinate axis, in the same frame.
+
+        Parameters
+        ----------
+        k : int, axis: 0, 1 or 2
+        angle : float or symbols, angle [rad], or pair of its cosine and sine
+
+        Notes
+        -----
+        With e = s (I_xx - I_yy) + 2 c I_xy for a rotation about z, the rotated block is I_xx - s e, I_yy + s e, c e - I_xy:
+        eight multiplications instead of the eighteen of the congruence.
+
+        Examples
+        --------
+        >>> SpatialInertia.box((1, 2, 3), mass=12).turned(2, np.pi / 2).moment_about_com.diagonal().round(9).tolist()
+        [10.0, 13.0, 5.0]
+        """
+        if k not in (0, 1, 2):
+            raise ValueRangeError(f"no coordinate axis {k!r}; choose 0, 1 or 2.")
+        arguments.one(angle, "angle", symbols=True)
+        x, y, z = (k + 1) % 3, (k + 2) % 3, k
+        s, c, h = np.sin(angle), np.cos(angle), self.first_moment.astype(object)
+        h[x], h[y] = c * h[x] - s * h[y], s * h[x] + c * h[y]
+        I = self.moment_about_origin.astype(object)
+        e = s * (I[x, x] - I[y, y]) + c * (I[x, y] + I[x, y])
+        xz, yz = c * I[x, z] - s * I[y, z], s * I[x, z] + c * I[y, z]
+        I[x, x], I[y, y], xy = I[x, x] - s * e, I[y, y] + s * e, c * e - I[x, y]
+        I[x, y] = I[y, x] = xy
+        I[x, z] = I[z, x] = xz
+        I[y, z] = I[z, y] = yz
+        return SpatialInertia.from_parameters(ten_parameters(self.mass, h, I))
+
+    def __matmul__(self, V: ArrayLike) -> Array:
+        """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w).
+
+        A labelled twist raises :class:`~twistwrench.FrameError`, because an inertia has no frame to compare.
+        """
+        if isinstance(V, Labelled):
+            raise FrameError(
+                f"SpatialInertia @ {V.symbol}: an inertia names no frame, so that of {V.symbol} cannot be checked. If the "
+                f"inertia is about the origin of {V.frame!r}, write G @ {V.symbol}.values."
+            )
+        V = arguments.array(V, "V", 6)
+        w, v, h = V[..., :3], V[..., 3:], self.first_moment
+        return np.concatenate(
+            [w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1
+        )
+
+    def __add__(self, other: SpatialInertia) -> SpatialInertia:
+        return SpatialInertia.from_parameters(self.parameters + self._ten(other, "+"))
+
+    def __radd__(self, other: Any) -> SpatialInertia:
+        if np.ndim(other) == 0 and not isinstance(other, str) and other == 0:  # for sum()
+            return self
+        raise InertiaError(f"{type(other).__name__} + SpatialInertia: an inertia goes with another SpatialInertia.")
+
+    def __sub__(self, other: SpatialInertia) -> SpatialInertia:
+        return SpatialInertia.from_parameters(self.parameters - self._ten(other, "-"))
+
+    @staticmethod
+    def _ten(other: Any, sign: str) -> Array:
+        if not isinstance(other, SpatialInertia):
+            raise InertiaError(
+                f"SpatialInertia {sign} {type(other).__name__}: an inertia goes with another SpatialInertia."
+            )
+        return other.parameters
+
+    # ── physical consistency ──
+
+    defects = consistency.defects
+    nearest_consistent = consistency.nearest_consistent
+    repair = consistency.repair
+
+
+# ── Momentum-conserving steps of free rotation about the centre of mass
+
+# In principal axes the rotational energy of body momentum m is split, with the middle moment I2 set apart,
+#
+#     K = |m|²/(2 I2) + ½ (1/I1 - 1/I2) m1² + ½ (1/I3 - 1/I2) m3²,
+#
+# The first part rotates the body about the fixed momentum, the others rotate it about a body axis; each is solved exactly. The
+# first commutes with the rest; the others are composed symmetrically. So every step is a product of exact motions, each of
+# which conserves the spatial momentum. The composition is symplectic and symmetric, so the energy error is bounded for
+# exponentially long times. A body with two equal moments moves exactly, as its two remaining parts commute. Sources: McLachlan,
+# "Explicit Lie-Poisson integration and the Euler equations", PRL 71, 1993; Fassò, "Comparison of splitting algorithms for the
+# rigid body", J. Comput. Phys. 189, 2003; Hairer, Lubich and Wanner, Geometric Numerical Integration, VII.5.3 and V.3.
+#
+# Plain floats, because a step is too short for arrays: a step of order 4 takes a few microseconds.
+
+Quat = tuple[float, float, float, float]
+Vec = tuple[float, float, float]
+
+_S = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
+_K = (0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)
+
+COMPOSITIONS: dict[int, tuple[float, ...]] = {
+    2: (1.0,),
+    4: (_S, _S, 1.0 - 4.0 * _S, _S, _S),  # Suzuki, 1990
+    6: (*_K, 1.0 - 2.0 * sum(_K), *reversed(_K)),  # Kahan and Li, 1997
+}
+"""Fractions of a step, per order: symmetric, with sum 1, and zero sums of the odd powers below the order."""
+
+
+def body_momentum(q: Quat, l: Vec) -> Vec:
+    """R(q)ᵀ l for a unit quaternion."""
+    w, x, y, z = q
+    a, b, c = l
+    tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    return a + w * tx + ty * z - tz * y, b + w * ty + tz * x - tx * z, c + w * tz + tx * y - ty * x
+
+
+@dataclass(frozen=True)
+class SplitRotor:
+    """Body rotating about its centre of mass: reciprocal moments, relative to the middle one, in 1/(kg m²)."""
+
+    middle: float
+    first: float
+    third: float
+
+    @classmethod
+    def from_moments(cls, moments: Vec) -> SplitRotor:
+        """Rotor from principal moments, ascending."""
+        a, b, c = (1.0 / x for x in moments)
+        return cls(b, a - b, c - b)
+
+    def schedule(self, h: float, fractions: tuple[float, ...]) -> tuple[list[tuple[float, float]], float]:
+        """Half-angle factors of the alternating rotations about axes 1 and 3, neighbours merged, and of the last rotation."""
+        a, b = 0.25 * h * self.first, 0.5 * h * self.third
+        ends = (0.0, *fractions)
+        return [(a * (ends[i] + f), b * f) for i, f in enumerate(fractions)], a * fractions[-1]
+
+    def step(self, q: Quat, l: Vec, h: float, turns: list[tuple[float, float]], last: float) -> Quat:
+        """Quaternion after a step ``h``; ``l`` is the spatial angular momentum, which is constant."""
+        w, x, y, z = q
+        k, m, n = body_momentum(q, l)
+        for a, b in turns:
+            s, c = sin(a * k), cos(a * k)
+            w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
+            s, c = 2.0 * s * c, 1.0 - 2.0 * s * s
+            m, n = m * c + n * s, n * c - m * s
+            s, c = sin(b * n), cos(b * n)
+            w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+            s, c = 2.0 * s * c, 1.0 - 2.0 * s * s
+            k, m = k * c + m * s, m * c - k * s
+        s, c = sin(last * k), cos(last * k)
+        w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
+
+        lx, ly, lz = l
+        size = sqrt(lx * lx + ly * ly + lz * lz)
+        if size == 0.0:
+            return q
+        half = 0.5 * h * self.middle * size
+        s, c = sin(half) / size, cos(half)
+        i, j, k = lx * s, ly * s, lz * s
+        w, x, y, z = (
+            c * w - i * x - j * y - k * z,
+            c * x + i * w + j * z - k * y,
+            c * y - i * z + j * w + k * x,
+            c * z + i * y - j * x + k * w,
+        )
+        s = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # normalise
+        return s * w, s * x, s * y, s * z
+
+
+complete(globals())

@@ -1,0 +1,234 @@
+"""Inertia of uniform solids bounded by triangle meshes, and convex hulls of points.
+
+The integral over a shell is the signed sum over the tetrahedra that its faces form with one fixed point. Integrals over a
+tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass
+properties) of a 3D solid body represented by a triangle mesh", 2004. Shells that bound solids are added, shells that bound
+cavities are subtracted: :mod:`twistwrench.mechanics.bodies.solids`.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
+from ...core.glossary import complete
+from ...core.numbers import printed
+from ...core.third_party import third_party_errors
+from ...core.typing import Array
+from .mesh_files import check_faces, load_mesh
+from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
+
+if TYPE_CHECKING:
+    from .inertia import SpatialInertia
+
+_USUAL_SIZE = 1e-4, 10.0
+"""Plausible extent of a robot part [m]. A part drawn in millimetres but read in metres is 1000 times too large."""
+_USUAL_DENSITY = 1.0, 23_000.0
+"""Plausible density [kg/m³], from thin shells filled with air to osmium."""
+
+
+def mesh(
+    cls: type[SpatialInertia],
+    surface: str | Path | tuple[ArrayLike, ArrayLike],
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+    scale: float = 1.0,
+) -> SpatialInertia:
+    """Spatial inertia of a uniform solid bounded by a mesh, in the mesh's own frame.
+
+    Parameters
+    ----------
+    surface : str, Path, or (vertices (n, 3), triangles (k, 3) of vertex numbers)
+        File that trimesh reads (extra ``mesh``), or arrays.
+    scale : float, metres per unit of the mesh: 0.001 for millimetres
+
+    Raises
+    ------
+    ModelError
+        The surface is not closed; the message gives the position.
+    MissingExtraError
+        trimesh is not installed and a file has to be read.
+    NotFoundError
+        The file does not exist.
+
+    Warns
+    -----
+    ModelWarning
+        Shells intersect or coincide, or the size or density is implausible for a robot part.
+
+    Notes
+    -----
+    Shells are sets of faces connected by edges. The orientation of their faces is ignored: an outer shell bounds a solid,
+    a shell inside it a cavity, a shell inside a cavity a solid again. Shells that intersect or coincide each count as
+    solids, so that their common volume counts twice.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia
+    >>> corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> G = SpatialInertia.mesh(corner, density=6.0)
+    >>> round(G.mass, 12), G.com.round(12).tolist()
+    (1.0, [0.25, 0.25, 0.25])
+    """
+    if not 0.0 < arguments.number(scale, "mesh: scale") < np.inf:
+        raise ValueRangeError(f"mesh: scale is {scale}, and must be positive and finite.")
+    name, vertices, faces = _read(surface)
+    _require_closed(name, vertices, faces)
+    vertices = scale * vertices
+    count, shell = shell_numbers(faces)
+    centre = vertices[faces].mean(axis=(0, 1))  # near the solid, against rounding errors of distant meshes
+    a = (vertices - centre)[faces]
+    six = np.linalg.det(a)  # six times the signed volume of each tetrahedron
+    volumes = np.bincount(shell, six, count) / 6.0
+    extent = float(np.ptp(vertices[faces], axis=(0, 1)).max())
+    turned = np.where(volumes < 0, -1.0, 1.0)
+    signs = turned * _signs(name, np.where((turned < 0)[shell, None, None], a[:, ::-1], a), shell, count)
+    six = signs[shell] * six
+    volume = six.sum() / 6.0
+    if not math.isfinite(volume) or not math.cbrt(volume) > 1e-5 * extent:
+        raise ModelError(f"{name} encloses no volume ({printed(volume, 3)} m³).")
+    sums = a.sum(axis=1)
+    h = six @ sums / 24.0
+    S = (np.einsum("k,kia,kib->ab", six, a, a) + np.einsum("k,ka,kb->ab", six, sums, sums)) / 120.0
+    m = total_mass("mesh", float(volume), mass, density)
+    rho, c = m / volume, h / volume
+    _remark_on_size(name, extent, float(rho), m)
+    S = rho * S - m * np.outer(c, c)
+    return cls.from_com(m, c + centre, rotational_inertia(S))
+
+
+def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
+    """1 for each shell that bounds a solid, -1 for a cavity; triangles (k, 3, 3) oriented outwards."""
+    if count == 1:
+        return np.ones(1)
+    found = nest(outwards, shell, count)
+    if found.cutting:
+        warnings.warn(
+            f"{name}: of its {count} shells {len(found.cutting)} pairs cut each other or coincide; each counts as a solid, so "
+            "what they have in common counts twice. Unite them (trimesh.boolean.union can), or give the mass and check "
+            "the centre of mass.",
+            ModelWarning,
+            stacklevel=3,
+        )
+    return found.sign
+
+
+def _remark_on_size(name: str, extent: float, density: float, mass: float) -> None:
+    """Warn about a probable mistake in the unit of length."""
+    small, large = _USUAL_SIZE
+    light, heavy = _USUAL_DENSITY
+    text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
+    if not small <= extent <= large:
+        unit = "If it is in millimetres, pass scale=0.001" if extent > large else "Check scale"
+        warnings.warn(f"{text}: not a plausible size of a robot part. {unit}.", ModelWarning, stacklevel=3)
+    elif not light <= density <= heavy:
+        warnings.warn(
+            f"{text}: not a plausible density. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=3
+        )
+
+
+def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array, Array]:
+    if isinstance(surface, str | Path):
+        return (str(surface), *read_surface(Path(surface)))
+    try:
+        corners, triangles = surface
+        vertices, faces = arguments.real(corners, "vertices"), np.asarray(triangles)
+    except (TypeError, ValueError):
+        raise ShapeError("a mesh is a file name or a pair (vertices (n, 3), faces (k, 3)).") from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not faces.size:
+        raise ShapeError(f"vertices have shape {vertices.shape} and faces {faces.shape}, expected (n, 3) and (k, 3).")
+    if not np.issubdtype(faces.dtype, np.integer) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueRangeError(f"faces must be whole numbers of the {len(vertices)} vertices, 0 to {len(vertices) - 1}.")
+    return "the mesh", np.asarray(vertices, float), faces
+
+
+def read_surface(path: Path) -> tuple[Array, Array]:
+    """Vertices (n, 3) and triangles (k, 3) of a file that trimesh reads, with coincident vertices merged."""
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingExtraError.from_extra("trimesh", "mesh", f"Reading the mesh {path.name}") from None
+    if not path.is_file():
+        raise NotFoundError(f"no mesh file {str(path)!r}.")
+    with third_party_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):
+        try:
+            loaded: Any = load_mesh(path, trimesh.load, force="mesh")
+        except ModelError as problem:
+            raise ModelError(f"{path} {problem}.") from None
+    if not hasattr(loaded, "faces") or not len(loaded.faces):
+        raise ModelError(f"{path} holds no triangles.")
+    if np.shape(loaded.vertices)[1:] != (3,):
+        raise ModelError(f"{path} has vertices of {np.shape(loaded.vertices)[-1]} numbers, and three are needed.")
+    try:
+        check_faces(loaded.faces, len(loaded.vertices))
+    except ModelError as problem:
+        raise ModelError(f"{path} {problem}.") from None
+    loaded.merge_vertices(merge_tex=True, merge_norm=True)  # formats such as STL repeat each vertex
+    return np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
+
+
+def _require_closed(name: str, vertices: Array, faces: Array) -> None:
+    """Raise ModelError unless each edge of a face belongs to exactly one other face, in opposite direction."""
+    if not np.isfinite(vertices[faces]).all():
+        raise ValueRangeError(f"{name} has corners that are not finite numbers.")
+    edges = edges_of(faces)
+    there, back = (edges[:, i] * len(vertices) + edges[:, 1 - i] for i in (0, 1))
+    keys, first, counts = np.unique(there, return_index=True, return_counts=True)
+    alone = edges[first[~np.isin(keys, back)]]
+    for bad, what in (
+        (alone, "is not watertight: {n} edges have a face on one side only"),
+        (edges[first[counts > 1]], "has {n} edges along which two faces run the same way (flipped or doubled)"),
+    ):
+        if len(bad):
+            shown = "; ".join(f"{vertices[i].round(6).tolist()} to {vertices[j].round(6).tolist()}" for i, j in bad[:3])
+            raise ModelError(
+                f"{name} {what.format(n=len(bad))}, the first at {shown}. Close it (trimesh.repair can), or take a solid "
+                "that bounds it, such as SpatialInertia.box."
+            )
+
+
+# ── Convex hull of points, as a closed triangle mesh
+
+
+def hull_faces(points: Array) -> Array | None:
+    """Triangles (k, 3) of the convex hull of points (n, 3), oriented outwards; None if the points are coplanar.
+
+    For points (n, 2), the edges (k, 2) in no particular order; None if the points are collinear.
+
+    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    >>> len(hull_faces(corners)), hull_faces(corners[:3])
+    (4, None)
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points, qhull_options="Qt")
+    except (QhullError, ValueError):
+        return None
+    faces = np.array(hull.simplices, int)
+    if points.shape[1] == 2:
+        return faces
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, [0, 2, 1]]
+    return faces
+
+
+def convex_hull(points: Array) -> tuple[Array, Array] | None:
+    """Vertices (m, 3) and triangles (k, 3) of the convex hull; None if the points are coplanar."""
+    faces = hull_faces(points)
+    if faces is None:
+        return None
+    used, numbered = np.unique(faces, return_inverse=True)
+    return points[used], numbered.reshape(-1, 3)
+
+
+complete(globals())

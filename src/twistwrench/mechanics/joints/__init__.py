@@ -1,0 +1,16 @@
+"""Joint types, one file per family, with a common interface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from .joint import ChartEntry, Fixed, Joint, Slider
+from .multi_dof import Ball, Floating, Planar
+from .screw_joint import Continuous, Helical, Prismatic, Revolute, RotorJoint
+
+__all__ = ["ChartEntry", "Fixed", "Floating", "JOINT_TYPES", "Joint", "Planar", "RotorJoint", "Slider"]
+
+JOINT_TYPES: Mapping[str, type[Joint]] = {
+    joint.kind: joint for joint in (Revolute, Continuous, Prismatic, Helical, Planar, Floating, Ball)
+}
+"""Types of moving joints by name. ``fixed`` joints are fused into links; rotors come with actuators."""

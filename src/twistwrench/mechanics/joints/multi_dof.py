@@ -1,0 +1,389 @@
+"""Joints of several degrees of freedom: ball, floating and planar.
+
+Ball joints rotate about a point. Their coordinates are quaternions (qw, qx, qy, qz), their velocities angular velocities in the
+child's frame: ``dR = R [ω]`` and ``dQ = ½ Q (0, ω)``. Modern Robotics section 3.2.2 and appendix B.3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.errors import ModelError
+from ...core.typing import Array
+from ..lie import quaternion, se3, so3
+from ..lie.se3 import slide
+from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
+from .joint import (
+    ChartEntry,
+    CosineSine,
+    Joint,
+    Slider,
+    euler_axis,
+    euler_rates,
+    euler_rotation,
+    exact,
+    exact_rodrigues,
+)
+from .screw_joint import direction_of, no_pitch, plane_of, rodrigues, unit_vector
+
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+class Ball(Joint):
+    """Joint that rotates about its origin in all directions."""
+
+    kind = "ball"
+    coordinate_suffixes = (".qw", ".qx", ".qy", ".qz")
+    velocity_suffixes = (".wx", ".wy", ".wz")
+    quaternion = 0
+    plain_rates = False
+    pinocchio_order = (0, 1, 2)
+    coordinate_units = ("", "", "", "")
+    angle = None
+
+    @classmethod
+    def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
+        """Return the three rotation axes; a direction in the file is ignored."""
+        return np.eye(6)[:3]
+
+    def pose(self, q: Array) -> Array:
+        """Pose with the quaternion's rotation."""
+        return se3.pose(quaternion.rotation(q), np.zeros(3))
+
+    def add(self, q: Array, dv: Array, angles: Array) -> Array:
+        """Quaternion Q exp(ω)."""
+        half, cosine, _ = half_angle(dv @ dv)
+        Q = q / np.sqrt(q @ q)
+        return quaternion.multiply(Q, np.concatenate([[cosine], half * dv]))
+
+    def subtract(self, q1: Array, q0: Array) -> Array:
+        """Rotation vector log(Q0⁻¹ Q1)."""
+        return turn_between(q1, q0)[0]
+
+    def rates(self, q: Array) -> Array:
+        """N in dQ = ½ Q (0, ω) = N ω; (4, 3)."""
+        w, x, y, z = 0.5 * q
+        return np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]], object)
+
+    def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
+        """R and dR = R [ω], which is short and half zeros, unlike the derivative through the quaternion."""
+        R = quaternion.rotation(q)
+        yield R, np.stack([R @ so3.hat(e) for e in np.eye(3).astype(object)], axis=-1)
+
+    def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
+        """ω = 2 vec(Q* dQ) / |Q|², and its derivative; the term dQ* dQ is a pure scalar and drops out."""
+        conjugate, square = q * _CONJUGATE, np.sum(q * q, axis=1, keepdims=True)
+        w = 2.0 * quaternion.multiply(conjugate, q1)[:, 1:] / square
+        dw = 2.0 * (quaternion.multiply(conjugate, q2)[:, 1:] - np.sum(q * q1, axis=1, keepdims=True) * w) / square
+        return w, dw
+
+    def spread(self, sigma: Array) -> Array:
+        """Standard deviations of dω: twice the largest one of the quaternion's second derivatives."""
+        return np.full(3, 2.0 * sigma.max())
+
+    def bound(self, off: Array) -> Array:
+        """Error bound of the angle: twice that of the quaternion."""
+        return np.full(3, 2.0 * np.linalg.norm(off))
+
+    def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
+        """Random quaternions, uniform over all rotations."""
+        return unit(rng.standard_normal((*shape, 4)))
+
+    def to_pinocchio(self, q: Array) -> Array:
+        """Quaternion in the order (x, y, z, w)."""
+        return np.roll(unit(q), -1, axis=-1)
+
+    def from_pinocchio(self, q: Array) -> Array:
+        """Quaternion in the order (w, x, y, z)."""
+        return np.roll(q, 1, axis=-1)
+
+    def to_mujoco(self, q: Array) -> Array:
+        """Coordinates in MuJoCo's order, with a unit quaternion."""
+        return unit(q)
+
+    @property
+    def chart(self) -> tuple[ChartEntry, ...]:
+        """ZYX Euler angles, because quaternion entries are not independent."""
+        letters = (("alpha", "yaw"), ("beta", "pitch"), ("gamma", "roll"))
+        return tuple(ChartEntry(letter, True, f"{word} of joint {{}}") for letter, word in letters)
+
+    def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
+        """Quaternion, and E in ω = E times the rates of the angles."""
+        return euler_rates(u, du)
+
+    def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
+        """Rotation Rot(z) Rot(y) Rot(x) at the origin."""
+        return euler_rotation(0, cosine_sine), exact(np.zeros(3))
+
+    def chart_column(
+        self, k: int, into_child: Callable[[Array], Array], cosine_sine: CosineSine
+    ) -> tuple[Array, Array]:
+        """Angular velocity per unit rate of one Euler angle; v = 0."""
+        return euler_axis(k, 0, cosine_sine), exact(np.zeros(3))
+
+    @property
+    def sliders(self) -> tuple[Slider, ...]:
+        """Sliders for roll, pitch and yaw."""
+        words = (("roll", math.pi), ("pitch", math.pi / 2), ("yaw", math.pi))
+        return tuple(Slider(f" {word}", 0, "°", most, k) for k, (word, most) in enumerate(words))
+
+
+def turn_between(Q1: Array, Q0: Array) -> tuple[Array, Any]:
+    """Shortest ω = log(Q0⁻¹ Q1) for quaternions of length 1e-150 to 1e150, and its square."""
+    Q = quaternion.multiply((Q0 / np.sqrt(Q0 @ Q0)) * _CONJUGATE, Q1 / np.sqrt(Q1 @ Q1))
+    Q = short_way(Q[0]) * Q
+    w = 2.0 * half_turn(Q[0], Q[1:] @ Q[1:]) * Q[1:]
+    return w, w @ w
+
+
+def unit(Q: Array) -> Array:
+    """Quaternion (..., 4), normalised."""
+    return np.asarray(Q / np.linalg.norm(Q, axis=-1, keepdims=True))
+
+
+# ── Floating joints: six degrees of freedom, with (qw, qx, qy, qz, x, y, z) and body twists (ω, v)
+
+# They rotate like ball joints and translate with ``dp = R v``. Modern Robotics section 3.3.2.
+
+_TURNING = Ball("", np.eye(6)[:3])
+
+
+class Floating(Joint):
+    """Joint of a free body."""
+
+    kind = "floating"
+    coordinate_suffixes = (*Ball.coordinate_suffixes, ".x", ".y", ".z")
+    velocity_suffixes = (*Ball.velocity_suffixes, ".vx", ".vy", ".vz")
+    quaternion = 0
+    driven = False
+    plain_rates = False
+    pinocchio_order = (3, 4, 5, 0, 1, 2)
+    coordinate_units = (*Ball.coordinate_units, "m", "m", "m")
+    angle = None
+
+    @classmethod
+    def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
+        """Return all six axes; a direction in the file is ignored."""
+        return np.eye(6)
+
+    def pose(self, q: Array) -> Array:
+        """Pose (R, p)."""
+        return se3.pose(quaternion.rotation(q[:4]), q[4:])
+
+    def add(self, q: Array, dv: Array, angles: Array) -> Array:
+        """Pose (R, p) exp(dv)."""
+        Q, p, w, v = q[:4], q[4:], dv[:3], dv[3:]
+        Q = Q / np.sqrt(Q @ Q)
+        half, cosine, third = half_angle(w @ w)
+        turned = quaternion.multiply(Q, np.concatenate([[cosine], half * w]))
+        slid = slide(w, v, 2.0 * half * half, third)  # MR eq. 3.88
+        return np.concatenate([turned, p + quaternion.rotation(angles[:4]) @ slid])
+
+    def subtract(self, q1: Array, q0: Array) -> Array:
+        """Twist log(T0⁻¹ T1); MR eq. 3.92."""
+        w, square = turn_between(q1[:4], q0[:4])
+        p = quaternion.rotation(q0[:4]).T @ (q1[4:] - q0[4:])
+        return np.concatenate([w, slide(w, p, -0.5, cotangent_quotient(square))])
+
+    def rates(self, q: Array) -> Array:
+        """N with the quaternion's block and R."""
+        N = np.full((7, 6), 0.0, object)
+        N[:4, :3], N[4:, 3:] = _TURNING.rates(q[:4]), quaternion.rotation(q[:4])
+        return N
+
+    def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
+        """R and dR = R [ω]."""
+        for R, dR in _TURNING.rotation_slopes(q[:4]):
+            yield R, np.concatenate([dR, np.full((3, 3, 3), 0.0, object)], axis=-1)
+
+    def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
+        """ω as for a ball joint, v = R' dp."""
+        w, dw = _TURNING.velocities(q[:, :4], q1[:, :4], q2[:, :4])
+        R_bs = np.swapaxes(quaternion.rotation(q[:, :4]), -1, -2)
+        v = (R_bs @ q1[:, 4:, None])[..., 0]
+        a = (R_bs @ q2[:, 4:, None])[..., 0] - np.cross(w, v)
+        return np.concatenate([w, v], axis=1), np.concatenate([dw, a], axis=1)
+
+    def spread(self, sigma: Array) -> Array:
+        """Standard deviations as for a ball joint; the largest of x, y, z for all linear entries."""
+        return np.r_[_TURNING.spread(sigma[:4]), np.full(3, sigma[4:].max())]
+
+    def bound(self, off: Array) -> Array:
+        """Bounds as for a ball joint; the length of (x, y, z) for all linear entries."""
+        return np.r_[_TURNING.bound(off[:4]), np.full(3, np.linalg.norm(off[4:]))]
+
+    def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
+        """Random poses: uniform over all rotations, each position coordinate within ±1 m."""
+        return np.concatenate([unit(rng.standard_normal((*shape, 4))), rng.uniform(-1.0, 1.0, (*shape, 3))], axis=-1)
+
+    def to_pinocchio(self, q: Array) -> Array:
+        """Coordinates in Pinocchio's order (x, y, z, qx, qy, qz, qw)."""
+        return np.concatenate([q[..., 4:], _TURNING.to_pinocchio(q[..., :4])], axis=-1)
+
+    def from_pinocchio(self, q: Array) -> Array:
+        """Coordinates from Pinocchio's order (x, y, z, qx, qy, qz, qw)."""
+        return np.concatenate([_TURNING.from_pinocchio(q[..., 3:]), q[..., :3]], axis=-1)
+
+    def to_mujoco(self, q: Array) -> Array:
+        """Coordinates in MuJoCo's order (x, y, z, qw, qx, qy, qz)."""
+        return np.concatenate([q[..., 4:], unit(q[..., :4])], axis=-1)
+
+    def from_mujoco(self, q: Array) -> Array:
+        """Coordinates from MuJoCo's order (x, y, z, qw, qx, qy, qz)."""
+        return np.concatenate([q[..., 3:], q[..., :3]], axis=-1)
+
+    def mujoco_rates(self, q: Array) -> Array:
+        """Matrix P to MuJoCo's velocities: the linear velocity first, in world axes."""
+        P = np.zeros((6, 6))
+        P[:3, 3:], P[3:, :3] = quaternion.rotation(q[:4]), np.eye(3)
+        return P
+
+    def mujoco_turning(self, dq: Array) -> Array:
+        """Difference (0, ω × v)."""
+        return np.r_[np.zeros(3), np.cross(dq[:3], dq[3:])]
+
+    @property
+    def chart(self) -> tuple[ChartEntry, ...]:
+        """Coordinates x, y, z and ZYX Euler angles."""
+        return (*(ChartEntry(letter, False, f"{letter} of joint {{}}") for letter in "xyz"), *_TURNING.chart)
+
+    def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
+        """ω = E times the rates of the angles, and v = R' dp."""
+        Q, E, dE = euler_rates(u[3:], du[3:])
+        Rt = quaternion.rotation(Q).T
+        B, dB = np.zeros((6, 6)), np.zeros((6, 6))
+        B[:3, 3:], B[3:, :3] = E, Rt
+        dB[:3, 3:], dB[3:, :3] = dE, -so3.hat(E @ du[3:]) @ Rt
+        return np.concatenate([Q, u[:3]]), B, dB
+
+    def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
+        """Rotation Rot(z) Rot(y) Rot(x) and position (x, y, z)."""
+        return euler_rotation(3, cosine_sine), np.array([coordinate(k) for k in range(3)], object)
+
+    def chart_column(
+        self, k: int, into_child: Callable[[Array], Array], cosine_sine: CosineSine
+    ) -> tuple[Array, Array]:
+        """Twist per unit rate: x, y, z translate along the joint's axes, the angles rotate."""
+        nothing = exact(np.zeros(3))
+        return (euler_axis(k - 3, 3, cosine_sine), nothing) if k > 2 else (nothing, into_child(np.eye(3)[k]))
+
+    @property
+    def sliders(self) -> tuple[Slider, ...]:
+        """Sliders for roll, pitch, yaw, x, y and z."""
+        return (*_TURNING.sliders, *(Slider(f" {x}", 4 + k, "m", 1.0) for k, x in enumerate("xyz")))
+
+
+# ── Planar joints: rotation about a normal and translation in the plane, by (x, y, theta) and (omega, v_1, v_2)
+
+
+class Planar(Joint):
+    """Joint in a plane; the twist is in the child's frame, x and y are along the joint's axes."""
+
+    kind = "planar"
+    coordinate_suffixes = (".x", ".y", ".theta")
+    velocity_suffixes = (".w", ".vx", ".vy")
+    plain_rates = False
+    wraps = (2,)
+    pinocchio_order = (1, 2, 0)
+    coordinate_units = ("m", "m", "rad")
+    angle = (2, 0)
+
+    @classmethod
+    def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
+        """Screw axes from the normal of the plane."""
+        no_pitch(cls.kind, pitch, who)
+        return plane_of(unit_vector(direction_of(axis, who)))
+
+    def pose(self, q: Array) -> Array:
+        """Pose Rot(normal, theta) at (x, y)."""
+        normal, e1, e2 = self.axes[0, :3], self.axes[1, 3:], self.axes[2, 3:]
+        return se3.pose(rodrigues(normal, np.cos(q[2]), np.sin(q[2])), e1 * q[0] + e2 * q[1])
+
+    def add(self, q: Array, dv: Array, angles: Array) -> Array:
+        """Configuration after the motion along a circular arc."""
+        (x, y, theta), (w, vx, vy) = q, dv
+        a, b = _arc(w)
+        dx, dy = a * vx - b * vy, b * vx + a * vy
+        c, s = np.cos(angles[2]), np.sin(angles[2])
+        return np.array([x + c * dx - s * dy, y + s * dx + c * dy, theta + w], object)
+
+    def subtract(self, q1: Array, q0: Array) -> Array:
+        """Displacement along the circular arc from q0 to q1, with the shortest rotation."""
+        x, y, turn = q1 - q0
+        c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
+        way = short_way(c)
+        w = 2.0 * way * s * half_turn(way * c, s * s)
+        c, s = np.cos(q0[2]), np.sin(q0[2])
+        dx, dy = c * x + s * y, c * y - s * x
+        a, b = _arc(w)
+        n = a * a + b * b
+        return np.array([w, (a * dx + b * dy) / n, (a * dy - b * dx) / n], object)
+
+    def rates(self, q: Array) -> Array:
+        """N in (dx, dy, dtheta) = N (omega, v_1, v_2)."""
+        c, s = np.cos(q[2]), np.sin(q[2])
+        return np.array([[0.0, c, -s], [0.0, s, c], [1.0, 0.0, 0.0]], object)
+
+    def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
+        """Velocities N⁻¹ dq/dt, and their derivatives."""
+        c, s, w = np.cos(q[:, 2]), np.sin(q[:, 2]), q1[:, 2]
+        vx, vy = c * q1[:, 0] + s * q1[:, 1], c * q1[:, 1] - s * q1[:, 0]
+        ax, ay = c * q2[:, 0] + s * q2[:, 1] + w * vy, c * q2[:, 1] - s * q2[:, 0] - w * vx
+        return np.stack([w, vx, vy], axis=1), np.stack([q2[:, 2], ax, ay], axis=1)
+
+    def spread(self, sigma: Array) -> Array:
+        """Standard deviations; the larger of x and y for both linear entries."""
+        return np.r_[sigma[2], np.full(2, sigma[:2].max())]
+
+    def bound(self, off: Array) -> Array:
+        """Bounds; the length of (x, y) for both linear entries."""
+        return np.r_[off[2], np.full(2, np.hypot(off[0], off[1]))]
+
+    def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
+        """Random coordinates (x, y, theta); the limits have the order of the velocities."""
+        return rng.uniform(np.roll(lower, -1), np.roll(upper, -1), (*shape, 3))
+
+    def require_pinocchio(self) -> None:
+        """Raise ModelError unless the plane is normal to z, as in Pinocchio."""
+        if self.axes[0, 2] != 1.0:
+            raise ModelError(f"planar joint {self.name!r} is not normal to z, and Pinocchio's planar joints all are.")
+
+    @property
+    def chart(self) -> tuple[ChartEntry, ...]:
+        """The joint's own coordinates."""
+        letters = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))
+        return tuple(ChartEntry(letter, angle, f"{word} of joint {{}}") for letter, angle, word in letters)
+
+    def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
+        """B in (omega, v_1, v_2) = B (dx, dy, dtheta), and its rate."""
+        c, s, w = np.cos(u[2]), np.sin(u[2]), du[2]
+        B = np.array([[0, 0, 1], [c, s, 0], [-s, c, 0]])
+        return u, B, w * np.array([[0, 0, 0], [-s, c, 0], [-c, -s, 0]])
+
+    def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
+        """Pose, the same as :meth:`pose`."""
+        normal, e1, e2 = self.axes[0, :3], self.axes[1, 3:], self.axes[2, 3:]
+        return exact_rodrigues(normal, *cosine_sine(2)), exact(e1) * coordinate(0) + exact(e2) * coordinate(1)
+
+    def chart_column(
+        self, k: int, into_child: Callable[[Array], Array], cosine_sine: CosineSine
+    ) -> tuple[Array, Array]:
+        """Twist per unit rate: x and y translate along the joint's axes, theta rotates."""
+        nothing = exact(np.zeros(3))
+        return (exact(self.axes[0, :3]), nothing) if k == 2 else (nothing, into_child(self.axes[1 + k, 3:]))
+
+    @property
+    def sliders(self) -> tuple[Slider, ...]:
+        """Sliders for x, y and theta."""
+        return (Slider(" x", 0, "m", 1.0), Slider(" y", 1, "m", 1.0), Slider(" theta", 2, "°", math.pi))
+
+
+def _arc(w: Any) -> tuple[Any, Any]:
+    """sin(w)/w and (1 - cos w)/w."""
+    half, cosine, _ = half_angle(w * w)
+    return 2.0 * half * cosine, 2.0 * half * half * w

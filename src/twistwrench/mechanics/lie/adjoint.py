@@ -1,0 +1,158 @@
+"""The adjoint operators Ad(T) and ad(V): the book's 6×6 matrices, applied by their 3×3 blocks.
+
+``Ad(T) @ V`` takes two rotations and a cross product, not a 6×6 product. ``.T`` is the transpose, which acts on wrenches.
+``.matrix`` (or ``np.asarray``) is the matrix of the book. Operators act along the last axis, and batches broadcast:
+``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols. An operator made from a labelled pose or
+twist keeps the frame names, and labelled twists and wrenches check them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.errors import FrameError
+from ...core.typing import Array
+from .so3 import cross
+
+
+def _rotate(R: Array, x: Array) -> Array:
+    return (R @ x[..., None])[..., 0]
+
+
+class _Operator(ABC):
+    """Common part of both adjoints: application along the last axis, and the full matrix."""
+
+    __array_ufunc__ = None  # ndarray @ operator raises TypeError instead of broadcasting
+
+    transposed: bool
+    frames: tuple[str, str] | None
+    """Frames of the result and of the argument, if the pose or the twist is labelled."""
+
+    @abstractmethod
+    def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
+        """Both halves of the result for (a, b)."""
+
+    @property
+    @abstractmethod
+    def _batch(self) -> tuple[int, ...]: ...
+
+    def __matmul__(self, x: Any) -> Any:
+        if hasattr(x, "frame"):
+            return NotImplemented  # its __rmatmul__ checks frames
+        x = arguments.array(x, f"{type(self).__name__}(…) @ x: x", 6)
+        try:
+            return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
+        except ValueError:
+            arguments.together(**{type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]})
+            raise
+
+    @property
+    def T(self) -> Self:
+        """Transpose, which acts on wrenches."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.transposed, other.frames = not self.transposed, self.frames and self.frames[::-1]
+        return other
+
+    def __repr__(self) -> str:
+        of = f" from {self.frames[1]!r} to {self.frames[0]!r}" if self.frames else ""
+        batch = f", batch {self._batch}" if self._batch else ""
+        on = "wrenches" if self.transposed else "twists"
+        return f"<{type(self).__name__}(…){'.T' * self.transposed} on {on}{of}{batch}>"
+
+    @property
+    def matrix(self) -> Array:
+        """Matrix of the operator (..., 6, 6)."""
+        images = [self @ np.broadcast_to(e, (*self._batch, 6)) for e in np.eye(6)]
+        return np.stack(images, axis=-1)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.asarray(self.matrix, dtype)
+
+
+class Ad(_Operator):
+    """Adjoint of a pose, an operator on twists and wrenches: ``Ad(T_ab) @ V_b = V_a``, ``Ad(T_ab).T @ F_a = F_b``.
+
+    MR eq. 3.83, 3.98.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array_like or Pose, T_ab
+
+    Raises
+    ------
+    ValueRangeError
+        ``T`` is not a pose; the message gives the gap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> T = np.eye(4); T[:3, 3] = [1, 0, 0]
+    >>> (Ad(T) @ [0, 0, 1, 0, 0, 0]).tolist()
+    [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]
+    """
+
+    def __init__(self, T: ArrayLike) -> None:
+        self._pose, self.transposed, self.inverted = arguments.pose(T, "Ad: T"), False, False
+        self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None
+
+    @property
+    def inverse(self) -> Self:
+        """Ad(T⁻¹) without inverting T: ``Ad(T_ab).inverse @ V_a`` is V_b, ``Ad(T_ab).inverse.T @ F_b`` is F_a."""
+        other = self.T
+        other.transposed, other.inverted = self.transposed, not self.inverted
+        return other
+
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        return self._pose.shape[:-2]
+
+    def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
+        R, p = self._pose[..., :3, :3], self._pose[..., :3, 3]
+        Rt = np.swapaxes(R, -1, -2)
+        if self.inverted and self.transposed:  # [R, [p] R; 0, R]
+            f = _rotate(R, b)
+            return _rotate(R, a) + cross(p, f), f
+        if self.inverted:  # [R', 0; R' [p]', R']
+            return _rotate(Rt, a), _rotate(Rt, b - cross(p, a))
+        if self.transposed:  # [R', R' [p]'; 0, R']
+            return _rotate(Rt, a - cross(p, b)), _rotate(Rt, b)
+        w = _rotate(R, a)  # [R, 0; [p] R, R]
+        return w, _rotate(R, b) + cross(p, w)
+
+
+class ad(_Operator):
+    """Lie bracket with a twist (small adjoint): ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches.
+
+    MR section 8.2.2.
+
+    Parameters
+    ----------
+    V : (..., 6) array_like or Twist, (omega, v)
+
+    Examples
+    --------
+    >>> (ad([0, 0, 1, 0, 0, 0]) @ [1, 0, 0, 0, 0, 0]).tolist()
+    [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+    """
+
+    def __init__(self, V: ArrayLike) -> None:
+        if getattr(V, "_kind", "twist") != "twist":
+            raise FrameError("ad: V is a wrench, and ad(V) is of a twist.")
+        self._twist, self.transposed = arguments.array(V, "ad: V", 6), False
+        self.frames = (V.frame, V.frame) if hasattr(V, "frame") else None
+
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        return self._twist.shape[:-1]
+
+    def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
+        w, v = self._twist[..., :3], self._twist[..., 3:]
+        if self.transposed:  # [-[w], -[v]; 0, -[w]]
+            return -(cross(w, a) + cross(v, b)), -cross(w, b)
+        return cross(w, a), cross(v, a) + cross(w, b)  # [[w], 0; [v], [w]]

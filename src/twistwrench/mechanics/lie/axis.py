@@ -1,0 +1,195 @@
+"""Screw axes: direction, point and pitch ⇄ six numbers, for twists (rotation and velocity) and wrenches (moment and force).
+
+A line with a pitch describes both. A twist is a rotation about its axis with a translation of pitch metres per radian along
+it. A wrench is a force along its line of action with a moment of pitch newton metres per newton about it. Pitch 0 is a pure
+rotation or force; infinite pitch is a pure translation or couple, which has a direction but no line.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.errors import ValueRangeError
+from ...core.glossary import complete
+from ...core.typing import Array
+from .so3 import cross
+
+
+class Axis(NamedTuple):
+    """Screw axis as a line with a pitch, and its magnitude."""
+
+    direction: Array
+    """Unit vector (..., 3)."""
+    point: Array
+    """Point of the line nearest to the frame's origin (..., 3) [m]; the origin if the pitch is infinite."""
+    pitch: Array
+    """Pitch (...) [m], metres per radian or newton metres per newton; infinite for pure translations and couples."""
+    magnitude: Array
+    """Magnitude (...) in rad/s or N; for infinite pitch in m/s or N m."""
+
+
+def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
+    """Screw axis S = (ŝ, q × ŝ + h ŝ) along a direction through a point (MR section 3.3.2.2).
+
+    Returns
+    -------
+    S : (..., 6) array; (0, ŝ) at infinite pitch
+
+    Examples
+    --------
+    >>> screw_axis([0, 0, 2], point=[1, 0, 0], pitch=0.1).tolist()
+    [0.0, 0.0, 1.0, 0.0, -1.0, 0.1]
+    """
+    s, length = _unit(_doubles(direction, "the direction of an axis", 3))
+    if not np.all(length > 0) or not np.isfinite(length).all():
+        raise ValueRangeError("an axis needs a direction: three finite numbers that are not all zero.")
+    q, h = _doubles(point, "the point of an axis", 3), _doubles(pitch, "the pitch of an axis")[..., None]
+    s, q, h = arguments.together(direction=s, point=q, pitch=h)
+    translation = np.isinf(h)
+    linear = np.where(translation, np.sign(h) * s, cross(q, s) + np.where(translation, 0.0, h) * s)
+    return np.concatenate([np.where(translation, 0.0, s), linear], axis=-1)
+
+
+def axis_of(S: ArrayLike) -> Axis:
+    """Screw axis of a twist: ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|² (MR section 3.3.2.2).
+
+    If ω = 0, the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
+    axis_of(S).magnitude`` equals S.
+
+    Parameters
+    ----------
+    S : (..., 6) array_like, twist or screw axis (omega, v)
+
+    Examples
+    --------
+    >>> axis = axis_of([0, 0, 2, 0, -2, 0.2])
+    >>> axis.point.tolist(), float(axis.pitch), float(axis.magnitude)
+    ([1.0, 0.0, 0.0], 0.1, 2.0)
+    """
+    S = _doubles(S, _SCREW, 6)
+    return _axis(S[..., :3], S[..., 3:], "twist")
+
+
+def line_of_action(F: ArrayLike) -> Axis:
+    """Line of action of a wrench: f̂, q = f × m / |f|², h = m·f / |f|² (MR section 3.4).
+
+    A pure couple (f = 0) has infinite pitch and the direction of m.
+
+    Parameters
+    ----------
+    F : (..., 6) array_like, wrench (m, f) [N m, N]
+
+    Examples
+    --------
+    >>> axis = line_of_action([0, 0, 6, 0, 3, 0])       # 3 N along y, 2 m out along x
+    >>> axis.point.tolist(), float(axis.pitch)
+    ([2.0, 0.0, 0.0], 0.0)
+    """
+    F = _doubles(F, _SCREW, 6)
+    return _axis(F[..., 3:], F[..., :3], "wrench")
+
+
+def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
+    """Unit wrench along a line with a pitch, (q × f̂ + h f̂, f̂): 1 N, or 1 N m if the pitch is infinite.
+
+    Equals :func:`screw_axis` with exchanged halves. ``wrench_along(f, r) * |f|`` is the force f at r.
+
+    Returns
+    -------
+    F : (..., 6) array, (m, f) [N m, N]
+
+    Examples
+    --------
+    >>> (3 * wrench_along([0, 1, 0], point=[2, 0, 0])).tolist()
+    [0.0, 0.0, 6.0, 0.0, 3.0, 0.0]
+    """
+    S = screw_axis(direction, point, pitch)
+    return np.concatenate([S[..., 3:], S[..., :3]], axis=-1)
+
+
+def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
+    """Reciprocal product ω₁·v₂ + v₁·ω₂: power of a wrench along the second screw on a motion about the first.
+
+    Zero for reciprocal screws. Two lines (pitch 0) are reciprocal exactly if they meet or are parallel.
+
+    Parameters
+    ----------
+    S1, S2 : (..., 6) array_like, screw axes (omega, v)
+
+    Returns
+    -------
+    power : (...) array
+
+    Examples
+    --------
+    >>> float(reciprocal_product(screw_axis([0, 0, 1]), screw_axis([1, 0, 0], point=[0, 2, 0])))
+    -2.0
+    """
+    S1, S2 = arguments.together(S1=_doubles(S1, _SCREW, 6), S2=_doubles(S2, _SCREW, 6))
+    return np.asarray(np.sum(S1[..., :3] * S2[..., 3:] + S1[..., 3:] * S2[..., :3], axis=-1))
+
+
+def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
+    """Kind of a screw from its two halves: one of four names, as a text, or an array of texts.
+
+    A pitch counts as zero up to 16 eps.
+
+    Parameters
+    ----------
+    first : (..., 3) array, gives the direction
+    second : (..., 3) array, gives the moment about the origin
+    names : four str, for zero pitch, infinite pitch, finite pitch, zero
+
+    Returns
+    -------
+    kind : str, or array of str for a batch
+
+    Examples
+    --------
+    >>> kinds(np.array([0.0, 0, 1]), np.zeros(3), ("line", "couple", "screw", "nothing"))
+    'line'
+    """
+    a, b = _doubles(first, "the first half", 3), _doubles(second, "the second half", 3)
+    u, size = _unit(a)
+    along, rest = np.abs(np.sum(u * b, axis=-1)), _length(b)
+    flat = along <= 16 * np.finfo(float).eps * rest
+    found = np.select([(size == 0) & (rest == 0), size == 0, flat], [names[3], names[1], names[0]], names[2])
+    return found if found.ndim else str(found)
+
+
+_SCREW = "a screw, angular part first,"
+
+
+def _doubles(x: ArrayLike, what: str, *shape: int) -> Array:
+    return np.asarray(arguments.real(x, what, *shape), float)
+
+
+def _length(x: Array) -> Array:
+    return np.asarray(np.hypot(np.hypot(x[..., 0], x[..., 1]), x[..., 2]))  # hypot avoids underflow of squares
+
+
+def _unit(x: Array) -> tuple[Array, Array]:
+    length = _length(x)
+    return x / np.where(length == 0, 1.0, length)[..., None], length
+
+
+def _axis(first: Array, second: Array, what: str) -> Axis:
+    u, size = _unit(first)
+    w, other = _unit(second)
+    free = size == 0
+    if np.any(free & (other == 0)) or not np.isfinite(size + other).all():
+        raise ValueRangeError(f"a {what} needs six finite numbers that are not all zero to have an axis.")
+    b = second / np.where(free, 1.0, size)[..., None]
+    return Axis(
+        direction=np.where(free[..., None], w, u),
+        point=np.where(free[..., None], 0.0, cross(u, b)) + 0.0,  # no -0.0
+        pitch=np.where(free, np.inf, np.sum(u * b, axis=-1)),
+        magnitude=np.where(free, other, size),
+    )
+
+
+complete(globals())

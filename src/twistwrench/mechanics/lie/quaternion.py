@@ -1,0 +1,119 @@
+"""Unit quaternions (w, x, y, z), scalar first, with any leading batch shape."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.errors import ValueRangeError
+from ...core.typing import Array
+from . import series
+from .series import within_reach
+
+
+def rotation(quat: ArrayLike) -> Array:
+    """Rotation matrix of a quaternion of length 1e-150 to 1e150; (..., 4) → (..., 3, 3). Works on symbols too.
+
+    A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
+    """
+    quat = arguments.array(quat, "quaternion.rotation: quat", 4)
+    if quat.ndim == 1 and quat.dtype == np.float64:  # for four numbers, floats are faster than NumPy
+        w, x, y, z = quat.tolist()
+        square = w * w + x * x + y * y + z * z
+        if square == 0.0:
+            _turning(np.zeros(()), "quaternion.rotation: quat")
+        return np.array(entries(w, x, y, z, 2.0 / square * (square / square))).reshape(3, 3)
+    w, x, y, z = np.moveaxis(quat, -1, 0)
+    square = w * w + x * x + y * y + z * z
+    if quat.dtype != object:
+        _turning(square, "quaternion.rotation: quat")
+    # inf / inf is NaN if the square overflows; otherwise the result would be a wrong rotation
+    return np.stack(entries(w, x, y, z, 2.0 / square * (square / square)), axis=-1).reshape(*quat.shape[:-1], 3, 3)
+
+
+def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
+    """Nine entries of the rotation matrix row by row, s = 2 / squared length; for numbers, arrays and symbols."""
+    sx, sy, sz = s * x, s * y, s * z
+    wx, wy, wz, xx, xy, xz, yy, yz, zz = w * sx, w * sy, w * sz, x * sx, x * sy, x * sz, y * sy, y * sz, z * sz
+    return [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
+
+
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
+    a, b = arguments.array(a, "quaternion.multiply: a", 4), arguments.array(b, "quaternion.multiply: b", 4)
+    (a0, a1, a2, a3), (b0, b1, b2, b3) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    try:
+        return np.stack(
+            [
+                a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+                a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+                a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+                a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+            ],
+            axis=-1,
+        )
+    except ValueError:
+        arguments.together(a=a, b=b)
+        raise
+
+
+def exp(w: ArrayLike) -> Array:
+    """Unit quaternion of the exponential coordinates w; (..., 3) → (..., 4)."""
+    w, angle = within_reach(np.asarray(arguments.real(w, "quaternion.exp: w", 3), float))
+    half = 0.5 * angle[..., None]
+    return np.concatenate([np.cos(half), 0.5 * series.sinc(half) * w], axis=-1)
+
+
+def log(quat: ArrayLike) -> Array:
+    """Exponential coordinates, 0 ≤ |w| ≤ π, of a quaternion of any nonzero length; (..., 4) → (..., 3).
+
+    A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
+    """
+    q = np.asarray(arguments.real(quat, "quaternion.log: quat", 4), float)
+    size = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
+    _turning(size[..., 0], "quaternion.log: quat")
+    q = np.ldexp(q, -np.frexp(size)[1])  # squares neither overflow nor underflow
+    q = np.where(q[..., :1] < 0, -q, q)
+    v = q[..., 1:]
+    norm = np.linalg.norm(v, axis=-1, keepdims=True)
+    tiny = norm < 1e-150
+    angle = 2.0 * np.arctan2(norm, q[..., :1])
+    return v * np.where(tiny, 2.0 / np.where(q[..., :1] == 0, 1.0, q[..., :1]), angle / np.where(tiny, 1.0, norm))
+
+
+def _turning(size: Array, what: str) -> None:
+    """Raise ValueRangeError for zero quaternions, given their size (...)."""
+    if not size.all():  # NaN counts as true
+        row = tuple(int(i) for i in np.argwhere(size == 0)[0])
+        raise ValueRangeError(
+            f"{what} is zero{f' in row {row}' if row else ''}, which is not a rotation; the identity is (1, 0, 0, 0)."
+        )
+
+
+_MATRIX = "quaternion.from_matrix: R"
+
+
+def from_matrix(R: ArrayLike) -> Array:
+    """Unit quaternion (w ≥ 0) of a rotation matrix, by the best of four formulas; (..., 3, 3) → (..., 4).
+
+    A matrix that is not a rotation raises :class:`~twistwrench.ValueRangeError`, whose message gives the deviation.
+    Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
+    """
+    R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
+    d = np.diagonal(R, axis1=-2, axis2=-1)
+    trace = d.sum(-1)
+    # Row k is 4 q_k q, from the outer product of the quaternion with itself; the row of the largest q_k has the least error.
+    K = np.empty((*R.shape[:-2], 4, 4))
+    K[..., 0, 0] = 1 + trace
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        K[..., i + 1, i + 1] = 1 + 2 * d[..., i] - trace
+        K[..., 0, i + 1] = K[..., i + 1, 0] = R[..., k, j] - R[..., j, k]
+        K[..., j + 1, k + 1] = K[..., k + 1, j + 1] = R[..., j, k] + R[..., k, j]
+    best = np.argmax(np.diagonal(K, axis1=-2, axis2=-1), axis=-1)
+    quat = np.take_along_axis(K, best[..., None, None], axis=-2)[..., 0, :]
+    quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+    return np.where(quat[..., :1] < 0, -quat, quat)

@@ -1,0 +1,252 @@
+"""Actuation as an edit of the model: rotors become bodies, elastic gears become springs and one more coordinate.
+
+A rotor is a body on a joint that shares the coordinate of the driven joint, at ``ratio`` times its rate. Every
+recursion therefore includes reflected inertia and gyroscopic terms without special code. MR section 8.9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...core.errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
+from ...core.numbers import printed
+from ...core.typing import Array
+from ..bodies.inertia import SpatialInertia
+from ..joints import Joint, RotorJoint
+from ..lie import se3
+from .actuators import LARGEST, Actuator, Rotor, check_actuator
+from .limits import LAWS, Limits
+from .model import BASE, Body, Model, Spring
+
+
+def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
+    """Model with its joints driven by these actuators, which replace motors without a rotor, such as those of robot files.
+
+    Raises :class:`~twistwrench.UnknownNameError` for unknown joints and links, :class:`~twistwrench.ModelError` if a
+    joint cannot be driven this way or has an actuator, and :class:`~twistwrench.InertiaError` if a link cannot contain
+    its rotor.
+    """
+    actuators = list(actuators)
+    joints = {actuator.joint for actuator in actuators}
+    kept = {name: a for name, a in model.actuators.items() if a.rotor is not None or a.joint not in joints}
+    model = replace(model, actuators=kept)
+    for actuator in actuators:
+        model = _driven(model, actuator)
+    return model
+
+
+def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
+    """Model with the friction of some joints replaced: ``{joint: {"coulomb": 2.0, …}}``; omitted parameters are 0."""
+    friction = model.friction
+    for joint, law in laws.items():
+        friction = friction.replaced(model.drive_index(joint), **_full_law(joint, law))
+    return replace(model, friction=friction)
+
+
+def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
+    """Model with additional friction behind the gears; for elastic joints it acts on the joint's own coordinate.
+
+    A rigid gear turns with its joint, so there the friction is added to that of the gear. Raises ModelError if the sum
+    of two laws is not a law, for example with two Stribeck speeds.
+    """
+    friction = model.friction
+    for joint, law in laws.items():
+        k, full = model.drive_index(joint), _full_law(joint, law)
+        own = {name: float(getattr(friction, name)[k]) for name in LAWS}
+        fading = [x for x in (own, full) if x["static"] > x["coulomb"]]
+        if len({x["stribeck"] for x in fading}) > 1:
+            raise ModelError(
+                f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
+                "Stribeck speeds. Give both the same one, or one of them no static friction."
+            )
+        total = {name: own[name] + full[name] for name in LAWS if name != "stribeck"}
+        if total["load"] >= 1:
+            raise ValueRangeError(
+                f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
+            )
+        friction = friction.replaced(k, **total, stribeck=(fading or [own])[0]["stribeck"])
+    return replace(model, friction=friction)
+
+
+def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
+    """All parameters of a friction law, validated."""
+    for name in law:
+        if name not in LAWS:
+            raise UnknownNameError.from_choices("friction law", name, LAWS)
+    coulomb = law.get("coulomb", 0.0)
+    if law.get("static", coulomb) > coulomb and "stribeck" not in law:
+        raise ValueRangeError(
+            f"the static friction of joint {joint!r} is above its Coulomb friction, so there is a speed at which the one "
+            "goes over into the other: give stribeck, such as 0.05 rad/s."
+        )
+    full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
+    for name, value in full.items():
+        if not 0 <= value <= LARGEST:
+            raise ValueRangeError(
+                f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most {printed(LARGEST)}."
+            )
+    if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
+        raise ValueRangeError(
+            f"the friction of joint {joint!r} cannot be meant: static {printed(full['static'])} must be at least coulomb "
+            f"{printed(coulomb)}, the Stribeck speed {printed(full['stribeck'])} above 0, and load {printed(full['load'])} "
+            "below 1."
+        )
+    return full
+
+
+def _driven(model: Model, actuator: Actuator) -> Model:
+    k = model.drive_index(actuator.joint)
+    driven = next(body for body in model.leaders if body.v_index == k)
+    if actuator.joint in model.actuators or any(a.joint == actuator.joint for a in model.actuators.values()):
+        raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
+    check_actuator(actuator)
+    if actuator.joint in model.drive_names and actuator.joint != driven.joint.name:
+        return _coupled(model, actuator, k)
+    flexible = np.isfinite(actuator.stiffness)
+    name = f"{actuator.joint}.motor" if flexible else actuator.joint
+    if actuator.rotor is not None and model.armature[driven.v_index]:
+        raise ModelError(
+            f"joint {actuator.joint!r} has an armature of {printed(model.armature[driven.v_index])}, and its actuator a "
+            f"rotor: the inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), "
+            "or leave out the rotor."
+        )
+    if actuator.rotor is None:
+        if flexible:
+            raise ModelError(
+                f"the actuator of joint {name!r} is elastic, so its rotor moves by itself and needs an inertia."
+            )
+        return replace(model, actuators={**model.actuators, name: actuator})
+    model, rotor = _with_rotor_mounted(model, driven, actuator, actuator.rotor)
+    if flexible:
+        model, rotor = _with_coordinate(model, driven, actuator, replace(rotor, joint=replace(rotor.joint, name=name)))
+    return replace(model, bodies=(*model.bodies, rotor), actuators={**model.actuators, name: actuator})
+
+
+_NO_COUPLES = "rotors of coupled motors count by their inertia about their axes; their gyroscopic couples are left out"
+
+
+def _coupled(model: Model, actuator: Actuator, k: int) -> Model:
+    """Model with the actuator of a coupled motor; its rotor becomes an armature, since it turns with several joints."""
+    armature, rotor, who = (
+        model.armature.copy(),
+        actuator.rotor,
+        f"motor {actuator.joint!r}, which moves several joints,",
+    )
+    if np.isfinite(actuator.stiffness):
+        raise ModelError(f"{who} is elastic, and couplings are rigid. Leave out its stiffness.")
+    if rotor is not None:
+        if rotor.extra or rotor.link is not None or rotor.axis is not None or rotor.place.any():
+            raise ModelError(
+                f"{who} has a rotor with a place, axis, link or mass. It counts by its inertia about its axis alone: leave "
+                "out the rest."
+            )
+        reflected = actuator.ratio**2 * rotor.inertia
+        if armature[k] not in (0.0, reflected):
+            raise ModelError(f"{who} has a rotor and an armature: its inertia would count twice. Keep one of them.")
+        armature[k] = reflected
+        model = replace(model, defects=(*model.defects, *([] if _NO_COUPLES in model.defects else [_NO_COUPLES])))
+    return replace(model, armature=armature, actuators={**model.actuators, actuator.joint: actuator})
+
+
+def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
+    """Model with the rotor as a body, and without its inertia in the carrying link if that includes it."""
+    carrier, T, axis = _mounted(model, driven, rotor)
+    placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
+    # Modelled as a thin ring: its transverse moments move with the carrier and are not counted twice.
+    spin = rotor.inertia * np.outer(axis, axis)
+    G = SpatialInertia.from_com(rotor.mass, np.zeros(3), spin + 0.5 * (rotor.inertia * np.eye(3) - spin))
+    if carrier != BASE and not rotor.extra:
+        body = model.bodies[carrier]
+        _check_contained(model, carrier, placement[:3, :3] @ axis, actuator.joint, rotor.inertia)
+        without = replace(body, inertia=body.inertia - G.in_frame(placement))
+        bodies = (*model.bodies[:carrier], without, *model.bodies[carrier + 1 :])
+        model = replace(model, bodies=bodies)
+    turning = RotorJoint(f"{actuator.joint}.rotor", np.concatenate([axis, np.zeros(3)])[None, :])
+    return model, Body(
+        turning, turning.name, carrier, placement, G, driven.q_index, driven.v_index, ratio=actuator.ratio, follows=True
+    )
+
+
+def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: float) -> None:
+    """Raise an error if a link contains less inertia about a rotor's axis than its rotors: M would not be positive definite.
+
+    Other moments of rotors are unknown and have no effect; those of rotors removed earlier are added back.
+    """
+    body = model.bodies[carrier]
+    whole, spinning = body.inertia, J * np.outer(axis, axis)
+    for other in model.bodies:
+        if not other.joint.moves_body and other.parent == carrier and counted(model, other):
+            whole = whole + other.inertia.in_frame(other.placement)
+            a = other.joint.axes[0, :3]
+            along = other.placement[:3, :3] @ a
+            spinning = spinning + (a @ other.inertia.moment_about_origin @ a) * np.outer(along, along)
+    I = whole.moment_about_com
+    if np.linalg.eigvalsh(I - spinning).min() < -1e-9 * np.abs(I).max():
+        raise InertiaError(
+            f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {printed(J)} kg m² about its axis: all of "
+            f"the link has {printed(axis @ I @ axis, 3)} kg m² about that direction. Check the unit; if the link was weighed "
+            "without its motor, write extra: true."
+        )
+
+
+def counted(model: Model, rotor: Body) -> bool:
+    """True if the carrying link's mass includes the rotor."""
+    name = rotor.joint.name
+    actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
+    return actuator.rotor is not None and not actuator.rotor.extra
+
+
+def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
+    """Body that carries the rotor, reference frame of its position, and its axis in that frame."""
+    if rotor.link is None:
+        return driven.parent, driven.placement, _axis(driven.joint, rotor)
+    frame = model.frame(rotor.link)
+    if rotor.axis is None and frame.body != driven.parent:
+        raise ModelError(
+            f"the rotor of joint {driven.joint.name!r} is on link {rotor.link!r}, which does not carry the "
+            "joint, so the joint's axis does not determine the rotor's. Give its axis in that link's frame."
+        )
+    if rotor.axis is None:  # axis of the joint, in the link's frame
+        turn = frame.pose[:3, :3].T @ driven.placement[:3, :3]
+        return frame.body, frame.pose, turn @ _axis(driven.joint, rotor)
+    return frame.body, frame.pose, _axis(driven.joint, rotor)
+
+
+def _axis(joint: Joint, rotor: Rotor) -> Array:
+    own = joint.axes[0, :3] if joint.axes[0, :3].any() else joint.axes[0, 3:]
+    axis = np.asarray(own if rotor.axis is None else rotor.axis, float)
+    length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
+    if not 0 < length < np.inf:
+        raise ModelError(
+            f"the axis of the rotor of joint {joint.name!r} is {rotor.axis!r}; give a direction such as 0, 0, 1."
+        )
+    return axis / length
+
+
+def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
+    """Model with one more coordinate at the end, the motor's angle referred to the joint, and the spring between the two.
+
+    The motor takes over the limits of speed and effort, and the friction of motor and gear. Only the spring drives the
+    joint.
+    """
+    k, old = driven.v_index, model.limits
+    spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
+    inf = np.inf
+    limits = Limits(
+        np.append(old.lower, -inf),
+        np.append(old.upper, inf),
+        np.append(old.velocity, old.velocity[k]),
+        np.append(np.where(np.arange(model.nv) == k, inf, old.effort), old.effort[k]),
+        *(np.append(x, inf) for x in (old.acceleration, old.deceleration, old.jerk)),
+    )
+    rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
+    friction = model.friction.extended().moved(k, model.nv)
+    configurations = {name: np.append(q, q[driven.q_index]) for name, q in model.configurations.items()}
+    wider = replace(
+        model, limits=limits, friction=friction, springs=(*model.springs, spring),
+        armature=np.append(model.armature, 0.0), configurations=configurations,
+    )  # fmt: skip
+    return wider, rotor

@@ -1,0 +1,269 @@
+"""Actuator of a joint: motor, rotor, gear and spring, with validation of the numbers. Modern Robotics section 8.9."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.errors import ValueRangeError
+from ...core.numbers import printed
+from ...core.typing import Array
+
+__all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
+
+STANDING = 1e-6
+"""Speed [rad/s or m/s] at and below which a joint stands: a turn in ten weeks, above rounding errors of derived rates."""
+
+
+def moving(velocity: ArrayLike) -> Array:
+    """Velocities, 0 for standing joints, so that rounding errors have no direction.
+
+    >>> moving([0.3, -1e-13]).tolist()
+    [0.3, 0.0]
+    """
+    dq = np.asarray(velocity)
+    return np.where(np.abs(dq) > STANDING, dq, 0.0)
+
+
+def gear_input(torque: ArrayLike, velocity: ArrayLike, efficiency: ArrayLike) -> Array:
+    """Torque before a gear, referred to its output: T/η if the motor drives or the joint stands, T η if the load drives.
+
+    At rest the friction of the gear may help or hinder; T/η is the larger of the two.
+
+    >>> gear_input([10.0, -10.0, 10.0, 10.0], [1.0, 1.0, 0.0, -1e-13], 0.8).tolist()
+    [12.5, -8.0, 12.5, 12.5]
+    """
+    T, eta = np.asarray(torque), np.asarray(efficiency)
+    return np.where(T * moving(velocity) < 0, T * eta, T / eta)
+
+
+@dataclass(frozen=True)
+class Thermal:
+    """Thermal two-mass model of a motor, winding and housing; a single mass if ``winding_housing`` is 0."""
+
+    housing_ambient: float
+    """Thermal resistance from the housing to the air [K/W]."""
+    housing_time: float
+    """Time constant of the housing [s]."""
+    winding_housing: float = 0.0
+    """Thermal resistance from the winding to the housing [K/W]."""
+    winding_time: float = 0.0
+    """Time constant of the winding [s]."""
+    maximum: float = np.inf
+    """Highest temperature of the winding [°C]."""
+    coefficient: float = 0.0039
+    """Temperature coefficient of the resistance [1/K]; default: copper."""
+    reference: float = 20.0
+    """Temperature at which the resistance is given [°C]."""
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Direct-current motor, or the equivalent one of a servo motor. MR section 8.9.1.
+
+    Examples
+    --------
+    >>> motor = Motor(torque_constant=0.1, resistance=0.5, voltage=48.0, current_peak=20.0)
+    >>> round(float(motor.voltage_at(current=10.0, speed=200.0)), 9)
+    25.0
+    >>> round(float(motor.greatest_torque(speed=430.0)), 9)  # the voltage, not the current, is the limit here
+    1.0
+    >>> float(motor.current(torque=0.5)), float(motor.heat(current=10.0))
+    (5.0, 50.0)
+    """
+
+    torque_constant: float
+    """Torque constant k_t [N m/A or V s/rad]."""
+    resistance: float = 0.0
+    """Terminal resistance R [ohm]."""
+    inductance: float = 0.0
+    """Inductance L [H]."""
+    voltage: float = np.inf
+    """Supply voltage [V]."""
+    current_continuous: float = np.inf
+    """Continuous current [A]."""
+    current_peak: float = np.inf
+    """Peak current of the motor or its amplifier [A]."""
+    speed: float = np.inf
+    """Largest speed of bearings and rotor [rad/s]."""
+    thermal: Thermal | None = None
+    """Thermal data; None if unknown."""
+
+    def current(self, torque: ArrayLike) -> Array:
+        """Current for a torque, i = τ / k_t.
+
+        Parameters
+        ----------
+        torque : (...) array_like, at the rotor [N m]
+
+        Returns
+        -------
+        current : (...) array [A]
+        """
+        return np.asarray(torque, float) / self.torque_constant
+
+    def voltage_at(self, current: ArrayLike, speed: ArrayLike, current_rate: ArrayLike = 0.0) -> Array:
+        """Voltage across the windings, V = k_t ω + R i + L di/dt.
+
+        Parameters
+        ----------
+        current : (...) array_like [A]
+        speed : (...) array_like, of the rotor [rad/s]
+        current_rate : (...) array_like, di/dt [A/s]
+
+        Returns
+        -------
+        voltage : (...) array [V]
+        """
+        i, w, di = (np.asarray(x, float) for x in (current, speed, current_rate))
+        return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
+
+    def heat(self, current: ArrayLike) -> Array:
+        """Heat in the windings, R i².
+
+        Parameters
+        ----------
+        current : (...) array_like [A]
+
+        Returns
+        -------
+        heat : (...) array [W]
+        """
+        return np.asarray(self.resistance * np.asarray(current, float) ** 2)
+
+    def greatest_torque(self, speed: ArrayLike, current: float | None = None) -> Array:
+        """Speed–torque curve: largest torque within the current and voltage limits.
+
+        Parameters
+        ----------
+        speed : (...) array_like, of the rotor [rad/s]
+        current : float, optional [A]; None: the peak current
+
+        Returns
+        -------
+        torque : (...) array [N m]
+
+        Notes
+        -----
+        If the motor runs faster than its no-load speed at this voltage, the torque is negative: the motor brakes.
+        Beyond its largest speed in either direction, the result is -inf.
+        """
+        w = np.asarray(speed, float)
+        by_current = self.torque_constant * (self.current_peak if current is None else current)
+        if self.resistance == 0.0:
+            by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
+        else:
+            by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
+        within = np.where(np.abs(w) <= self.speed, np.minimum(by_current, by_voltage), -np.inf)
+        return np.where(np.isnan(w), np.nan, within)
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """Rotor: the spinning part of a motor, a body of revolution about its axis."""
+
+    inertia: float
+    """Moment of inertia about the axis [kg m²]."""
+    extra: bool = False
+    """True if the link masses exclude the rotor; otherwise its inertia is part of the link that carries it."""
+    mass: float = 0.0
+    """Mass of an extra rotor [kg]."""
+    link: str | None = None
+    """Link that carries the motor; None: the parent link of the joint."""
+    axis: Array | None = None
+    """Direction of the axis in that link's frame (3,); None: the joint's axis."""
+    place: Array = field(default_factory=lambda: np.zeros(3))
+    """Centre in that link's frame (3,) [m]; in the joint's frame if no link is named."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # unpickled arrays are writable
+
+    def __post_init__(self) -> None:
+        for name in ("axis", "place"):
+            if getattr(self, name) is not None:
+                array = np.array(getattr(self, name), float)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class Actuator:
+    """Actuator of one joint: motor, rotor, gear and spring; the rotor turns ``ratio`` times as fast as the joint."""
+
+    joint: str
+    """Driven joint."""
+    ratio: float = 1.0
+    """Gear ratio G; in rad/m for a sliding joint; negative if the rotor turns in the opposite direction."""
+    efficiency: float = 1.0
+    """Efficiency η of the gear: output power over input power, in either direction."""
+    no_load_torque: float = 0.0
+    """Friction of the turning gear at its input [N m], whatever it transmits."""
+    motor: Motor | None = None
+    """Motor; None if not described."""
+    rotor: Rotor | None = None
+    """Rotor; None if not described."""
+    stiffness: float = np.inf
+    """Stiffness of the gear referred to the joint [N m/rad or N/m]; if finite, each side has a coordinate."""
+
+
+# ── Validation of a drive's parameters
+
+_SMALLEST, LARGEST = 1e-18, 1e12
+"""Bounds of a drive's numbers in SI units; their squares do not overflow."""
+
+_RATIOS = 1e-6, 1e9
+"""Bounds of gear ratios: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
+
+
+def check_actuator(actuator: Actuator) -> None:
+    """Raise ValueRangeError for a number that is impossible for a drive."""
+    for problem in _problems(actuator):
+        raise ValueRangeError(f"the actuator of joint {actuator.joint!r} has {problem}")
+
+
+def _problems(actuator: Actuator) -> Iterator[str]:
+    motor, rotor, most = actuator.motor, actuator.rotor, printed(LARGEST)
+    if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
+        least, greatest = map(printed, _RATIOS)
+        yield f"the ratio {printed(actuator.ratio)}; it must be a number from {least} to {greatest}, or minus one."
+    if not 0 < actuator.efficiency <= 1:
+        yield f"the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
+    if not 0 <= actuator.no_load_torque <= LARGEST:
+        yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {most}."
+    if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
+        stiffness = printed(actuator.stiffness)
+        yield f"the stiffness {stiffness}; it must be above 0 and at most {most}. Leave it out where the gear is rigid."
+    if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
+        yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
+    if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
+        yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
+    if motor is None:
+        return
+    if motor.current_peak < motor.current_continuous < np.inf:
+        both = f"{printed(motor.current_continuous)} A above current peak {printed(motor.current_peak)} A"
+        yield f"current continuous {both}. Are they exchanged?"
+    if not _real(motor.torque_constant):
+        yield f"the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
+    if (heat := motor.thermal) is not None:
+        two = bool(heat.winding_housing or heat.winding_time)
+        known = (heat.housing_ambient, heat.housing_time, *((heat.winding_housing, heat.winding_time) if two else ()))
+        if not all(map(_real, known)) or not (np.isfinite(heat.coefficient) and heat.maximum > heat.reference):
+            yield (
+                f"thermal data that cannot be meant ({', '.join(map(printed, vars(heat).values()))}): resistances and times "
+                "must be above 0, those of the winding both or none, and the greatest temperature above that of the reference."
+            )
+    for name, value in ((k, v) for k, v in vars(motor).items() if k != "thermal"):
+        may_be_zero = name in ("resistance", "inductance")
+        if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
+            allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {most}"
+            yield f"{name.replace('_', ' ')} {printed(value)}; it must be {allowed}."
+
+
+def _real(x: float) -> bool:
+    """True if the number is in the range allowed for a drive."""
+    return bool(_SMALLEST <= x <= LARGEST)

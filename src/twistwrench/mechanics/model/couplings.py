@@ -1,0 +1,204 @@
+"""Coupled drives: motors that move several joints together, q̇_m = A q̇_j with a constant matrix A, and so τ_j = A'τ_m.
+
+Armature, friction and effort of the model are those of its drives, (nv,) each: in the places of coupled joints, in the order
+of both lists, stand those of the motors. Where no joints are coupled, a drive's velocity is the joint's, and nothing is
+computed. Motor velocities are those behind the gear: the rotor turns ``ratio`` times as fast.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import InitVar, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.errors import ModelError
+from ...core.text import listed
+from ...core.typing import Array
+from .actuators import LARGEST
+
+if TYPE_CHECKING:
+    from .model import Model
+
+_RANK = 1e-9
+"""Singular value, as a share of the largest, below which a matrix has a lower rank; columns are scaled to length 1 first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Motors that move joints of one degree together, as in a differential wrist: q̇_m = A q̇_j, τ_j = A'τ_m.
+
+    Power is the same on both sides, τ_m'q̇_m = τ_j'q̇_j. A is constant; a linkage is closed by ``robot.close`` instead.
+    """
+
+    name: str
+    """Name of the coupling, as in the actuator file."""
+    motors: tuple[str, ...]
+    """The motors, in the order of the rows of A."""
+    joints: tuple[str, ...]
+    """The joints, in the order of the columns of A."""
+    motor_per_joint: Array
+    """A (n, n): velocity of each motor per velocity of each joint [rad/rad, sliding joints: rad/m]."""
+    inverted: InitVar[bool] = False
+    """True if the matrix given is A⁻¹: velocity of each joint, in the rows, per velocity of each motor."""
+
+    def __post_init__(self, inverted: bool) -> None:
+        A, n, m = np.array(self.motor_per_joint, float), len(self.joints), len(self.motors)
+        for names, what in ((self.motors, "motor"), (self.joints, "joint")):
+            if twice := [name for name, count in Counter(names).items() if count > 1]:
+                raise ModelError(f"coupling {self.name!r} names {what} {twice[0]!r} twice. Name each once.")
+        if n != m or A.shape != (n, n) or not n:
+            shape = " × ".join(map(str, A.shape))
+            raise ModelError(
+                f"coupling {self.name!r} has a matrix of {shape} for {m} motors and {n} joints. It needs as many motors as "
+                f"joints, and a square matrix."
+            )
+        if not (np.isfinite(A).all() and np.abs(A).max() <= LARGEST):
+            raise ModelError(f"coupling {self.name!r} has the matrix {A.tolist()}; its numbers must be finite.")
+        size = np.linalg.norm(A, axis=0)
+        s = np.linalg.svd(A / np.where(size > 0, size, 1.0), compute_uv=False)
+        if (rank := int((s > _RANK * s[0]).sum())) < n:
+            raise ModelError(
+                f"coupling {self.name!r} has a singular matrix, of rank {rank} for {n} joints: some motion on one side moves "
+                "nothing on the other. Check its rows; no row may be a combination of others."
+            )
+        A = np.linalg.inv(A) if inverted else A
+        A.setflags(write=False)
+        object.__setattr__(self, "motor_per_joint", A)
+
+    @property
+    def joint_per_motor(self) -> Array:
+        """A⁻¹ (n, n): velocity of each joint per velocity of each motor."""
+        return np.linalg.inv(self.motor_per_joint)
+
+    def label(self, motor: str) -> str:
+        """Motor with the joints that it loads: ``motor m5 (wrist_2_joint and wrist_3_joint)``."""
+        row = self.motor_per_joint[self.motors.index(motor)]
+        moved = [joint for joint, a in zip(self.joints, row, strict=True) if a]
+        return f"motor {motor} ({' and '.join(moved) if len(moved) < 3 else listed(moved)})"
+
+
+def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
+    """Model with joints driven by coupled motors, in place of its armature, friction and effort at these joints.
+
+    Raises :class:`~twistwrench.ModelError` for joints that are driven otherwise, and for names that are taken.
+    """
+    fresh = tuple(couplings)
+    every = (*model.couplings, *fresh)
+    for what in ("motor", "joint"):
+        owners: dict[str, str] = {}
+        for c in every:
+            for name in getattr(c, f"{what}s"):
+                if name in owners:
+                    raise ModelError(
+                        f"{what} {name!r} is in couplings {owners[name]!r} and {c.name!r}. Each {what} belongs to one coupling."
+                    )
+                owners[name] = c.name
+    at, moved, joints = [], {b.joint.name for b in model.bodies}, {joint for c in fresh for joint in c.joints}
+    for c in fresh:
+        at += [model.drive_index(joint) for joint in c.joints]
+        if taken := [name for name in c.motors if name in moved]:
+            raise ModelError(f"motor {taken[0]!r} of coupling {c.name!r} has the name of a joint. Rename the motor.")
+    for a in model.actuators.values():
+        if a.joint in joints and a.rotor is not None:
+            raise ModelError(f"joint {a.joint!r} has an actuator of its own and is in a coupling. Keep one of them.")
+    return replace(_without_drives(model, at, joints), couplings=every)
+
+
+def without_couplings(model: Model) -> Model:
+    """Model without coupled motors: their joints have no armature, friction and effort."""
+    at = [k for k, coupled in enumerate(coupled_entries(model)) if coupled]
+    return replace(_without_drives(model, at, {m for c in model.couplings for m in c.motors}), couplings=())
+
+
+def _without_drives(model: Model, at: list[int], driven: set[str]) -> Model:
+    """Model without armature, friction and effort at some places of dq, and without the actuators of those ``driven``."""
+    effort, armature, friction = model.limits.effort.copy(), model.armature.copy(), model.friction
+    effort[at], armature[at] = np.inf, 0.0
+    for k in at:
+        friction = friction.replaced(k, viscous=0.0, coulomb=0.0, static=0.0, stribeck=1.0, load=0.0)
+    kept = {name: a for name, a in model.actuators.items() if a.joint not in driven}
+    limits = replace(model.limits, effort=effort)
+    return replace(model, limits=limits, armature=armature, friction=friction, actuators=kept)
+
+
+def refuse_couplings(model: Model, what: str) -> None:
+    """Raise ModelError if joints of the model are coupled: ``what`` would treat its motors as if each drove one joint."""
+    if model.couplings:
+        joints = [joint for c in model.couplings for joint in c.joints]
+        raise ModelError(
+            f"{what} does not support coupled drives, and {listed(joints)} of robot {model.name!r} are coupled "
+            f"({listed([c.name for c in model.couplings])}). Use the robot without couplings:, or another actuator file."
+        )
+
+
+def refuse_coupled(model: Model, joints: Iterable[str], what: str) -> None:
+    """Raise ModelError if one of these joints is coupled: ``what`` cannot be done to it alone."""
+    for coupling in model.couplings:
+        if mine := [joint for joint in coupling.joints if joint in joints]:
+            raise ModelError(
+                f"joint {mine[0]!r} is moved by motors {listed(coupling.motors)} together with the other joints of coupling "
+                f"{coupling.name!r}, and {what}."
+            )
+
+
+def coupled_entries(model: Model) -> Array:
+    """Entries of dq, (nv,) of bool, that belong to coupled joints: those of friction, armature and effort are motors'."""
+    found = np.zeros(model.nv, bool)
+    for at, _, _ in model.coupled:
+        found[at] = True
+    return found
+
+
+def drive_turns(model: Model) -> list[bool]:
+    """True for entries of dq whose drive turns, (nv,): of coupled motors, and of joints that turn."""
+    turning = [turns for body in model.leaders for turns in body.joint.turning]
+    return [bool(turns or coupled) for turns, coupled in zip(turning, coupled_entries(model), strict=True)]
+
+
+def joint_effort(model: Model, effort: Array) -> Array:
+    """Efforts (nv,) of joints alone: inf where motors are coupled, whose limits no joint has by itself."""
+    return np.where(coupled_entries(model), np.inf, effort)
+
+
+# ── Velocities and torques, of joints and of drives: (..., nv) numbers or symbols
+
+
+def motor_velocities(model: Model, dq: Any) -> Any:
+    """Velocities of the drives, A q̇; those of the joints that are not coupled."""
+    return _block_products(dq, [(at, A.T) for at, A, _ in model.coupled])
+
+
+def joint_velocities(model: Model, u: Any) -> Any:
+    """Velocities of the joints from those of the drives, A⁻¹ q̇_m."""
+    return _block_products(u, [(at, inverse.T) for at, _, inverse in model.coupled])
+
+
+def motor_torques(model: Model, tau: Any) -> Any:
+    """Torques of the drives from those of the joints, A⁻ᵀ τ."""
+    return _block_products(tau, [(at, inverse) for at, _, inverse in model.coupled])
+
+
+def joint_torques(model: Model, tau: Any) -> Any:
+    """Torques of the joints from those of the drives, A'τ_m."""
+    return _block_products(tau, [(at, A) for at, A, _ in model.coupled])
+
+
+def _block_products(x: Any, blocks: list[tuple[Array, Array]]) -> Any:
+    """Entries x[at] as x[at] B for each block; x itself without any."""
+    if not blocks:
+        return x
+    found = np.array(x)
+    for at, B in blocks:
+        found[..., at] = found[..., at] @ B
+    return found
+
+
+def armature_matrix(model: Model) -> Array:
+    """Armature of the drives as inertia of the joints, A' diag(a) A; (nv, nv), diagonal where no joints are coupled."""
+    found = np.diag(model.armature)
+    for at, A, _ in model.coupled:
+        found[np.ix_(at, at)] = A.T @ (model.armature[at, None] * A)
+    return found

@@ -1,0 +1,277 @@
+"""Described links and joints of a robot, each validated by itself, and notes on them."""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.arguments import gaps
+from ...core.errors import InertiaError, ModelError, ModelWarning
+from ...core.numbers import printed
+from ...core.text import clipped, listed
+from ...core.typing import Array
+from ..bodies.inertia import SpatialInertia
+from ..joints import JOINT_TYPES, Fixed, Joint
+from ..joints.screw_joint import number, numbers
+from ..lie.identity import IDENTITY, UPRIGHT
+from .limits import Limits
+
+_NAMED = 4
+"""Number of subjects named in a grouped sentence; the others are counted, and listed in ``robot.defects``."""
+
+
+class ModelNote(str):
+    """Sentence with a known subject: ``ModelNote("link 'a'", "has no mass") == "link 'a' has no mass"``."""
+
+    subject: str
+    said: str
+
+    def __new__(cls, subject: str, said: str) -> ModelNote:
+        """Sentence of ``subject`` and ``said``."""
+        text = super().__new__(cls, f"{subject} {said}")
+        text.subject, text.said = subject, said
+        return text
+
+    def __reduce__(self) -> tuple[type[ModelNote], tuple[str, str]]:
+        return ModelNote, (self.subject, self.said)
+
+
+def grouped(remarks: Iterable[str]) -> list[str]:
+    """Notes in their order; equal notes on several subjects are joined into one sentence.
+
+    >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
+    ["joint 'a' has no limit; the same of joint 'b'", 'x']
+    """
+    others: dict[str, list[str]] = {}
+    first: list[str] = []
+    for remark in remarks:
+        key = remark.said if isinstance(remark, ModelNote) else remark
+        if key in others and isinstance(remark, ModelNote):
+            others[key].append(remark.subject)
+        else:
+            others.setdefault(key, [])
+            first.append(remark)
+    more = [others[r.said] if isinstance(r, ModelNote) else () for r in first]
+    return [f"{r}; the same of {listed(same, _NAMED)}" if same else r for r, same in zip(first, more, strict=True)]
+
+
+def sentences(name: str, remarks: Iterable[str]) -> list[str]:
+    """Warnings of a robot, from its notes."""
+    return [f"robot {name!r}: {text}." for text in grouped(remarks)]
+
+
+def issue(texts: Iterable[str]) -> None:
+    """Issue warnings, attributed to the user's line."""
+    for text in texts:
+        warnings.warn(text, ModelWarning, stacklevel=frames_to_user())
+
+
+def frames_to_user() -> int:
+    """Stack level of the first caller outside this package, for warnings that point to the user's line."""
+    package = __name__.partition(".")[0]
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        level, frame = level + 1, frame.f_back
+    return level
+
+
+# ── Described links and joints of a robot, each validated by itself
+
+Mimic = tuple[str, float, float]
+"""Leader, multiplier and offset: the joint's coordinate is multiplier * leader + offset."""
+
+_SURE = 1e-15
+"""Largest gap between rows for which the deviation is certainly within the 1e-14 that leaves rotations unchanged."""
+
+TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
+"""Types of joints that may be described; fixed ones are removed when the model is built."""
+
+
+def label(kind: str, name: str, where: str) -> str:
+    """Name of a link or joint in messages: ``joint 'elbow' (line 12)``."""
+    name = clipped(name) if isinstance(name, str) else name
+    return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
+
+
+def unused(name: str, taken: set[str]) -> str:
+    """Unused name: ``_`` is appended until the name is free; then it is added to ``taken``."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+@dataclass(frozen=True, eq=False)
+class LinkEntry:
+    """One described link."""
+
+    name: str
+    inertia: SpatialInertia
+    """Inertia about the link frame's origin; zero if not given."""
+    where: str
+    shaped: bool = False
+    """True if the link has a visual or collision shape."""
+    hidden: bool = False
+    """True if the link only connects two joints of one body and is not offered as a frame."""
+
+    def __str__(self) -> str:
+        return label("link", self.name, self.where)
+
+
+@dataclass(frozen=True, eq=False)
+class JointEntry:
+    """One described joint, possibly fixed."""
+
+    joint: Joint
+    parent: str
+    child: str
+    placement: Array
+    """Pose T_parent,child (4, 4) with the joint at zero."""
+    limits: Limits
+    damping: float
+    friction: float
+    mimic: Mimic | None
+    where: str
+    armature: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The joint's name."""
+        return self.joint.name
+
+    @property
+    def fixed(self) -> bool:
+        """True if the joint is fixed."""
+        return self.joint.nv == 0
+
+    def __str__(self) -> str:
+        return label("joint", self.name, self.where)
+
+
+@dataclass(frozen=True, eq=False)
+class SiteEntry:
+    """Described frame that is not a link."""
+
+    name: str
+    link: str
+    pose: Array
+    """Pose in the link's frame (4, 4)."""
+
+
+def link_entry(
+    name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False, hidden: bool = False
+) -> LinkEntry:
+    """Link with a finite inertia and nonnegative mass; inertia policies do not repair these."""
+    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped, hidden)
+    if not all(map(math.isfinite, link.inertia.parameters.tolist())):
+        raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
+    if link.inertia.mass < 0:
+        raise InertiaError(
+            f"{link} has a negative mass, {printed(link.inertia.mass)} kg. A mass must be zero or positive."
+        )
+    return link
+
+
+def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
+    """Mimic entry with validated numbers."""
+    if mimic is None:
+        return None
+    leader, multiplier, offset = mimic
+    ratio, shift = numbers([multiplier, offset], (2,), f"the mimic multiplier and offset of {who}")
+    return leader, float(ratio), float(shift)
+
+
+def armature_of(armature: ArrayLike, who: str) -> float:
+    """Armature of a joint, finite and nonnegative."""
+    value = number(armature, f"the armature of {who}")
+    if value < 0:
+        raise ModelError(
+            f"{who} has a negative armature, {printed(value)}. It is the inertia of the joint's drive: zero or positive."
+        )
+    return value
+
+
+def placement_of(T: ArrayLike | None, who: str) -> Array:
+    """Pose (4, 4), the identity for None; raises an error if it is not a rigid motion."""
+    if T is None or T is IDENTITY:
+        return IDENTITY
+    T = numbers(T, (4, 4), f"the placement of {who}")
+    top = [row[:3] for row in T[:3].tolist()]
+    if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (top == UPRIGHT or max(map(abs, gaps(top))) <= _SURE):
+        return T
+    R = T[:3, :3]
+    # 1e-6 accepts rotations written with six digits.
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(T[3] != (0, 0, 0, 1)):
+        raise ModelError(
+            f"the placement of {who} is not a pose: a rotation, a position and the last row 0 0 0 1 are required."
+        )
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # nearest rotation, so that the transpose is the inverse
+        left, _, right = np.linalg.svd(R)
+        T = T.copy()
+        T[:3, :3] = left @ right
+    return T
+
+
+def limits_of(
+    joint: Joint, lower: float | None, upper: float | None, largest: Mapping[str, float | None], who: str
+) -> tuple[Limits, list[str]]:
+    """Limits of a joint, (nv,) each, infinite if not given, and notes on implausible ones; ``largest``: limits of magnitude."""
+    remarks: list[str] = []
+    if joint.nv != 1:
+        if joint.nv and any(x is not None for x in (lower, upper, *largest.values())):
+            remarks.append(ModelNote(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
+        none = np.full(joint.nv, np.inf)
+        return Limits(-none, none, none, none), remarks
+    low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
+    found = {name: np.array([_magnitude(name, value, who, remarks)]) for name, value in largest.items()}
+    return Limits(np.array([low]), np.array([high]), **found), remarks
+
+
+def _bounds(
+    endless: bool, lower: float | None, upper: float | None, who: str, remarks: list[str]
+) -> tuple[float, float]:
+    low = -np.inf if lower is None else _limit("lower", lower, who)
+    high = np.inf if upper is None else _limit("upper", upper, who)
+    if endless:  # limits of continuous joints are ignored
+        return -np.inf, np.inf
+    if low == high == 0:
+        remarks.append(ModelNote(who, "has lower = upper = 0, taken to mean that no limits are given"))
+        return -np.inf, np.inf
+    if low > high or low == np.inf or high == -np.inf:
+        raise ModelError(
+            f"{who} has reversed limits: lower={printed(low)} is above upper={printed(high)}. "
+            "Exchange them, or leave both out where there are none, which some simulators mean by this."
+        )
+    return low, high
+
+
+def _limit(what: str, value: float, who: str) -> float:
+    try:
+        value = float(value)
+    except (TypeError, ValueError):
+        value = math.nan
+    if math.isnan(value):
+        raise ModelError(
+            f"{who} has {what}={value!r} as its limit; a limit is a number. Leave it out where there is none."
+        )
+    return value
+
+
+def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> float:
+    if value is None:
+        return float(np.inf)
+    value = _limit(what, value, who)
+    if value < 0:
+        raise ModelError(
+            f"{who} has {what}={printed(value)} as its limit; a limit is a positive number. Leave it out where there is none."
+        )
+    if value == 0:
+        remarks.append(ModelNote(who, f"has a limit {what}=0, taken to mean that none is given"))
+        return float(np.inf)
+    return value

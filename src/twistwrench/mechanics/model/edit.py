@@ -1,0 +1,205 @@
+"""Edits of a model: payload, gravity, locked joints. Each edit returns a new model; the original is unchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
+from ...core.glossary import complete
+from ...core.gravity import GRAVITY
+from ...core.typing import Array
+from ..bodies.inertia import SpatialInertia
+from ..joints import Joint
+from .assembly import default_tip, fuse
+from .couplings import refuse_coupled
+from .inertia_checks import moved_moments, reasons
+from .model import BASE, Model
+
+
+def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None) -> Model:
+    """Model with a body fixed to a frame.
+
+    Parameters
+    ----------
+    inertia : SpatialInertia, about the frame's origin, in its axes
+
+    Raises
+    ------
+    InertiaError
+        The inertia is physically impossible, or that of the carrying body becomes so.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> with_payload(tw.robots.planar_2r().model, SpatialInertia.from_com(1.0)).payloads[0][0]
+    'tip'
+    """
+    at = model.frame(frame)
+    name = frame if frame is not None else model.tip
+    if found := inertia.defects():
+        raise InertiaError(f"a payload at {name!r} cannot exist: {'; '.join(found)}. Correct its numbers.")
+    moved = inertia.in_frame(at.pose)
+    links = model.link_inertias
+    if name in links:
+        links = {**links, name: links[name] + inertia}
+    model = replace(model, link_inertias=links, payloads=(*model.payloads, (str(name), inertia)))
+    if at.body == BASE:
+        return replace(model, base_inertia=model.base_inertia + moved)
+    body = model.bodies[at.body]
+    loaded = replace(body, inertia=body.inertia + moved)
+    # An inconsistent body that was accepted at loading stays accepted.
+    size = moved_moments(model, at.body) + abs(float(moved.moment_about_origin.trace()))
+    if not reasons(body.inertia, size) and (found := loaded.inertia.defects(size=size)):
+        raise InertiaError(
+            f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(found)}."
+        )
+    bodies = (*model.bodies[: at.body], loaded, *model.bodies[at.body + 1 :])
+    return replace(model, bodies=bodies)
+
+
+def with_gravity(model: Model, g: ArrayLike) -> Model:
+    """Model with another gravity.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> with_gravity(tw.robots.planar_2r().model, [0, 0, 0]).gravity.tolist()
+    [0.0, 0.0, 0.0]
+    """
+    return replace(model, gravity=gravity_vector(g))
+
+
+def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
+    """Model with other armature (reflected inertia of the drives) at some joints.
+
+    Parameters
+    ----------
+    joints : {joint: armature} [kg m², sliding joints: kg]; a number, or one for each velocity of the joint
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> with_armature(tw.robots.planar_2r().model, {"joint2": 0.5}).armature.tolist()
+    [0.0, 0.5]
+    """
+    leaders = {body.joint.name: body for body in model.leaders}
+    armature = model.armature.copy()
+    for name, given in joints.items():
+        motors = {motor for c in model.couplings for motor in c.motors}
+        coupled = name in motors or any(name in c.joints for c in model.couplings)
+        if name not in leaders and not coupled:
+            raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
+        k = model.drive_index(name) if coupled else 0
+        place = slice(k, k + 1) if coupled else leaders[name].places[1]
+        try:
+            values = np.broadcast_to(np.asarray(given, float), armature[place].shape)
+        except (TypeError, ValueError):
+            raise ShapeError(
+                f"the armature of joint {name!r} is {given!r}, expected a number, or {len(armature[place])} of them."
+            ) from None
+        if not (np.isfinite(values).all() and (values >= 0).all()):
+            raise ValueRangeError(
+                f"the armature of joint {name!r} is {np.asarray(given).tolist()}; it must be finite and not negative."
+            )
+        if values.any() and any(a.joint == name and a.rotor is not None for a in model.actuators.values()):
+            raise ValueRangeError(
+                f"joint {name!r} has an actuator with a rotor: with an armature too, the inertia of the drive would count "
+                "twice. Leave one of them out."
+            )
+        armature[place] = values
+    return replace(model, armature=armature)
+
+
+def gravity_vector(g: ArrayLike) -> Array:
+    """Gravity as a read-only array of finite numbers.
+
+    Returns
+    -------
+    g : (3,) array [m/s²]
+
+    Examples
+    --------
+    >>> gravity_vector([0, 0, -1.62]).tolist()
+    [0.0, 0.0, -1.62]
+    """
+    try:
+        vector = np.array(g, float)
+    except (TypeError, ValueError):
+        raise ShapeError(f"gravity is {g!r}, expected three numbers, such as {GRAVITY}.") from None
+    if vector.shape != (3,):
+        raise ShapeError(f"gravity has shape {vector.shape}, expected (3,): an acceleration such as {GRAVITY}.")
+    if not np.isfinite(vector).all():
+        raise ValueRangeError(f"gravity is {vector.tolist()}; its components must be finite.")
+    vector.setflags(write=False)
+    return vector
+
+
+def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
+    """Model with some joints fixed at given positions.
+
+    Parameters
+    ----------
+    positions : {joint: position}, a number each, (x, y, theta) for planar, 7 for floating [rad, m]
+
+    Notes
+    -----
+    Their bodies become part of the parents, and joints that mimic them are fixed too. Rotations are snapped as in
+    loading.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> lock(tw.robots.planar_3r().model, {"joint2": 0.5}).joint_names
+    ('joint1', 'joint3')
+    """
+    moving = {body.joint.name: body for body in model.bodies if not body.follows}
+    followers = {body.joint.name: body for body in model.bodies if body.follows}
+    held: dict[int, Array] = {}
+    at: dict[str, float] = {}
+    for name, value in positions.items():
+        if name in followers:
+            leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
+            raise ValueRangeError(
+                f"joint {name!r} mimics {leader!r} and moves with it. "
+                f"Lock {leader!r}, or load with mimic='independent'."
+            )
+        if name not in moving:
+            raise UnknownNameError.from_choices("moving joint", name, moving)
+        q = _coordinates(moving[name].joint, value)
+        at[name] = float(q[0])
+        for i, body in enumerate(model.bodies):
+            if body.v_index == moving[name].v_index:
+                held[i] = body.joint.pose(body.ratio * q + body.offset)
+    couplings = tuple(c for c in model.couplings if not {*c.joints} <= {*at})
+    refuse_coupled(replace(model, couplings=couplings), at, "cannot be locked alone. Lock all of them, or none")
+    motors = {motor for c in model.couplings if c not in couplings for motor in c.motors}
+    fused = fuse(model, held)
+    mounted = model.mounted or any(model.bodies[i].parent == BASE and not model.bodies[i].joint.driven for i in held)
+    springs = tuple(s for s in (spring.with_fixed(at) for spring in model.springs) if s.terms)
+    actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in {*at} | motors}
+    fused = replace(fused, springs=springs, actuators=actuators, couplings=couplings, mounted=mounted)
+    return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
+
+
+def _coordinates(joint: Joint, value: ArrayLike) -> Array:
+    try:
+        q = np.atleast_1d(np.array(value, float))
+    except (TypeError, ValueError):
+        raise ShapeError(f"the position of joint {joint.name!r} is {value!r}, expected a number.") from None
+    if q.shape != (joint.nq,):
+        names = ", ".join(joint.name + suffix for suffix in joint.coordinate_suffixes)
+        raise ShapeError(
+            f"the position of {joint.kind} joint {joint.name!r} has shape {q.shape}, expected ({joint.nq},): {names}."
+        )
+    if not np.isfinite(q).all() or not joint.is_configuration(q):
+        raise ValueRangeError(
+            f"joint {joint.name!r} cannot be locked at {q.tolist()}: numbers must be finite, and a quaternion nonzero."
+        )
+    return q
+
+
+complete(globals())

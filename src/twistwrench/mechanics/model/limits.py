@@ -1,0 +1,237 @@
+"""Joint limits with their tolerance, and joint friction. Modern Robotics section 8.9.4."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ...core.typing import Array
+
+__all__ = ["FASTEST_TURN", "Limits", "TOLERANCE", "known_velocities", "margin", "over_limit"]
+
+TOLERANCE = 1e-6
+"""Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
+digits in files."""
+
+
+FASTEST_TURN, FASTEST_SLIDE = 60.0, 100.0
+"""Velocity limits [rad/s, m/s] from which they are placeholders or in other units; joints of quadrupeds reach 52 rad/s."""
+
+
+def known_velocities(velocity: Array, turning: Array) -> Array:
+    """Velocity limits of joints; inf where they are missing or placeholders, far above what joints reach.
+
+    Parameters
+    ----------
+    velocity : (n,) array, limits [rad/s, m/s]
+    turning : (n,) array of bool, True for joints that turn
+
+    Returns
+    -------
+    known : (n,) array
+
+    Examples
+    --------
+    >>> known_velocities(np.array([3.0, 1e9]), np.array([True, False])).tolist()
+    [3.0, inf]
+    """
+    return np.where(velocity < np.where(turning, FASTEST_TURN, FASTEST_SLIDE), velocity, np.inf)
+
+
+def over_limit(share: Any) -> Any:
+    """True if a magnitude exceeds its limit by more than rounding errors.
+
+    Parameters
+    ----------
+    share : float or (...) array, magnitude divided by its limit
+
+    Returns
+    -------
+    over : bool or (...) array of bool; False for NaN
+
+    Examples
+    --------
+    >>> over_limit(1 + 0.5 * TOLERANCE), over_limit(1 + 2 * TOLERANCE)
+    (False, True)
+    """
+    return share > 1 + TOLERANCE
+
+
+def margin(limit: Any) -> Array:
+    """Excess over a limit up to which a magnitude counts as at the limit.
+
+    Parameters
+    ----------
+    limit : (...) array_like, inf if not given
+
+    Returns
+    -------
+    margin : (...) array, in the unit of the limit; finite everywhere
+
+    Examples
+    --------
+    >>> margin([150.0, np.inf]).tolist()
+    [0.00015, 1e-06]
+    """
+    limit = np.asarray(limit, float)
+    return np.asarray(TOLERANCE * np.where(np.isfinite(limit), limit, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Joint limits, one entry per velocity, (nv,) each; inf if not given.
+
+    If only acceleration or deceleration is given, it is used for both.
+
+    Examples
+    --------
+    >>> limits = Limits(np.array([0.0]), np.array([1.5]), np.array([np.inf]), np.array([np.inf]))
+    >>> limits.exceeded([[-1e-7], [-1e-5]])
+    array([[False],
+           [ True]])
+    >>> Limits(limits.lower, limits.upper, limits.velocity, limits.effort, np.array([5.0])).deceleration.tolist()
+    [5.0]
+    """
+
+    lower: Array
+    """Smallest positions [rad or m]."""
+    upper: Array
+    """Largest positions [rad or m]."""
+    velocity: Array
+    """Largest velocities [rad/s or m/s]."""
+    effort: Array
+    """Largest torques [N m or N]."""
+    acceleration: Array = None  # type: ignore[assignment]
+    """Largest accelerations of a joint that speeds up [rad/s² or m/s²]."""
+    deceleration: Array = None  # type: ignore[assignment]
+    """Largest decelerations of a joint that slows down [rad/s² or m/s²]."""
+    jerk: Array = None  # type: ignore[assignment]
+    """Largest jerks [rad/s³ or m/s³]."""
+
+    def __post_init__(self) -> None:
+        none = np.full(np.shape(self.velocity), np.inf)
+        up, down = (none if x is None else x for x in (self.acceleration, self.deceleration))
+        object.__setattr__(self, "acceleration", np.where(np.isinf(up), down, up))
+        object.__setattr__(self, "deceleration", np.where(np.isinf(down), up, down))
+        object.__setattr__(self, "jerk", none if self.jerk is None else self.jerk)
+
+    @property
+    def tolerance(self) -> Array:
+        """Excess over a position limit up to which a joint counts as at it, (nv,) [rad or m].
+
+        :data:`TOLERANCE` times the larger finite position limit of the joint, or times 1 if both are infinite or zero.
+        """
+        ends = np.abs(np.stack([self.lower, self.upper]))
+        largest = np.max(np.where(np.isfinite(ends), ends, 0.0), axis=0)
+        return np.asarray(TOLERANCE * np.where(largest > 0.0, largest, 1.0))
+
+    def exceeded(self, positions: Any) -> Array:
+        """True for each joint beyond a position limit by more than :attr:`tolerance`.
+
+        Parameters
+        ----------
+        positions : (..., nv) array_like, coordinate of each velocity [rad or m], see :meth:`Model.positions`
+
+        Returns
+        -------
+        exceeded : (..., nv) array of bool; False for NaN
+        """
+        x, most = np.asarray(positions, float), self.tolerance
+        return np.asarray((x < self.lower - most) | (x > self.upper + most))
+
+    def acceleration_at(self, dq: Array, ddq: Array) -> Array:
+        """Acceleration limit at a state: the deceleration limit if a joint slows down; at rest the larger of the two.
+
+        Parameters
+        ----------
+        dq, ddq : (..., nv) arrays
+
+        Returns
+        -------
+        limit : (..., nv) array [rad/s² or m/s²]
+
+        Examples
+        --------
+        >>> free = np.full(1, np.inf)
+        >>> limits = Limits(-free, free, free, free, np.array([2.0]), np.array([5.0]))
+        >>> limits.acceleration_at(np.array([[1.0], [1.0], [0.0]]), np.array([[1.0], [-1.0], [1.0]])).tolist()
+        [[2.0], [5.0], [5.0]]
+        """
+        speed = np.abs(dq)
+        still = speed <= TOLERANCE * speed.max(initial=0.0, axis=tuple(range(speed.ndim - 1)))
+        larger = np.maximum(self.acceleration, self.deceleration)
+        return np.where(still, larger, np.where(dq * ddq < 0, self.deceleration, self.acceleration))
+
+
+# ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4
+
+NONE_GIVEN = "friction is requested, but the robot file has none; add it with robot.with_actuators"
+"""Warning if friction is requested and the robot has none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """Joint friction, (nv,) each: the torque that keeps a joint moving at the velocity ``dq``.
+
+    ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
+
+    The law returns 0 at rest, where friction balances the load up to ``static``.
+    """
+
+    viscous: Array
+    """Viscous coefficient [N m s/rad or N s/m]."""
+    coulomb: Array
+    """Coulomb friction [N m or N]."""
+    static: Array
+    """Breakaway torque [N m or N], at least ``coulomb``."""
+    stribeck: Array
+    """Stribeck speed, of the transition from static to Coulomb friction, above 0 [rad/s or m/s]."""
+    load: Array
+    """Friction per carried torque, below 1."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            getattr(self, f.name).setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # unpickled arrays are writable
+
+    @classmethod
+    def plain(cls, viscous: Array, coulomb: Array) -> Friction:
+        """Viscous and Coulomb friction only, as in robot files."""
+        viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
+        return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
+
+    def select(self, places: Sequence[int] | Array) -> Friction:
+        """Friction of selected velocities, in that order."""
+        return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
+
+    def replaced(self, place: int, **values: float) -> Friction:
+        """Friction with other values for one velocity."""
+        columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
+        for name, value in values.items():
+            columns[name][place] = value
+        return Friction(**columns)
+
+    def extended(self) -> Friction:
+        """Friction with one more velocity, free of friction, at the end."""
+        new = Friction.plain(np.zeros(1), np.zeros(1))
+        return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
+
+    def moved(self, place: int, to: int) -> Friction:
+        """Friction with the entry of one velocity moved to another index."""
+        laws = {f.name: float(getattr(self, f.name)[place]) for f in fields(self)}
+        return self.replaced(to, **laws).replaced(place, **dict.fromkeys(laws, 0.0) | {"stribeck": 1.0})
+
+    @property
+    def any(self) -> bool:
+        """True if any joint has friction."""
+        return bool(self.viscous.any() or self.static.any() or self.load.any())
+
+
+LAWS = tuple(entry.name for entry in fields(Friction))
+"""Names of the friction parameters in actuator files and parameters."""

@@ -1,0 +1,444 @@
+"""Frozen model of a robot: moving bodies in tree order, joints, frames, springs and loops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import FrameError, ModelError, UnknownNameError
+from ...core.text import listed
+from ...core.typing import Array
+from ..bodies.inertia import SpatialInertia
+from ..joints import Joint
+from .actuators import Actuator
+from .couplings import Coupling
+from .description import JointEntry, LinkEntry
+from .limits import Friction, Limits
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Root link, joints depth first (document order among siblings), and the links without children."""
+
+    root: str
+    joints: tuple[JointEntry, ...]
+    leaves: tuple[str, ...]
+
+
+def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
+    """Sort joints depth first; raises :class:`~twistwrench.ModelError` unless they join all links into one tree."""
+    if not links:
+        raise ModelError("the robot has no links. Give at least one.")
+    parent_joint: dict[str, JointEntry] = {}
+    children: dict[str, list[JointEntry]] = {name: [] for name in links}
+    for joint in joints:
+        _check_ends(joint, links)
+        if joint.child in parent_joint:
+            raise ModelError(
+                f"{links[joint.child]} has two parents: {joint.parent!r} by {joint} and "
+                f"{parent_joint[joint.child].parent!r} by {parent_joint[joint.child]}. A robot must be a tree; "
+                "remove one of these joints (a closed loop is cut open at one joint)."
+            )
+        parent_joint[joint.child] = joint
+        children[joint.parent].append(joint)
+    root = _root(links, parent_joint)
+    ordered = _depth_first(root, children)
+    if len(ordered) + 1 < len(links):
+        reached = {root, *(joint.child for joint in ordered)}
+        raise ModelError(_cycle_message(next(name for name in links if name not in reached), parent_joint))
+    return Tree(root, ordered, tuple(name for name in links if not children[name]))
+
+
+def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
+    for end, name in (("parent", joint.parent), ("child", joint.child)):
+        if name not in links:
+            found = UnknownNameError.from_choices("link", name, links)
+            hint = ' For example, declare it with <link name="world"/>.' if name == "world" else ""
+            raise ModelError(f"the {end} of {joint} is not there: {found}{hint}")
+    if joint.parent == joint.child:
+        raise ModelError(
+            f"{joint} makes {links[joint.parent]} its own child (a cycle of one). Name another parent or child."
+        )
+
+
+def _root(links: Mapping[str, LinkEntry], parent_joint: Mapping[str, JointEntry]) -> str:
+    roots = [name for name in links if name not in parent_joint]
+    if not roots:
+        raise ModelError("there is no root link: " + _cycle_message(next(iter(links)), parent_joint))
+    if len(roots) > 1:
+        raise ModelError(
+            f"{len(roots)} root links, where a robot has one: {listed(str(links[r]) for r in roots)}. "
+            "Join them with (fixed) joints, or remove those that do not belong to the robot."
+        )
+    return roots[0]
+
+
+def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tuple[JointEntry, ...]:
+    # A stack instead of recursion: chains may exceed Python's recursion limit.
+    ordered: list[JointEntry] = []
+    stack = list(reversed(children[root]))
+    while stack:
+        joint = stack.pop()
+        ordered.append(joint)
+        stack.extend(reversed(children[joint.child]))
+    return tuple(ordered)
+
+
+def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
+    # Parents of a link without a root form a cycle.
+    places: dict[str, int] = {}
+    above = link
+    while above not in places:
+        places[above] = len(places)
+        above = parent_joint[above].parent
+    loop = [*list(places)[places[above] :], above][::-1]
+    joints = listed(str(parent_joint[name]) for name in loop[1:])
+    return (
+        f"the links {listed(map(repr, loop), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
+        "remove one of these joints."
+    )
+
+
+# ── Springs between joint coordinates. Modern Robotics section 8.9.5
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Spring with the energy ``½ stiffness (Σ weight · coordinate - rest)²`` between joints of one degree of freedom."""
+
+    terms: tuple[tuple[str, float], ...]
+    """(joint, weight) pairs."""
+    stiffness: float
+    """Stiffness [N m/rad or N/m]."""
+    rest: float = 0.0
+    """Unloaded length [rad or m]."""
+
+    def with_fixed(self, positions: dict[str, float]) -> Spring:
+        """Spring with some joints locked; their part of the extension is constant."""
+        fixed = sum(weight * positions[joint] for joint, weight in self.terms if joint in positions)
+        return Spring(tuple(t for t in self.terms if t[0] not in positions), self.stiffness, self.rest - fixed)
+
+
+# ── Loops of a robot file, closed by ``robot.close``; the model itself is a tree
+
+
+@dataclass(frozen=True)
+class OfferedClosure:
+    """Loop closure of the file: ``robot.close(closure.frame_a, closure.frame_b, closure.rows)``."""
+
+    frame_a: str
+    """First frame."""
+    frame_b: str
+    """Second frame."""
+    rows: str = "wx wy wz vx vy vz"
+    """Rows of the frames' relative twist that are held at zero."""
+
+
+# ── Model: moving bodies, joints and frames
+
+BASE = -1
+"""Index of the fixed base."""
+_MAPPINGS = ("actuators", "configurations", "closures", "mounts")
+"""Fields made read-only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One moving body (fixed links fused) and the joint that carries it.
+
+    At joint coordinates ``ratio * q[q_index] + offset`` (ratio 1 and offset 0 except for mimic joints), the body's
+    frame has the pose ``placement @ joint.pose(·)`` in its parent's frame.
+    """
+
+    joint: Joint
+    """Joint that carries the body."""
+    link: str
+    """Child link, whose frame is the body's frame; links fixed to it are part of the body."""
+    parent: int
+    """Index of the parent body; ``BASE`` for the base."""
+    placement: Array
+    """Pose T_parent,joint (4, 4)."""
+    inertia: SpatialInertia
+    """Inertia about the origin of the body's frame, which is the child link's frame."""
+    q_index: int
+    """Index of the joint's first coordinate in q."""
+    v_index: int
+    """Index of the joint's first velocity in dq."""
+    ratio: float = 1.0
+    """Ratio of a mimic joint: its coordinate divided by its leader's."""
+    offset: float = 0.0
+    """Coordinate of a mimic joint at zero of its leader [rad or m]."""
+    follows: bool = False
+    """True if the joint mimics another and shares its coordinate."""
+    effort: float = np.inf
+    """Largest torque of a mimic joint [N m or N]; inf if not given, and for other joints."""
+
+    @property
+    def places(self) -> tuple[slice, slice]:
+        """Slices of the joint in q and in dq."""
+        joint = self.joint
+        return slice(self.q_index, self.q_index + joint.nq), slice(self.v_index, self.v_index + joint.nv)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Frame fixed to a body."""
+
+    body: int
+    """Index of the body; ``BASE`` for the base."""
+    pose: Array
+    """Pose in the body's frame (4, 4)."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model:
+    """Robot model as data, parents before children; created by :class:`~twistwrench.mechanics.model.builder.ModelBuilder`."""
+
+    name: str
+    """The robot's name."""
+    bodies: tuple[Body, ...]
+    """Moving bodies, parents first."""
+    frames: dict[str, Frame]
+    """Frames of all links by name, fixed ones included, in document order."""
+    limits: Limits
+    """Limits of the joints."""
+    friction: Friction
+    """Joint friction, which quantities include only on request."""
+    gravity: Array
+    """Gravity in the base frame, (3,) m/s²."""
+    base_inertia: SpatialInertia
+    """Inertia of all fixed links, in the base frame."""
+    tip: str | None
+    """Default frame of quantities."""
+    leaves: tuple[str, ...] = ()
+    """Links without children, in document order."""
+    defects: tuple[str, ...] = ()
+    """Doubtful entries of the file."""
+    link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
+    """Inertia of each single link, in its own frame, for reports."""
+    source: str = ""
+    """Path of the file."""
+    springs: tuple[Spring, ...] = ()
+    """Springs between joint coordinates; their torques are part of the dynamics, like gravity torques."""
+    actuators: Mapping[str, Actuator] = field(default_factory=dict)
+    """Actuators by joint; their rotors are among the bodies, their elasticity among the springs."""
+    payloads: tuple[tuple[str, SpatialInertia], ...] = ()
+    """(frame, inertia about it) of attached payloads; included in the bodies and links that carry them."""
+    shaped: frozenset[str] = frozenset()
+    """Links with a visual or collision shape."""
+    snap: float = 0.0
+    """Distance from 0 or ±1 within which entries of fixed rotations were set to it; edits use the same value."""
+    armature: Array = field(default_factory=lambda: np.zeros(0))
+    """(nv,) kg m² or kg: reflected inertia of the drives, added to the diagonal of M; without weight or momentum. A rotor with
+    known position and axis is a body instead."""
+    sites: dict[str, Frame] = field(default_factory=dict)
+    """Named frames of the file that are not links, in document order; their names differ from link names."""
+    configurations: Mapping[str, Array] = field(default_factory=dict)
+    """Named configurations of the file, such as ``home``; (nq,) each."""
+    couplings: tuple[Coupling, ...] = ()
+    """Motors that move several joints together. Armature, friction and effort at their joints' indices are the motors'."""
+    closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
+    """Loops that the file describes; the tree leaves them open."""
+    motor_joints: frozenset[str] = frozenset()
+    """Joints that the file's actuators drive, directly or by a tendon; empty if the file describes no actuators."""
+    mounted: bool = False
+    """True if something is stated to hold the fixed root: ``floating_base=False``, or a joint of the file to the world."""
+    mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Parent link and joint of each link except the root, as described, including fixed joints. The parent of a floating
+    base is the link ``""``."""
+
+    def __post_init__(self) -> None:
+        if not self.armature.size:
+            object.__setattr__(self, "armature", np.zeros(self.nv))
+        for name in _MAPPINGS:
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        arrays = [self.gravity, self.armature, *vars(self.limits).values(), *self.configurations.values()]
+        arrays += [frame.pose for frame in self.all_frames.values()] + [c.motor_per_joint for c in self.couplings]
+        for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
+            array.setflags(write=False)  # shared by robots and compiled into kernels
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = {f.name: getattr(self, f.name) for f in fields(self)}  # without cached properties
+        return {**state, **{name: dict(state[name]) for name in _MAPPINGS}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # unpickled arrays are writable
+
+    @cached_property
+    def nq(self) -> int:
+        """Number of coordinates."""
+        return sum(b.joint.nq for b in self.leaders)
+
+    @cached_property
+    def nv(self) -> int:
+        """Number of velocities."""
+        return sum(b.joint.nv for b in self.leaders)
+
+    def positions(self, q: Any) -> Array:
+        """Coordinate of each velocity; zero for planar, ball and floating joints, which have none.
+
+        Parameters
+        ----------
+        q : (..., nq) array
+
+        Returns
+        -------
+        positions : (..., nv) array [rad or m]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().model.positions([1, 0, 0, 0, 1, 2, 3]).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        q = np.asarray(q, float)
+        found = np.zeros((*q.shape[:-1], self.nv))
+        for b in self.leaders:
+            if b.joint.nv == 1:
+                found[..., b.v_index] = q[..., b.q_index]
+        return found
+
+    @cached_property
+    def leaders(self) -> tuple[Body, ...]:
+        """Bodies whose joints have coordinates of their own, in the order of q: all except followers of mimic joints."""
+        return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+
+    @cached_property
+    def limited_followers(self) -> tuple[int, ...]:
+        """Indices of bodies with a mimic joint that has its own effort limit."""
+        return tuple(i for i, b in enumerate(self.bodies) if b.follows and np.isfinite(b.effort))
+
+    @cached_property
+    def moving_mass(self) -> float:
+        """Mass of all moving bodies [kg], without links fixed to the base."""
+        return float(sum(body.inertia.mass for body in self.bodies))
+
+    @cached_property
+    def quaternions(self) -> tuple[slice, ...]:
+        """Slices of the quaternions in q."""
+        found = [(b.q_index, b.joint.quaternion) for b in self.leaders]
+        return tuple(slice(at + first, at + first + 4) for at, first in found if first is not None)
+
+    @cached_property
+    def all_frames(self) -> dict[str, Frame]:
+        """All frames by name: links, then sites."""
+        return {**self.frames, **self.sites}
+
+    def __repr__(self) -> str:
+        return f"<Model {self.name!r}: {len(self.bodies)} moving bodies, {len(self.frames)} links>"
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints with coordinates, in the order of q."""
+        return tuple(b.joint.name for b in self.leaders)
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """A name for each coordinate: the joint's name, with a suffix if the joint has several; (nq,)."""
+        return tuple(b.joint.name + s for b in self.leaders for s in b.joint.coordinate_suffixes)
+
+    @cached_property
+    def velocity_names(self) -> tuple[str, ...]:
+        """A name for each velocity and torque: the joint's name, with a suffix if the joint has several; (nv,)."""
+        return tuple(b.joint.name + s for b in self.leaders for s in b.joint.velocity_suffixes)
+
+    @cached_property
+    def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
+        """Indices in dq (n,), A and A⁻¹ (n, n) of each coupling."""
+        place = {b.joint.name: b.v_index for b in self.leaders}
+        return tuple(
+            (np.array([place[joint] for joint in c.joints]), c.motor_per_joint, c.joint_per_motor)
+            for c in self.couplings
+        )
+
+    @cached_property
+    def drive_names(self) -> tuple[str, ...]:
+        """A name for the drive of each velocity: the joint, or the coupled motor at its index; (nv,)."""
+        motors = {joint: motor for c in self.couplings for joint, motor in zip(c.joints, c.motors, strict=True)}
+        return tuple(motors.get(name, name) for name in self.velocity_names)
+
+    @cached_property
+    def drive_labels(self) -> tuple[str, ...]:
+        """Drive names (:attr:`drive_names`) for reports: coupled motors with the joints they move; (nv,)."""
+        labels = {motor: c.label(motor) for c in self.couplings for motor in c.motors}
+        return tuple(labels.get(name, name) for name in self.drive_names)
+
+    def drive_index(self, name: str) -> int:
+        """Index in dq of a drive.
+
+        Parameters
+        ----------
+        name : str, a joint with one degree of freedom that is not coupled, or a coupled motor
+
+        Returns
+        -------
+        index : int
+
+        Raises
+        ------
+        ModelError
+            The joint has several velocities, follows another, or is moved by coupled motors.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().model.drive_index("joint2")
+        1
+        """
+        leaders = {b.joint.name: b for b in self.leaders}
+        motors = {motor for c in self.couplings for motor in c.motors}
+        if name in motors:
+            return self.drive_names.index(name)
+        for c in self.couplings:
+            if name in c.joints:
+                raise ModelError(
+                    f"joint {name!r} is moved by motors {listed(c.motors)} of coupling {c.name!r}. Describe those instead."
+                )
+        if name in leaders:
+            if leaders[name].joint.nv != 1:
+                kind = leaders[name].joint.kind
+                raise ModelError(f"joint {name!r} is {kind}; only joints of one degree have actuators.")
+            return leaders[name].v_index
+        if any(name == b.joint.name for b in self.bodies if b.follows):
+            raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
+        raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
+
+    @property
+    def neutral(self) -> Array:
+        """Coordinates with every joint at zero; (nq,)."""
+        return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
+
+    def frame(self, name: str | None) -> Frame:
+        """Frame by name; None: the tip.
+
+        Parameters
+        ----------
+        name : str or None
+
+        Returns
+        -------
+        frame : Frame
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().model.frame(None).body
+        1
+        """
+        if name is None:
+            if self.tip is None:
+                raise FrameError(
+                    f"robot {self.name!r} has no single tip, so the frame must be named. "
+                    f"Its leaves: {listed(self.leaves)}. Load with tip=…, or name the frame in the call."
+                )
+            name = self.tip
+        try:
+            return self.all_frames[name]
+        except (KeyError, TypeError):
+            raise UnknownNameError.from_choices("frame", name, self.all_frames) from None

@@ -1,0 +1,251 @@
+"""Links and joints of a model, for writing, joining and extraction, and reassembly of a model from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...core.typing import Array
+from ..bodies.inertia import SpatialInertia
+from ..joints import Fixed, Joint
+from ..lie import se3
+from .actuation import counted, with_actuators
+from .actuators import Actuator
+from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
+from .couplings import Coupling
+from .description import JointEntry, LinkEntry, SiteEntry, unused
+from .limits import Friction, Limits
+from .model import BASE, Body, Model, find_tree
+
+_ROUNDING = 1e-13
+"""Largest difference between a body's inertia and the sum of its links' inertias, relative to the largest entry."""
+
+
+@dataclass(eq=False)
+class ModelParts:
+    """Links of a model with one inertia each, joints between them (also fixed ones), and other entries.
+
+    Rotors are not bodies here; they belong to the actuators.
+    """
+
+    name: str
+    gravity: Array
+    snap: float
+    source: str
+    root: str
+    """Fixed root link, or the first moving link of a floating base."""
+    floating: bool
+    """True if the root floats."""
+    links: dict[str, LinkEntry] = field(default_factory=dict)
+    """Links in document order."""
+    joints: list[JointEntry] = field(default_factory=list)
+    """Joints depth first, moving ones in the order of q; armature and friction are stored separately."""
+    whole: dict[str, SpatialInertia] = field(default_factory=dict)
+    """Inertia of the root and of each link on a moving joint, including everything fixed to it."""
+    friction: dict[str, Friction] = field(default_factory=dict)
+    """Friction of each joint with coordinates, by name, (nv of the joint,) each; also of motors behind elastic gears."""
+    armature: dict[str, Array] = field(default_factory=dict)
+    """Armature by joint, without rotors."""
+    actuators: list[Actuator] = field(default_factory=list)
+    couplings: list[Coupling] = field(default_factory=list)
+    """Coupled drives; friction, armature and effort of their joints are those of the motors at the same indices."""
+    payloads: tuple[tuple[str, SpatialInertia], ...] = ()
+    additions: Additions = field(default_factory=Additions)
+    """Sites, springs, configurations, closures, joints with motors, and what is stated about the base."""
+
+
+def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
+    """Links and joints of a model. Link inertias include their rotors; ``extra`` also includes rotors not counted in the file.
+
+    Links that are fixed together are separated as described in the file. Later changes of a body's inertia, such as a
+    payload at a site or a repair, are assigned to the link on its joint.
+    """
+    return _Disassembly(model, extra).parts()
+
+
+class _Disassembly:
+    """Conversion of one model to links and joints."""
+
+    def __init__(self, model: Model, extra: bool) -> None:
+        self.model, self.extra = model, extra
+        self.bodies = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        rotors = (body for body in model.leaders if not body.joint.moves_body)
+        self.motors = {model.actuators[body.joint.name].joint: body for body in rotors}
+        """Motors behind elastic gears, which have coordinates of their own, by the joint they drive."""
+        self.by_column = {body.v_index: body for body in model.leaders}
+        held = set(model.frames) | set(self.bodies)
+        self.parents = {link: self._carrier(link, held) for link in held if link in model.mounts}
+        self.names = [*model.frames, *(link for link in self.bodies if link not in model.frames)]
+
+    def _carrier(self, link: str, held: set[str]) -> str:
+        """Nearest ancestor link that remains; hidden links of locked joints are removed."""
+        parent = self.model.mounts[link][0]
+        while parent and parent not in held:
+            parent = self.model.mounts[parent][0]
+        return parent
+
+    def parts(self) -> ModelParts:
+        """All parts of the model."""
+        model = self.model
+        top = next((link for link in self.names if not self.parents.get(link, "")), "world")
+        floating = top in self.bodies
+        still = top if floating or top not in self.parents else unused("world", {*self.names})
+        found = ModelParts(
+            model.name, model.gravity, model.snap, model.source, root=still, floating=floating,
+            actuators=list(model.actuators.values()), couplings=list(model.couplings), payloads=model.payloads,
+        )  # fmt: skip
+        if still != top:  # a locked floating root is placed in the base frame
+            self.parents[top] = still
+            found.links[still] = LinkEntry(still, SpatialInertia.zero(), "")
+        self._add_links(found)
+        for link in self._depth_first(found.root):
+            if link != found.root:
+                found.joints.append(self._joint(link))
+        if floating:
+            self._note(found, model.bodies[self.bodies[found.root]])
+        for joint in found.joints:
+            if not joint.fixed and joint.mimic is None:
+                self._note(found, model.bodies[self.bodies[joint.child]])
+        self._add_others(found)
+        return found
+
+    def _add_links(self, found: ModelParts) -> None:
+        model = self.model
+        whole = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        whole[BASE] = model.base_inertia
+        for body in model.bodies:
+            if not body.joint.moves_body and (self.extra or counted(model, body)):
+                whole[body.parent] = whole[body.parent] + body.inertia.in_frame(body.placement)
+        rest = dict(whole)
+        for name, frame in model.frames.items():
+            own = model.link_inertias.get(name, SpatialInertia.zero())
+            if own.parameters.any():
+                rest[frame.body] = rest[frame.body] - own.in_frame(frame.pose)
+        for name in self.names:
+            own = model.link_inertias.get(name, SpatialInertia.zero())
+            i = self.bodies.get(name, BASE)
+            if (i != BASE or name == found.root) and _matters(rest[i], whole[i]):
+                own = own + rest[i]
+            hidden = name not in model.frames
+            found.links[name] = LinkEntry(name, own, "", name in model.shaped, hidden)
+        found.whole = {link: whole[i] for link, i in self.bodies.items()}
+        found.whole.setdefault(found.root, whole[BASE])
+
+    def _depth_first(self, root: str) -> Iterator[str]:
+        """Links in an order that yields the bodies in their order."""
+        children: dict[str, list[str]] = {name: [] for name in (root, *self.names)}
+        for link in self.names:
+            if link != root and link in self.parents:
+                children[self.parents[link]].append(link)
+        first = {link: self.bodies.get(link, len(self.bodies)) for link in children}
+        ordered, stack = [], [root]
+        while stack:
+            ordered.append(stack.pop())
+            stack.extend(children[ordered[-1]])
+        for link in reversed(ordered):
+            parent = self.parents.get(link, "")
+            if parent in first:
+                first[parent] = min(first[parent], first[link])
+        stack = [root]
+        while stack:
+            link = stack.pop()
+            yield link
+            stack.extend(reversed(sorted(children[link], key=first.__getitem__)))  # noqa: C413  what is equal stays in order
+
+    def _pose(self, link: str) -> tuple[int, Array]:
+        """Body that a link is fixed to, and the link's pose in it."""
+        if link in self.bodies:
+            return self.bodies[link], np.eye(4)
+        if link in self.model.frames:
+            frame = self.model.frames[link]
+            return frame.body, frame.pose
+        return BASE, np.eye(4)
+
+    def _joint(self, link: str) -> JointEntry:
+        model, parent = self.model, self.parents[link]
+        name = model.mounts[link][1]
+        _, T_parent = self._pose(parent)
+        if link not in self.bodies:
+            _, T = self._pose(link)
+            return fixed_entry(name, parent, link, _seen_from(T_parent, T))
+        body = model.bodies[self.bodies[link]]
+        place = body.places[1]
+        limits = Limits(*(getattr(model.limits, what)[place] for what in vars(model.limits)))
+        if name in self.motors:  # which has the effort limit
+            limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
+        entry = _entry(body.joint, parent, link, _seen_from(T_parent, body.placement), limits)
+        if not body.follows:
+            return entry
+        leader = self.by_column[body.v_index]
+        ends = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
+        free = np.full(1, np.inf)
+        effort = np.array([body.effort])
+        reach = Limits(ends[0], ends[1], free, effort) if body.ratio else Limits(-free, free, free, effort)
+        return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
+
+    def _note(self, found: ModelParts, body: Body) -> None:
+        """Store friction and armature of a joint, and of the motor behind its elastic gear."""
+        for one in filter(None, (body, self.motors.get(body.joint.name))):
+            at = one.places[1]
+            found.friction[one.joint.name] = self.model.friction.select(np.arange(at.start, at.stop))
+            found.armature[one.joint.name] = self.model.armature[at]
+
+    def _add_others(self, found: ModelParts) -> None:
+        model, more = self.model, found.additions
+        for name, frame in model.sites.items():
+            link = found.root if frame.body == BASE else model.bodies[frame.body].link
+            more.sites[name] = SiteEntry(name, link, frame.pose)
+        there = {joint.name for joint in found.joints} | {ROOT_JOINT}
+        more.springs = [s for s in model.springs if all(joint in there for joint, _ in s.terms)]
+        leaders = [body for body in model.leaders if body.joint.moves_body]
+        for name, q in model.configurations.items():
+            more.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
+        more.closures = dict(model.closures)
+        more.motor_joints, more.mounted = set(model.motor_joints), model.mounted
+
+
+_NO_LIMITS = Limits(*(np.zeros(0),) * 4)
+
+
+def _entry(joint: Joint, parent: str, child: str, placement: Array, limits: Limits) -> JointEntry:
+    return JointEntry(joint, parent, child, placement, limits, 0.0, 0.0, None, "")
+
+
+def fixed_entry(name: str, parent: str, child: str, placement: Array) -> JointEntry:
+    """Fixed joint."""
+    return _entry(Fixed(name, np.zeros((0, 6))), parent, child, placement, _NO_LIMITS)
+
+
+def _seen_from(T_ab: Array, T_ac: Array) -> Array:
+    """Relative pose T_bc; exact if {b} equals {a}."""
+    return T_ac if np.array_equal(T_ab, np.eye(4)) else np.asarray(se3.inverse(T_ab) @ T_ac)
+
+
+def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
+    """True if the difference between a body and its links exceeds rounding errors."""
+    most, size = np.abs(rest.parameters), np.abs(whole.parameters)
+    parts = (slice(0, 1), slice(1, 4), slice(4, 10))
+    return any(most[part].max() > _ROUNDING * max(size[part].max(), size.max() * 1e-3) for part in parts)
+
+
+# ── Model from its parts
+
+
+def reassemble(found: ModelParts) -> Model:
+    """Model from its parts, without checks and warnings."""
+    tree = find_tree(found.links, found.joints)
+    model = assemble(
+        found.name, found.links, tree, find_drives(found.joints), floating_base=found.floating, snap=found.snap,
+        gravity=found.gravity, source=found.source, additions=found.additions,
+    )  # fmt: skip
+    armature = [found.armature[name] for name in model.joint_names]
+    model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
+    model = replace(model, couplings=tuple(found.couplings))
+    model = with_actuators(model, found.actuators)
+    laws = [found.friction[name] for name in model.joint_names]  # also of motors
+    columns = {
+        what: np.concatenate([np.zeros(0), *(getattr(law, what) for law in laws)]) for what in vars(model.friction)
+    }
+    return replace(model, friction=Friction(**columns), tip=default_tip(model))

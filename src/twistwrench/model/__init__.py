@@ -1,1 +1,0 @@
-"""Robots as frozen data, and the builder that checks them."""
