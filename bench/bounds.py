@@ -48,7 +48,7 @@ def _robot(case: Case, rounds: int, size: int) -> dict[str, Any]:
 
 def _quantity(ours: Ours, quantity: str, states: States, rounds: int) -> dict[str, Any]:
     """Work per state, and times: nanoseconds per state of the kernel, per instruction and per byte of the ceilings."""
-    from twistwrench.lowering.target_machine import DOUBLE
+    from twistwrench.compiler.lowering.target_machine import DOUBLE
 
     case = ours.case
     print(f"{case.name}: {quantity}, its bounds", flush=True)
@@ -79,9 +79,9 @@ def multiplications(program: Any) -> int:
 
 def per_angle() -> int:
     """Operations of the multiplier for the sine and cosine of one angle: counted in what is emitted for them."""
-    from twistwrench.lowering.ir_builder import LlvmWriter
-    from twistwrench.lowering.target_machine import DOUBLE, chosen
-    from twistwrench.lowering.vector_math import sincos
+    from twistwrench.compiler.lowering.ir_builder import LlvmWriter
+    from twistwrench.compiler.lowering.target_machine import DOUBLE, chosen
+    from twistwrench.compiler.lowering.vector_math import sincos
 
     w = LlvmWriter(DOUBLE, lanes(), fused=chosen().fused)
     sincos(w, ["%x"])

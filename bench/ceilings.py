@@ -23,7 +23,7 @@ STREAMS = ("plain", "past the cache", "copy")
 
 def lanes() -> int:
     """Doubles side by side."""
-    from twistwrench.lowering.target_machine import DOUBLE, chosen
+    from twistwrench.compiler.lowering.target_machine import DOUBLE, chosen
 
     return chosen().lanes(DOUBLE)
 
@@ -159,13 +159,13 @@ def _arithmetic(kind: str, result: str, value: str, operand: str, lanes: int) ->
 
 def _register() -> str:
     """The letter of vector registers in inline assembly."""
-    from twistwrench.lowering.target_machine import chosen
+    from twistwrench.compiler.lowering.target_machine import chosen
 
     return "x" if chosen().triple.startswith("x86") else "w"
 
 
 def _fused() -> bool:
-    from twistwrench.lowering.target_machine import chosen
+    from twistwrench.compiler.lowering.target_machine import chosen
 
     return chosen().fused
 
@@ -243,7 +243,7 @@ def target() -> Any:
     """LLVM's, told what it is told for kernels."""
     import llvmlite.binding as llvm
 
-    from twistwrench.lowering.target_machine import chosen
+    from twistwrench.compiler.lowering.target_machine import chosen
 
     machine = chosen()
     llvm.initialize_native_target()

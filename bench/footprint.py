@@ -51,8 +51,8 @@ TOGETHER = """
 import json, time
 from bench.cases import CASES, COMPARED
 from bench.ours import kernel, load
-from twistwrench.runtime.gufunc import owner_of
-from twistwrench.lowering.target_machine import SINGLE
+from twistwrench.compiler.runtime.gufunc import owner_of
+from twistwrench.compiler.lowering.target_machine import SINGLE
 robot = load(case := next(c for c in CASES if c.name == {name!r}))
 wall, processor = time.perf_counter(), time.process_time()
 for quantity in COMPARED:

@@ -23,7 +23,7 @@ import torch
 import twistwrench as tw
 from bench.cuda_launch import compile_kernel, launch
 from bench.machine import describe
-from twistwrench.printers.cuda import OPTIONS
+from twistwrench.compiler.printers.cuda import OPTIONS
 
 QUANTITIES = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "inverse_dynamics_derivatives")
 SAMPLES = (4096, 65_536, 1_048_576)

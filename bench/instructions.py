@@ -44,9 +44,9 @@ def texts_of(kernel: Any, precision: Any) -> list[str]:
     """The assembly of all modules of a kernel: it is compiled once more, as far as that, and never linked."""
     import llvmlite.binding as llvm
 
+    from twistwrench.compiler.runtime.gufunc import owner_of
+    from twistwrench.compiler.runtime.jit import compiled
     from twistwrench.core.errors import KernelError
-    from twistwrench.runtime.gufunc import owner_of
-    from twistwrench.runtime.jit import compiled
 
     owner, texts, emit = owner_of(kernel), [], llvm.TargetMachine.emit_object
     if owner is None:

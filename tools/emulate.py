@@ -19,12 +19,12 @@ import llvmlite.binding as llvm
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.ir.loops import Form
-from twistwrench.lowering.lower import LOOP, modules
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, host
+from twistwrench.compiler.ir.loops import Form
+from twistwrench.compiler.lowering.lower import LOOP, modules
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, host
+from twistwrench.compiler.runtime.dispatch_ir import loop_steps
+from twistwrench.compiler.runtime.gufunc import owner_of
 from twistwrench.robot.quantities import CONFIGURATIONS
-from twistwrench.runtime.dispatch_ir import loop_steps
-from twistwrench.runtime.gufunc import owner_of
 
 
 class Emulation(NamedTuple):

@@ -91,6 +91,8 @@ if _typing.TYPE_CHECKING:
     from . import testing as testing
     from . import trajectories as trajectories
     from . import viz as viz
+    from .compiler.runtime.batch_threads import get_threads as get_threads
+    from .compiler.runtime.batch_threads import set_threads as set_threads
     from .diagnosis.report import doctor as doctor
     from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
     from .mechanics.bodies.rigid_body import RigidBody as RigidBody
@@ -104,8 +106,6 @@ if _typing.TYPE_CHECKING:
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
-    from .runtime.batch_threads import get_threads as get_threads
-    from .runtime.batch_threads import set_threads as set_threads
     from .sizing.choice import size_drives as size_drives
 
 _MODULES = {
@@ -132,8 +132,8 @@ _NAMES = {
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
     "find": "robots.finding",
-    "get_threads": "runtime.batch_threads",
-    "set_threads": "runtime.batch_threads",
+    "get_threads": "compiler.runtime.batch_threads",
+    "set_threads": "compiler.runtime.batch_threads",
     "size_drives": "sizing.choice",
 }
 """Modules of other names, imported on first use: the first torque of a robot needs none of them."""

@@ -388,7 +388,7 @@ def test_a_pose_prints_where_it_is_and_how_it_is_turned():
 
 
 def test_symbols_are_printed_too():
-    from twistwrench.ir.tracer import Trace
+    from twistwrench.compiler.ir.tracer import Trace
 
     trace = Trace()
     x = np.array([trace.constant(float(k)) for k in range(16)], object)

@@ -19,8 +19,8 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
+from twistwrench.compiler.ir.tracer import trace
 from twistwrench.export.javascript import javascript_module
-from twistwrench.ir.tracer import trace
 from twistwrench.robot.arguments import CONFIGURATIONS
 from twistwrench.robot.quantities import QUANTITIES
 

@@ -295,7 +295,7 @@ def test_integers_of_any_size_and_sign_are_read_as_float64():
 
 
 def test_symbols_pass_every_traced_function_and_are_named_where_numbers_are_needed():
-    from twistwrench.ir.tracer import Trace
+    from twistwrench.compiler.ir.tracer import Trace
 
     trace = Trace()
     x = np.array([trace.constant(float(k + 1)) for k in range(6)], object)

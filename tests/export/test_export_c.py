@@ -16,11 +16,11 @@ from places import ROOT
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.ir.program import ARITY, Instruction, Program, TensorSpec
-from twistwrench.ir.tracer import trace
-from twistwrench.printers.c99 import FUSED_MACROS, CFunction
+from twistwrench.compiler.ir.program import ARITY, Instruction, Program, TensorSpec
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.printers.c99 import FUSED_MACROS, CFunction
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing import assert_close, relative_gap
 
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]

@@ -19,13 +19,13 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.target_machine import DOUBLE, LOOP, SINGLE, chosen
+from twistwrench.compiler.runtime.gufunc import make_ufunc
+from twistwrench.compiler.runtime.jit import compiled, found
 from twistwrench.core import object_cache
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering.reference_interpreter import NumpyKernel
-from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, chosen
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.runtime.gufunc import make_ufunc
-from twistwrench.runtime.jit import compiled, found
 
 PROGRAM = trace(lambda x: 3.0 * x + 0.5, [("x", ())], ["y"])
 OTHER = trace(lambda x: 7.0 * x - 0.5, [("x", ())], ["y"])
@@ -108,7 +108,7 @@ def test_code_of_another_compiler_or_processor_is_not_taken(place, monkeypatch):
 
 def test_the_second_process_compiles_nothing(place):
     code = (
-        "import twistwrench as tw; from twistwrench.runtime import gufunc, jit; made = []\n"
+        "import twistwrench as tw; from twistwrench.compiler.runtime import gufunc, jit; made = []\n"
         "def spy(*a): made.append(jit.compiled(*a)); return made[-1]\n"
         "gufunc.compiled = spy\n"
         "robot = tw.load(tw.robots.path_of('cart_pole').read_text())\n"  # as text: files are known again, and nothing is asked for

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.runtime import dispatch
+from twistwrench.compiler.runtime import dispatch
 from twistwrench.testing import random_state
 
 ONE_STATE = {

@@ -14,11 +14,11 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.lowering.ir_builder import LlvmWriter
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
-from twistwrench.runtime import batch_threads, dispatch, gufunc
-from twistwrench.runtime.dispatch_ir import has_nonfinite
-from twistwrench.runtime.jit import assembled
+from twistwrench.compiler.lowering.ir_builder import LlvmWriter
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, chosen
+from twistwrench.compiler.runtime import batch_threads, dispatch, gufunc
+from twistwrench.compiler.runtime.dispatch_ir import has_nonfinite
+from twistwrench.compiler.runtime.jit import assembled
 from twistwrench.testing import random_state
 
 INPUTS = {

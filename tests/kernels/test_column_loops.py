@@ -9,14 +9,14 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.ir.loops import ColumnSolve
-from twistwrench.lowering import batch_loop
-from twistwrench.lowering.batch_loop import LINE
-from twistwrench.lowering.partition import partitioned
-from twistwrench.lowering.reference_interpreter import NumpyColumns
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, host
+from twistwrench.compiler.ir.loops import ColumnSolve
+from twistwrench.compiler.lowering import batch_loop
+from twistwrench.compiler.lowering.batch_loop import LINE
+from twistwrench.compiler.lowering.partition import partitioned
+from twistwrench.compiler.lowering.reference_interpreter import NumpyColumns
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
+from twistwrench.compiler.runtime.gufunc import owner_of
 from twistwrench.robot import Robot, programs
-from twistwrench.runtime.gufunc import owner_of
 from twistwrench.testing import KINDS, random_robot
 
 NAME = "forward_dynamics_derivatives"
@@ -151,7 +151,7 @@ def test_a_state_has_its_bits_wherever_it_stands(monkeypatch):
 @pytest.mark.parametrize("name", [NAME, "mass_matrix"])
 def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
     """From arrays at any place: whole vectors where arrays begin with one, else not past the caches at all."""
-    from twistwrench.lowering import lower
+    from twistwrench.compiler.lowering import lower
 
     monkeypatch.setattr(lower, "LONG", 0)
     monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from twistwrench.compiler.lowering import target_machine
 from twistwrench.core import object_cache
-from twistwrench.lowering import target_machine
 
 CPUINFO = "processor\t: {core}\nvendor_id\t: X\nmodel name\t: {name}\ncpu MHz\t\t: {speed}\nflags\t\t: fpu {flags}\n\nprocessor\t: 9\n\n"
 

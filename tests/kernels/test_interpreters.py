@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.lowering.reference_interpreter import NumpyKernel
-from twistwrench.runtime import batch_threads, dispatch, dispatch_ir, gufunc, interpreter
+from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.runtime import batch_threads, dispatch, dispatch_ir, gufunc, interpreter
 
 WAIT = 120.0
 """Seconds until a test that would hang fails instead."""
@@ -62,8 +62,8 @@ import warnings
 warnings.simplefilter("ignore")  # NumPy warns that it makes no promises here
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import interpreter
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import interpreter
+from twistwrench.compiler.runtime import batch_threads
 import threading
 
 robot = tw.robots.planar_3r()

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.lowering.target_machine import DOUBLE
-from twistwrench.runtime.gufunc import _UFuncObject, make_ufunc
-from twistwrench.runtime.jit import compiled
+from twistwrench.compiler.lowering.target_machine import DOUBLE
+from twistwrench.compiler.runtime.gufunc import _UFuncObject, make_ufunc
+from twistwrench.compiler.runtime.jit import compiled
 
 THREADS = 8
 
@@ -267,9 +267,9 @@ def test_a_compilation_that_ends_early_frees_what_it_had_once():
     script = """
 import gc
 import numpy as np
-from twistwrench.runtime import jit
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering.target_machine import DOUBLE
+from twistwrench.compiler.runtime import jit
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.target_machine import DOUBLE
 
 class Ends:
     def emit_object(self, module):
@@ -311,7 +311,7 @@ def test_whatever_is_raised_below_numpy_is_raised_itself_and_the_next_call_compi
             raise problem
 
         with monkeypatch.context() as patch:
-            patch.setattr("twistwrench.runtime.gufunc.compiled", fail)
+            patch.setattr("twistwrench.compiler.runtime.gufunc.compiled", fail)
             with pytest.raises(type(problem)) as caught:
                 way(q.astype("f"))
         assert caught.value is problem

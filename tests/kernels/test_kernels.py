@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.ir.program import Program
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering.lower import CUT_OUTPUTS, WIDE
-from twistwrench.lowering.reference_interpreter import NumpyKernel
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, host
-from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.compiler.ir.program import Program
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.lower import CUT_OUTPUTS, WIDE
+from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 
 # Rows of 7, 2 and 13 (no, one and several whole vectors), results of rank 0, 1 and 2, angles by the sincos path and none.
 KERNELS = [

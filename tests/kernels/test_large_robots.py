@@ -13,18 +13,18 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.ir.program import Program
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering import batch_loop, lower, partition
-from twistwrench.lowering.spill_frame import SpillFrame
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, host
+from twistwrench.compiler.ir.program import Program
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering import batch_loop, lower, partition
+from twistwrench.compiler.lowering.spill_frame import SpillFrame
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, Machine, host
+from twistwrench.compiler.runtime import jit
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot import programs
-from twistwrench.runtime import jit
-from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing import random_inertia, random_pose
 
-tracing = sys.modules["twistwrench.ir.tracer"]
+tracing = sys.modules["twistwrench.compiler.ir.tracer"]
 
 COUNT = 2 * max(host().lanes(p) for p in (DOUBLE, SINGLE)) + 3
 KERNELS = [

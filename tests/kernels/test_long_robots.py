@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.ir.loops import Products
-from twistwrench.ir.program import Program
-from twistwrench.lowering.reference_interpreter import NumpyProducts
-from twistwrench.lowering.target_machine import SINGLE, host
+from twistwrench.compiler.ir.loops import Products
+from twistwrench.compiler.ir.program import Program
+from twistwrench.compiler.lowering.reference_interpreter import NumpyProducts
+from twistwrench.compiler.lowering.target_machine import SINGLE, host
+from twistwrench.compiler.runtime.gufunc import owner_of
 from twistwrench.robot import Robot, programs
-from twistwrench.runtime.gufunc import owner_of
 from twistwrench.testing import KINDS, random_robot
 
 NAMES = ("mass_matrix", "inverse_dynamics_derivatives")
@@ -112,7 +112,7 @@ def test_a_state_has_its_bits_wherever_it_stands():
 
 
 def test_many_states_go_past_the_caches_with_the_same_bits(monkeypatch):
-    from twistwrench.lowering import product_loop
+    from twistwrench.compiler.lowering import product_loop
 
     monkeypatch.setattr(product_loop, "BEYOND_CACHES", 1)
     other = tree(1)

@@ -10,12 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering.lower import modules
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
-from twistwrench.runtime import elf_loader, jit
-from twistwrench.runtime.elf_loader import UnsupportedObject, placed
-from twistwrench.runtime.gufunc import make_ufunc, owner_of
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.lower import modules
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, chosen
+from twistwrench.compiler.runtime import elf_loader, jit
+from twistwrench.compiler.runtime.elf_loader import UnsupportedObject, placed
+from twistwrench.compiler.runtime.gufunc import make_ufunc, owner_of
 
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux") or not chosen().triple.startswith("x86_64"), reason="64-bit ELF for x86-64"

@@ -14,9 +14,9 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.lowering import batch_loop, target_machine
-from twistwrench.runtime import batch_threads, result_pool
-from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.compiler.lowering import batch_loop, target_machine
+from twistwrench.compiler.runtime import batch_threads, result_pool
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.testing import random_state
 
 WAIT = 120.0
@@ -205,7 +205,7 @@ def test_a_ring_of_garbage_gives_its_block_back(pool):
 FORKED = """
 import os
 import numpy as np
-from twistwrench.runtime import result_pool
+from twistwrench.compiler.runtime import result_pool
 
 pool, shape, dtype = result_pool._POOL, (1 << 23,), np.dtype(float)
 def room():

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.compiler.runtime.dispatch import bind_calls
 from twistwrench.core.errors import KernelError
-from twistwrench.runtime.dispatch import bind_calls
 
 
 @pytest.fixture(scope="module")

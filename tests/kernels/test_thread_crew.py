@@ -12,7 +12,7 @@ import pytest
 from thread_calls import WAIT, same, states
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 pytest_plugins = ("thread_fixtures",)
 

@@ -14,7 +14,7 @@ from places import ROOT
 from thread_calls import WAIT
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 pytest_plugins = ("thread_fixtures",)
 
@@ -80,7 +80,7 @@ SETUP = """
 import os, signal, sys, threading, time
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 batch_threads.LEAST = 2e4
 robot = tw.robots.planar_3r()
@@ -124,7 +124,7 @@ WORKERS = """
 import multiprocessing, sys
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 def inherited(_):
     before = tw.get_threads()
@@ -224,7 +224,7 @@ POOLS = """
 import sys
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 5000)

@@ -11,7 +11,7 @@ import pytest
 from thread_calls import same, states
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 pytest_plugins = ("thread_fixtures",)
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from quick import mostly_slow
 
-from twistwrench.ir.program import axes_of
-from twistwrench.lowering import batch_loop
-from twistwrench.lowering.lower import modules
-from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
-from twistwrench.runtime import elf_loader, jit
-from twistwrench.runtime.dispatch_ir import loop_steps
-from twistwrench.runtime.elf_loader import ExecutableMemory, UnsupportedObject, placed
-from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.compiler.ir.program import axes_of
+from twistwrench.compiler.lowering import batch_loop
+from twistwrench.compiler.lowering.lower import modules
+from twistwrench.compiler.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
+from twistwrench.compiler.runtime import elf_loader, jit
+from twistwrench.compiler.runtime.dispatch_ir import loop_steps
+from twistwrench.compiler.runtime.elf_loader import ExecutableMemory, UnsupportedObject, placed
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32" or not chosen().triple.startswith("x86_64"), reason="x86-64, where Windows is not at home"

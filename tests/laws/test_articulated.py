@@ -7,7 +7,7 @@ import pytest
 from random_trees import TREES, tree
 
 import twistwrench as tw
-from twistwrench.ir.tracer import trace
+from twistwrench.compiler.ir.tracer import trace
 from twistwrench.mechanics.algorithms.forward_dynamics import articulated_dynamics, articulated_pays
 from twistwrench.mechanics.algorithms.inverse_dynamics import bias_forces
 from twistwrench.mechanics.algorithms.mass_matrix import factored, mass_matrix, solved

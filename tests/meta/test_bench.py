@@ -276,7 +276,7 @@ def test_a_loop_is_told_from_what_surrounds_it(bench):
 @pytest.mark.parametrize("quantity", ["inverse_dynamics", "mass_matrix"])
 def test_the_compiled_products_are_the_program_s(bench, panda, quantity):
     """Two counts of one thing: in the program with what sines cost, and in the machine's code."""
-    bounds, machine = bench("bounds"), importlib.import_module("twistwrench.lowering.target_machine")
+    bounds, machine = bench("bounds"), importlib.import_module("twistwrench.compiler.lowering.target_machine")
     ours = bench("ours").Ours(panda)
     expected = bounds.multiplications(ours.robot.program(quantity))
     found = bench("instructions").of_kernel(ours.robot.kernel(quantity), machine.DOUBLE)

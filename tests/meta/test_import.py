@@ -32,7 +32,7 @@ LATER = (
 LATER += (
     "twistwrench.mechanics.algorithms",
     "twistwrench.formats",
-    "twistwrench.ir",
+    "twistwrench.compiler.ir",
     "twistwrench.mechanics.bodies",
     "twistwrench.robots",
 )

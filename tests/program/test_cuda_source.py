@@ -18,7 +18,7 @@ from bench.cuda_launch import compile_kernel, launch
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.printers.cuda import OPTIONS, SHARED, CudaFunction
+from twistwrench.compiler.printers.cuda import OPTIONS, SHARED, CudaFunction
 from twistwrench.robot.quantities import QUANTITIES
 
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]

@@ -10,10 +10,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE
-from twistwrench.lowering.vector_math import bounds
-from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE
+from twistwrench.compiler.lowering.vector_math import bounds
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 
 LOW, HIGH = bounds(DOUBLE)
 

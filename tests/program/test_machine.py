@@ -22,14 +22,14 @@ from quick import mostly_slow
 from random_trees import tree
 
 import twistwrench as tw
-from twistwrench.ir.program import Program
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering import reference_interpreter, target_machine
-from twistwrench.lowering.lower import assembly
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
-from twistwrench.runtime import gufunc
-from twistwrench.runtime.gufunc import make_ufunc
-from twistwrench.runtime.jit import compiled
+from twistwrench.compiler.ir.program import Program
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering import reference_interpreter, target_machine
+from twistwrench.compiler.lowering.lower import assembly
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
+from twistwrench.compiler.runtime import gufunc
+from twistwrench.compiler.runtime.gufunc import make_ufunc
+from twistwrench.compiler.runtime.jit import compiled
 from twistwrench.testing import random_state
 
 WIDTHS = (64, 128, 256, 512)
@@ -458,7 +458,7 @@ def test_the_processor_is_in_the_key(monkeypatch, tmp_path):
 
 def test_llvm_is_asked_when_something_compiles_not_before():
     assert isinstance(target_machine.chosen, types.FunctionType)
-    code = "import sys; import twistwrench; from twistwrench.lowering import target_machine; assert 'llvmlite' not in sys.modules"
+    code = "import sys; import twistwrench; from twistwrench.compiler.lowering import target_machine; assert 'llvmlite' not in sys.modules"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "TWISTWRENCH_CPU": "nothing"}, capture_output=True, text=True
     )

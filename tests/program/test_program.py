@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twistwrench import robots
-from twistwrench.ir.program import FUSED, Program
-from twistwrench.ir.tracer import Trace, trace
-from twistwrench.lowering.reference_interpreter import CHUNK, NumpyKernel
+from twistwrench.compiler.ir.program import FUSED, Program
+from twistwrench.compiler.ir.tracer import Trace, trace
+from twistwrench.compiler.lowering.reference_interpreter import CHUNK, NumpyKernel
 
 
 def traced(function, inputs="xyzw") -> Program:

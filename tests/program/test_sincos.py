@@ -13,10 +13,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from twistwrench.ir.tracer import trace
-from twistwrench.lowering.target_machine import DOUBLE, SINGLE, host
-from twistwrench.lowering.vector_math import HALF_PI, limit
-from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
+from twistwrench.compiler.lowering.vector_math import HALF_PI, limit
+from twistwrench.compiler.runtime.gufunc import make_ufunc
 
 ULPS = 2.0
 NEAR = 1.5  # of half an eps

@@ -14,8 +14,8 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.ir.program import FUSED, Program
-from twistwrench.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.ir.program import FUSED, Program
+from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
 from twistwrench.mechanics.lie import se3
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot import Robot

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twistwrench as tw
-from twistwrench.ir.autodiff import along, gradient, jacobian, work
-from twistwrench.ir.program import ARITY, FUSED, Program
-from twistwrench.ir.tracer import Trace, trace
-from twistwrench.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.ir.autodiff import along, gradient, jacobian, work
+from twistwrench.compiler.ir.program import ARITY, FUSED, Program
+from twistwrench.compiler.ir.tracer import Trace, trace
+from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
 from twistwrench.testing import assert_close
 
 ROUNDING = 1e-13

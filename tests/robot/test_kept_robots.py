@@ -31,10 +31,10 @@ HEAVY = (
     "twistwrench.mechanics.algorithms",
     "twistwrench.formats",
     "twistwrench.mechanics.model.builder",
-    "twistwrench.ir.tracer",
+    "twistwrench.compiler.ir.tracer",
 )
 HEAVY += (
-    "twistwrench.lowering.lower",
+    "twistwrench.compiler.lowering.lower",
     "llvmlite.binding",
     "_hashlib",
     "tempfile",
@@ -89,7 +89,7 @@ def test_the_second_process_makes_nothing_and_finds_the_same_bits(file, place):
 def test_what_is_kept_of_a_kernel_is_what_it_has(file, place):
     """Its length decides when single calls get code of their own, its effort how batches are split between threads."""
     code = (
-        "import sys, twistwrench as tw\nfrom twistwrench.runtime.gufunc import owner_of\n"
+        "import sys, twistwrench as tw\nfrom twistwrench.compiler.runtime.gufunc import owner_of\n"
         f"kernel = tw.load({str(file)!r}).kernel('inverse_dynamics')\nowner = owner_of(kernel)\n"
         "print(owner.length, owner.cost, kernel.__name__, kernel.__doc__, 'twistwrench.mechanics.model.builder' in sys.modules)"
     )
@@ -304,7 +304,7 @@ def test_kernels_with_options_are_told_apart(file, place):
         f"import twistwrench as tw, sys; robot = tw.load({str(file)!r}); q = [0.1, 0.2]\n"
         "for kind in ('body', 'space', 'world_aligned'):\n"
         "    print(robot.jacobian(q, 'lower', kind).tobytes().hex())\n"
-        "print('twistwrench.ir.tracer' in sys.modules)"
+        "print('twistwrench.compiler.ir.tracer' in sys.modules)"
     )
     first, second = (python(code, place).splitlines() for _ in range(2))
     assert first[:3] == second[:3] == python(code, "off").splitlines()[:3]
@@ -314,7 +314,7 @@ def test_kernels_with_options_are_told_apart(file, place):
 
 def test_a_robot_is_known_whatever_was_imported_before(file, place):
     torque(file, place)
-    code = "import twistwrench.mechanics.algorithms.inverse_dynamics, twistwrench.ir.tracer\n" + TORQUE.format(
+    code = "import twistwrench.mechanics.algorithms.inverse_dynamics, twistwrench.compiler.ir.tracer\n" + TORQUE.format(
         path=str(file), options="", nv=2
     )
     code += "print('twistwrench.formats.urdf' in sys.modules)"

@@ -11,10 +11,10 @@ from quick import mostly_slow
 from simulated import rates
 
 import twistwrench as tw
-from twistwrench.lowering import lower, scan_loop
-from twistwrench.lowering.target_machine import DOUBLE, choices, host
+from twistwrench.compiler.lowering import lower, scan_loop
+from twistwrench.compiler.lowering.target_machine import DOUBLE, choices, host
+from twistwrench.compiler.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.mechanics.lie import quaternion
-from twistwrench.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.simulation import BatchComputedTorque, BatchPD
 from twistwrench.simulation import rollout_gradient as rollout_kernel
 from twistwrench.simulation.compiled_steps import StepPlan
@@ -574,7 +574,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch)
         raise tw.KernelError("on purpose")
 
     x, dt, tau = np.ones((5, 2), np.float32), np.full(6, 1e-3, np.float32), np.zeros((6, 2), np.float32)
-    monkeypatch.setattr("twistwrench.runtime.gufunc.compiled", fails)
+    monkeypatch.setattr("twistwrench.compiler.runtime.gufunc.compiled", fails)
     out = np.zeros((5, 4, 2), np.float32)
     with pytest.raises(tw.KernelError, match="on purpose"):
         kernel(x, x, dt, tau, out=(out[:, :3], np.empty((5, 3, 2), np.float32)))
@@ -590,7 +590,7 @@ def test_without_memory_results_are_nan(monkeypatch):
     text = lower.assembly(recurrence.program, DOUBLE, host(), scan_loop.loop_over(recurrence))
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
     monkeypatch.setattr(
-        "twistwrench.lowering.lower.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]
+        "twistwrench.compiler.lowering.lower.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]
     )
     kernel = make_ufunc(recurrence, "starved", "")
     out = np.zeros((3, 5, 2))

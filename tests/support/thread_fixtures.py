@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads
+from twistwrench.compiler.runtime import batch_threads
 
 
 @pytest.fixture(scope="module")

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..compiler.ir.program import FUSED, TensorSpec
+from ..compiler.printers.c99 import FUSED_MACROS, PRECISIONS, identifier
+from ..compiler.printers.cuda import CudaFunction
 from ..core.errors import KernelError, ValueRangeError
 from ..core.files import check_outputs, replacing_together
 from ..core.glossary import complete
 from ..core.gravity import STRENGTH
 from ..core.numbers import in_file
 from ..core.typing import Array
-from ..ir.program import FUSED, TensorSpec
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.parameters import nominal
-from ..printers.c99 import FUSED_MACROS, PRECISIONS, identifier
-from ..printers.cuda import CudaFunction
 from ..robot.quantities import QUANTITIES
 from .request import Quantities, Request, prefix_of, requests
 

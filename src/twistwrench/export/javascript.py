@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..compiler.ir.program import FUSED, TensorSpec
+from ..compiler.lowering.reference_interpreter import evaluated, functions_of
+from ..compiler.printers.c99 import identifier
 from ..core.errors import MissingExtraError
-from ..ir.program import FUSED, TensorSpec
-from ..lowering.reference_interpreter import evaluated, functions_of
-from ..printers.c99 import identifier
 from .request import BridgedQuantity
 
 _RESERVED = frozenset([

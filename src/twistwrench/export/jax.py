@@ -1,6 +1,6 @@
 """Quantities as JAX functions, and kernels as in-place XLA calls on the CPU by its typed FFI.
 
-Machine-code kernels have machine-code handlers (:mod:`twistwrench.runtime.xla_handler`). Kernels on NumPy, or composed
+Machine-code kernels have machine-code handlers (:mod:`twistwrench.compiler.runtime.xla_handler`). Kernels on NumPy, or composed
 in Python, use the callback below. It reads the needed fields of the structures of ``xla/ffi/api/c_api.h``, which later
 versions only extend at the end.
 """
@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.ir.program import Program, TensorSpec
+from ..compiler.lowering.reference_interpreter import batch_shape, evaluated, functions_of
+from ..compiler.runtime.interpreter import compiles
+from ..compiler.runtime.xla_handler import is_compiled, make_handler
 from ..core.errors import MissingExtraError, ModelWarning, ValueRangeError
-from ..ir.program import Program, TensorSpec
-from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
-from ..runtime.interpreter import compiles
-from ..runtime.xla_handler import is_compiled, make_handler
 from .request import BridgedQuantity
 
 _DTYPES = {11: np.float32, 12: np.float64}

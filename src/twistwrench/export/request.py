@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..compiler.ir.program import Program, TensorSpec
+from ..compiler.ir.tracer import trace
+from ..compiler.printers.c99 import PRECISIONS, CFunction, identifier
 from ..core import arguments
 from ..core.errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
-from ..ir.program import Program, TensorSpec
-from ..ir.tracer import trace
 from ..mechanics.algorithms.kinematics import velocity_map
 from ..mechanics.lie.labelled import TWIST
-from ..printers.c99 import PRECISIONS, CFunction, identifier
 from ..robot.arguments import CONFIGURATIONS
 from ..robot.programs import checked_options, program_of
 from ..robot.quantities import QUANTITIES

@@ -14,19 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..compiler.ir.program import FUSED, TensorSpec
+from ..compiler.ir.tracer import trace
+from ..compiler.lowering.reference_interpreter import NumpyKernel, evaluated
+from ..compiler.printers.c99 import identifier, literal
 from ..core import arguments
 from ..core.errors import KernelError, ModelError, ValueRangeError
 from ..core.files import check_outputs, replacing
 from ..core.numbers import in_file
 from ..core.typing import Array
-from ..ir.program import FUSED, TensorSpec
-from ..ir.tracer import trace
-from ..lowering.reference_interpreter import NumpyKernel, evaluated
 from ..mechanics.algorithms.friction import either, friction_forces, positive
 from ..mechanics.algorithms.inverse_dynamics import drive_torques, driven_velocities
 from ..mechanics.model.actuators import STANDING
 from ..mechanics.model.couplings import motor_torques, motor_velocities
-from ..printers.c99 import identifier, literal
 from ..robot.programs import inputs_of
 from .c99 import about_request, comment, entries, file_of, inputs_at_states, largest_entry, results_at_states
 from .request import Quantities, Request, named, prefix_of, requests

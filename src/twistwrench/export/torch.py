@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..compiler.ir.program import Program
+from ..compiler.lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from ..core.errors import KernelError, MissingExtraError, ValueRangeError
-from ..ir.program import Program
-from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from .request import BridgedQuantity
 
 

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.ir.tracer import trace
 from ..core.errors import TrajectoryError
 from ..core.estimation.filters import UniformSpline, low_pass
 from ..core.estimation.sampling import GAP, pauses
 from ..core.typing import Array
-from ..ir.tracer import trace
 from ..mechanics.algorithms.inverse_dynamics import regressor
 from ..robot.engine import compiled
 from .parameters import BaseParameters, speed_owner

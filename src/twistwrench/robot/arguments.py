@@ -31,7 +31,7 @@ def is_symbolic(arrays: Sequence[Any]) -> bool:
     """True if any of the arrays holds symbols of a trace."""
     if all(isinstance(x, np.ndarray) and x.dtype != object for x in arrays):
         return False
-    from ..ir.expr import Expr
+    from ..compiler.ir.expr import Expr
 
     return any(
         isinstance(x, Expr)

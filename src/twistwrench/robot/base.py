@@ -17,11 +17,11 @@ from ..core.typing import Array
 from .engine import CachedModel, Engine
 
 if TYPE_CHECKING:
-    from ..ir.program import Program
+    from ..compiler.ir.program import Program
+    from ..compiler.runtime.dispatch import CallSignature
     from ..mechanics.model.actuators import Actuator
     from ..mechanics.model.limits import Limits
     from ..mechanics.model.model import Model, OfferedClosure
-    from ..runtime.dispatch import CallSignature
     from .programs import KernelOptions
     from .robot import Robot
 

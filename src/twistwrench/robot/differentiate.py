@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.ir import autodiff
+from ..compiler.ir.expr import Expr
+from ..compiler.ir.tracer import Trace, trace
 from ..core.errors import KernelError, ShapeError, TwistWrenchError, UnknownNameError
 from ..core.typing import Array
-from ..ir import autodiff
-from ..ir.expr import Expr
-from ..ir.tracer import Trace, trace
 from ..mechanics.algorithms.kinematics import brackets, moving_parts
 from ..mechanics.model.model import Model
 from .engine import compiled

@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..compiler.runtime import batch_threads
+from ..compiler.runtime.interpreter import compiles
 from ..core import arguments, object_cache, third_party
 from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..core.files import read_bytes
 from ..core.typing import Array
 from ..mechanics.lie import series
-from ..runtime import batch_threads
-from ..runtime.interpreter import compiles
 from .arguments import Wrenches, brought, by_frame, is_symbolic, misfit, numbers
 
 if TYPE_CHECKING:
-    from ..ir.loops import Form
-    from ..ir.program import Program
+    from ..compiler.ir.loops import Form
+    from ..compiler.ir.program import Program
+    from ..compiler.runtime.dispatch import CallSignature
     from ..mechanics.model.model import Model
-    from ..runtime.dispatch import CallSignature
 
 Options = Mapping[str, Any]
 
@@ -54,17 +54,17 @@ def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
 
     If ``scalar`` is true, the kernel evaluates one sample at a time.
     """
-    from ..ir.loops import program_of
+    from ..compiler.ir.loops import program_of
 
     program = program_of(given)
     # NumPy ufuncs do not support axes without elements, which occur if every joint is locked. Compiled loops copy
     # samples of at most three axes; second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
-        from ..lowering.reference_interpreter import on_numpy
+        from ..compiler.lowering.reference_interpreter import on_numpy
 
         return on_numpy(given, name, doc)
-    from ..runtime.gufunc import make_ufunc
+    from ..compiler.runtime.gufunc import make_ufunc
 
     return make_ufunc(given, name, doc, scalar=scalar)
 
@@ -177,7 +177,7 @@ def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) ->
         return ""
     import llvmlite
 
-    from ..lowering.target_machine import chosen, compiler
+    from ..compiler.lowering.target_machine import chosen, compiler
 
     return object_cache.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
 
@@ -266,7 +266,7 @@ class Engine:
         if not key:
             return self._build(names, options)
         if key not in self._kernels:
-            from ..runtime.gufunc import load_ufunc, store_ufunc
+            from ..compiler.runtime.gufunc import load_ufunc, store_ufunc
 
             # No reference cycle: the kernel holds the function that makes the program, which must not hold its owner.
             found = load_ufunc(key, lambda: execution_form(_model_of(kept), names, options))
@@ -422,7 +422,7 @@ class Engine:
         if not calls:  # a single call is not worth the setup
             self._calls[key] = 1
             return
-        from ..runtime.dispatch import CallSignature
+        from ..compiler.runtime.dispatch import CallSignature
 
         kernel = self._called[key[0] if options else name]
         done = tell(name, kernel, CallSignature(tuple(options.items()), batch, char), calls + 1)
@@ -490,7 +490,7 @@ class ExponentialKernel:
 
     @cached_property
     def _one(self) -> Callable[[Array], Array]:
-        from ..runtime.dispatch import make_call
+        from ..compiler.runtime.dispatch import make_call
 
         return make_call(self._flat, self.slower, self.name) or self.slower
 
@@ -510,7 +510,7 @@ class ExponentialKernel:
         return found
 
     def _compiled(self, text: Callable[[Array], Any], outputs: list[str]) -> Any:
-        from ..ir.tracer import trace
+        from ..compiler.ir.tracer import trace
 
         return compiled(trace(text, [("x", self.given)], outputs), self.name, f"{self.name}, compiled.")
 

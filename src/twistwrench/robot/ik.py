@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..compiler.ir.loops import PLACES
 from ..core import arguments
 from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..ir.loops import PLACES
 from ..mechanics.algorithms.operational_space import row_numbers
 from ..mechanics.joints.screw_joint import ScrewJoint
 from ..mechanics.lie import se3, so3

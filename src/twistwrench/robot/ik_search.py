@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..compiler.ir.loops import PLACES, Search
+from ..compiler.ir.program import TensorSpec
+from ..compiler.ir.tracer import trace
+from ..compiler.runtime import batch_threads
+from ..compiler.runtime.batch_threads import Part
+from ..compiler.runtime.dispatch import make_call
 from ..core.errors import ConstraintError
 from ..core.typing import Array
-from ..ir.loops import PLACES, Search
-from ..ir.program import TensorSpec
-from ..ir.tracer import trace
 from ..mechanics.algorithms.constraints import Closure
 from ..mechanics.algorithms.loop_closure import LoopRows
 from ..mechanics.algorithms.newton_step import NewtonStep
 from ..mechanics.model.assembly import random_configuration
 from ..mechanics.model.model import Model
-from ..runtime import batch_threads
-from ..runtime.batch_threads import Part
-from ..runtime.dispatch import make_call
 from .constraints import CLOSED, gap_units, some_configurations
 from .engine import compiled
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..ir.expr import Expr
-from ..ir.tracer import Trace
+from ..compiler.ir.expr import Expr
+from ..compiler.ir.tracer import Trace
 from .arguments import is_symbolic
 
 __all__ = ["clip", "maximum", "minimum", "where_positive"]

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..compiler.ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnSolve, Product, Products
+from ..compiler.ir.program import Program
+from ..compiler.ir.tracer import Trace, trace
 from ..core.errors import KernelError, UnknownNameError, ValueRangeError
 from ..core.typing import Array
-from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnSolve, Product, Products
-from ..ir.program import Program
-from ..ir.tracer import Trace, trace
 from ..mechanics.algorithms import constraints, forward_dynamics, kinematics, operational_space
 from ..mechanics.algorithms.forward_dynamics import accelerations, torque_derivatives_and_factors
 from ..mechanics.model.model import Model
@@ -419,7 +419,7 @@ def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Product
     looped = _LOOPED.get(name)
     if looped is None or not _only(asked, name):
         return None
-    from ..lowering.product_loop import LEAST
+    from ..compiler.lowering.product_loop import LEAST
 
     if model.nv < LEAST or not forward_dynamics.applies(model):
         return None

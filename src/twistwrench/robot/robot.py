@@ -19,9 +19,9 @@ from .shared_methods import Method, SharedMethods
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
+    from ..compiler.runtime.dispatch import CallSignature
     from ..mechanics.algorithms.inverse_dynamics import ClosedForm
     from ..mechanics.model.model import Model
-    from ..runtime.dispatch import CallSignature
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
     from ..viz.page import ShownPage
@@ -132,7 +132,7 @@ class Robot(
         before = vars(self).get(name)
         if method is None or getattr(type(self), name) is not method:
             return True
-        from ..runtime.dispatch import attach_fallback, calls_before, is_made_here, make_call
+        from ..compiler.runtime.dispatch import attach_fallback, calls_before, is_made_here, make_call
 
         if before is not None and not is_made_here(before):
             return True
@@ -319,7 +319,7 @@ class Robot(
             apart["armature"] = armature_forces(self.model, dq, ddq)
         if friction and self.model.friction.any:
             apart["friction"] = self.friction_forces(dq, load=tau)
-        from ..lowering.reference_interpreter import NumpyKernel
+        from ..compiler.lowering.reference_interpreter import NumpyKernel
         from .explanation import explained
 
         # evaluated rarely: compiling it would take a second

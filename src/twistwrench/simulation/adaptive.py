@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.ir.loops import Scan, Source
+from ..compiler.ir.tracer import trace
+from ..compiler.runtime.dispatch import Rows, bind_calls, can_bind_calls
+from ..compiler.runtime.gufunc import owner_of
 from ..core.errors import SimulationError
 from ..core.numbers import printed, residual
 from ..core.typing import Array
-from ..ir.loops import Scan, Source
-from ..ir.tracer import trace
 from ..mechanics.algorithms.recursion import zeros
 from ..robot.engine import compiled
-from ..runtime.dispatch import Rows, bind_calls, can_bind_calls
-from ..runtime.gufunc import owner_of
 from .accuracy import ForceQuadrature
 from .callback_steps import FASTEST
 from .compiled_steps import Ports, StepPlan, acts_by_itself, constants

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.ir.loops import Scan
+from ..compiler.runtime.dispatch import Rows, bind_calls
 from ..core.typing import Array
-from ..ir.loops import Scan
-from ..runtime.dispatch import Rows, bind_calls
 from .compiled_steps import TABLEAUS, CompiledSteps, StepPlan, stages
 from .forces import ControlLaw, System
 

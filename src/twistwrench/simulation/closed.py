@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ..compiler.ir.loops import Scan, Source
+from ..compiler.ir.tracer import trace
+from ..compiler.runtime.gufunc import owner_of
 from ..core import arguments
 from ..core.errors import SimulationError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.typing import Array
-from ..ir.loops import Scan, Source
-from ..ir.tracer import trace
 from ..mechanics.algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
 from ..mechanics.algorithms.friction import largest, positive, smallest
 from ..mechanics.algorithms.kinematics import add
@@ -28,7 +29,6 @@ from ..mechanics.model.parameters import moves_joints
 from ..robot import constraints as checks
 from ..robot.constraints import CLOSED, gap_units
 from ..robot.engine import compiled
-from ..runtime.gufunc import owner_of
 from .adaptive import Stepper
 from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
 from .forces import WORKS, System

@@ -12,10 +12,12 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..compiler.ir.loops import Scan, Source
+from ..compiler.ir.program import Program
+from ..compiler.ir.tracer import trace
+from ..compiler.runtime.gufunc import owner_of
+from ..compiler.runtime.interpreter import compiles
 from ..core.typing import Array
-from ..ir.loops import Scan, Source
-from ..ir.program import Program
-from ..ir.tracer import trace
 from ..mechanics.algorithms import kinematics as integration
 from ..mechanics.algorithms.contact import largest, velocity_step
 from ..mechanics.algorithms.forward_dynamics import forward_dynamics
@@ -26,8 +28,6 @@ from ..mechanics.model.couplings import motor_velocities
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import moves_joints, regrouped, with_symbolic_parameters
 from ..robot.engine import compiled
-from ..runtime.gufunc import owner_of
-from ..runtime.interpreter import compiles
 from .contact import RobotContact
 from .forces import WORKS, ControlLaw, System
 from .schemes import EULER, RK4, Tableau

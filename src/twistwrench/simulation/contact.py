@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..compiler.ir.tracer import trace
 from ..core import arguments
 from ..core.arguments import positive
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..ir.tracer import trace
 from ..mechanics.algorithms.contact import plane_contact, stop_contact
 from ..mechanics.model.model import Model
 from ..robot.engine import compiled

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..compiler.ir.tracer import trace
 from ..core import arguments
 from ..core.errors import ShapeError, SimulationError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..ir.tracer import trace
 from ..mechanics.algorithms.contact import velocity_step
 from ..mechanics.algorithms.friction import eased, torque_past_eased_friction
 from ..mechanics.algorithms.kinematics import brackets

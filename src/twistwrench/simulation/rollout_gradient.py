@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..compiler.ir import autodiff
+from ..compiler.ir.loops import Scan, Source
+from ..compiler.ir.tracer import trace
+from ..compiler.lowering.target_machine import SINGLE
+from ..compiler.runtime import batch_threads
+from ..compiler.runtime.batch_threads import Part
+from ..compiler.runtime.gufunc import owner_of
+from ..compiler.runtime.result_pool import result_arrays
 from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..ir import autodiff
-from ..ir.loops import Scan, Source
-from ..ir.tracer import trace
-from ..lowering.target_machine import SINGLE
 from ..mechanics.algorithms.friction import rubbing
 from ..mechanics.algorithms.kinematics import velocity_map
 from ..robot.differentiate import Chart
 from ..robot.engine import compiled
-from ..runtime import batch_threads
-from ..runtime.batch_threads import Part
-from ..runtime.gufunc import owner_of
-from ..runtime.result_pool import result_arrays
 from .compiled_steps import Ports, StepPlan
 from .rollout_inputs import Inputs
 

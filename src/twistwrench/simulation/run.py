@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..compiler.runtime.dispatch import can_bind_calls
 from ..core.errors import SimulationError
 from ..core.numbers import printed
 from ..core.quadrature import probe_spacing
 from ..core.typing import Array
-from ..runtime.dispatch import can_bind_calls
 from .accuracy import Accuracy, Extent, ForceCheck, ForceQuadrature, StepDoubling
 from .adaptive import Stepper
 from .callback_steps import FASTEST, run_callback_blocks, run_compiled_blocks

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.errors import KernelError
+from ...core.errors import KernelError
 from ..ir.program import FUSED, Program
 
 PRECISIONS = {"double": "", "float": "f"}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.typing import Array
+from ...core.typing import Array
 from ..ir.loops import AFTER, ALLOWED, ATTEMPTS, BEFORE, TIMES, ColumnSolve, Form, Products, Scan, Search, Source
 from ..ir.program import FUSED, Program
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.typing import Array
+from ...core.typing import Array
 from .expr import Expr
 from .tracer import operands_of, reached
 

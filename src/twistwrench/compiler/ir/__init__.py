@@ -1,1 +1,3 @@
 """Straight-line programs: expressions, tracing, derivatives, loops."""
+
+from __future__ import annotations

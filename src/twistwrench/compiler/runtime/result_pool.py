@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.typing import Array
+from ...core.typing import Array
 from .interpreter import switched_on
 
 VARIABLE = "TWISTWRENCH_HUGE_PAGES"

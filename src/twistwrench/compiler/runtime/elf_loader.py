@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.typing import Array
+from ...core.typing import Array
 
 PAGE = 4096
 """Maximum alignment of sections [bytes]."""

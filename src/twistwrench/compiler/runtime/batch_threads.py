@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core.arguments import shown
-from ..core.errors import ValueRangeError
-from ..core.typing import Array
+from ...core.arguments import shown
+from ...core.errors import ValueRangeError
+from ...core.typing import Array
 from ..lowering.target_machine import SINGLE
 from . import interpreter
 from .result_pool import result_arrays

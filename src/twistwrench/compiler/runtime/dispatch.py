@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import KernelError
-from ..core.typing import Array
+from ...core.errors import KernelError
+from ...core.typing import Array
 from ..ir.loops import Form
 from ..ir.program import TensorSpec, axes_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine

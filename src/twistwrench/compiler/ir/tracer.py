@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import KernelError
-from ..core.typing import Array
+from ...core.errors import KernelError
+from ...core.typing import Array
 from .expr import Expr
 from .program import FUSED, Composed, Instruction, Program, TensorSpec
 

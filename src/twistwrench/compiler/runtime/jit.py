@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..core import object_cache
-from ..core.errors import KernelError
+from ...core import object_cache
+from ...core.errors import KernelError
 from ..lowering.target_machine import LOOP, Machine, Precision, chosen, compiler
 from .elf_loader import UnsupportedObject, placed
 

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from ..core.errors import ValueRangeError
+from ...core.errors import ValueRangeError
 from .elf_loader import ExecutableMemory, UnsupportedObject
 
 VARIABLE = "TWISTWRENCH_JIT"

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core import object_cache
-from ..core.errors import KernelError
+from ...core import object_cache
+from ...core.errors import KernelError
 from ..ir.program import Program, TensorSpec, axes_of, signature_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter

@@ -1,1 +1,3 @@
 """Machine code in this process: compilation, loading, calls, threads and memory of results."""
+
+from __future__ import annotations

@@ -16,8 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from ..core import object_cache
-from ..core.errors import ValueRangeError
+from ...core import object_cache
+from ...core.errors import ValueRangeError
 
 LOOP = "loop"
 """Name of the function with the type of a ufunc's inner loop."""
