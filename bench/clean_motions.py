@@ -23,8 +23,8 @@ import twistwrench as tw
 from twistwrench.core.typing import Array
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import LoadCase
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase
 from twistwrench.reports.torque_report import TorqueReport, analyse
 
 KINDS = (

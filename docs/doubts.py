@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from twistwrench.core.doubts import DoubtKind, doubt_table
-from twistwrench.reports.load_case import limits_remedy
+from twistwrench.motion.load_case import limits_remedy
 from twistwrench.reports.sentences import SENTENCES
 
 PAGE = Path(__file__).with_name("unsure.md")

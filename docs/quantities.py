@@ -49,7 +49,7 @@ _COSTS = """
 ## Names in other libraries, and operations
 
 Sections and equations are those of Modern Robotics (Lynch and Park, 2017). Pinocchio puts the linear part of a twist
-first, and MuJoCo returns the two parts of a Jacobian separately; [`twistwrench.convert`](conventions.md) translates.
+first, and MuJoCo returns the two parts of a Jacobian separately; [`twistwrench.robot.convert`](conventions.md) translates.
 Quantities marked "M⁻¹" need an invertible mass matrix. They raise `SingularMassMatrixError` if a joint moves nothing
 with inertia. Operations are additions, multiplications and divisions for one state of the bundled Panda with its seven
 joints; sines and cosines are not counted.

@@ -241,10 +241,10 @@ def _live() -> dict[str, str]:
     """Pages without side panel, for frames in guides."""
     import twistwrench as tw
     from twistwrench.motion.differentiation import Differentiation
+    from twistwrench.motion.load_case import LoadCase, Payload
     from twistwrench.motion.motion_log import MotionLog
-    from twistwrench.reports.load_case import LoadCase, Payload
+    from twistwrench.reports.drawn_motion import reported_motion
     from twistwrench.reports.torque_report import analyse
-    from twistwrench.viz.drawn_motion import reported_motion
     from twistwrench.viz.page import page_text
 
     ur5, log = tw.robots.ur5(), tw.robots.path_of("ur5").with_name("ur5_demo.csv")

@@ -14,7 +14,7 @@ import numpy as np
 
 import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
-from twistwrench.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, figure, save
+from twistwrench.viz.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="hexapod.png", help="where to write it")

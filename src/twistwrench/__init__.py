@@ -78,7 +78,6 @@ __all__ = [
 
 if _typing.TYPE_CHECKING:
     from . import control as control
-    from . import convert as convert
     from . import diagnosis as diagnosis
     from . import identification as identification
     from . import modern_robotics as modern_robotics
@@ -103,17 +102,16 @@ if _typing.TYPE_CHECKING:
     from .mechanics.lie.twist_wrench import Twist as Twist
     from .mechanics.lie.twist_wrench import Wrench as Wrench
     from .motion.motion import Motion as Motion
+    from .robot import convert as convert
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
     from .sizing.choice import size_drives as size_drives
 
 _MODULES = {
-    **{
-        name: name
-        for name in ("control", "convert", "diagnosis", "identification", "modern_robotics", "robots", "sensing")
-    },
+    **{name: name for name in ("control", "diagnosis", "identification", "modern_robotics", "robots", "sensing")},
     **{name: name for name in ("simulation", "sizing", "statics", "symbolic", "testing", "trajectories", "viz")},
+    "convert": "robot.convert",
     "pointwise": "robot.pointwise",
     "se3": "mechanics.lie.se3",
     "so3": "mechanics.lie.so3",

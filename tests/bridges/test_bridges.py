@@ -20,8 +20,8 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.compiler.ir.tracer import trace
-from twistwrench.export.javascript import javascript_module
 from twistwrench.robot.arguments import CONFIGURATIONS
+from twistwrench.robot.export.javascript import javascript_module
 from twistwrench.robot.quantities import QUANTITIES
 
 PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]

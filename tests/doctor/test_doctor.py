@@ -341,7 +341,7 @@ def test_a_tag_ends_behind_its_quoted_text(quoted, tmp_path):
 
 
 def test_entropic_repairs_have_volume_and_keep_what_is_possible():
-    from twistwrench.diagnosis.shapes import nearest
+    from twistwrench.shapes.solids import nearest
 
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -11,7 +11,7 @@ from structured_text import FUNCTIONS, Instance, blocks
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.export.structured_text import RESERVED, Names, real_literal
+from twistwrench.robot.export.structured_text import RESERVED, Names, real_literal
 
 STATES = 200
 NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*")

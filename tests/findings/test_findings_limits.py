@@ -17,7 +17,7 @@ from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.reports.load_case import arm_entries, placeholder_limits, weight_share
+from twistwrench.motion.load_case import arm_entries, placeholder_limits, weight_share
 from twistwrench.reports.robot_summary import read_limits
 
 T = np.arange(0, 4, 0.01)

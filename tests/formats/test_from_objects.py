@@ -12,7 +12,7 @@ from robot_files import FILES, NONE
 from written_robots import differences
 
 import twistwrench as tw
-from twistwrench import convert
+from twistwrench.robot import convert
 from twistwrench.testing import random_robot
 
 SAMPLE = ("planar_3r", "ur5", "panda", "quadruped", "floating_box", "cart_pole")

@@ -189,7 +189,7 @@ def test_loops_are_offered_where_mujoco_closes_them(constraint, closed):
 
 
 def test_states_are_translated_for_joints_without_names_too():
-    from twistwrench.convert import from_mujoco, mujoco_rates, to_mujoco
+    from twistwrench.robot.convert import from_mujoco, mujoco_rates, to_mujoco
 
     robot, model = load_both(TEXTS["nameless"], mujoco)
     rng = np.random.default_rng(6)

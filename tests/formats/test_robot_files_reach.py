@@ -19,8 +19,8 @@ import twistwrench as tw
 from twistwrench.formats.source import find_resource
 from twistwrench.identification import NormalEquationBlocks
 from twistwrench.mechanics.bodies.mesh import read_surface
+from twistwrench.shapes.surface import read_mesh
 from twistwrench.simulation import SimulationResult
-from twistwrench.viz.surface import read_mesh
 
 BOX = "solid t\n" + "".join(
     f"facet normal 0 0 0\nouter loop\nvertex 0 0 {k}\nvertex 1 0 {k}\nvertex 0 1 {k}\nendloop\nendfacet\n"

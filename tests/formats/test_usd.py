@@ -11,7 +11,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.mechanics.lie import quaternion
 from twistwrench.testing import random_state
-from twistwrench.verify import verify
+from twistwrench.testing.verify import verify
 
 pytest.importorskip("pxr", reason="usd-core is not installed")
 

@@ -10,7 +10,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.formats.xacro import xacro_arguments
-from twistwrench.viz.visuals import read_visuals
+from twistwrench.shapes.visuals import read_visuals
 
 pytest_plugins = ("torque_fixtures",)
 

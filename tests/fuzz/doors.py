@@ -38,7 +38,7 @@ def doctor(path: Path) -> None:
 
 
 def drawn(path: Path) -> None:
-    from twistwrench.viz.visuals import read_visuals
+    from twistwrench.shapes.visuals import read_visuals
 
     model = tw.load(path).model
     for tag in ("visual", "collision"):
@@ -85,7 +85,7 @@ def srdf(path: Path) -> None:
 
 
 def shown_mesh(path: Path) -> None:
-    from twistwrench.viz.surface import read_mesh
+    from twistwrench.shapes.surface import read_mesh
 
     read_mesh(path)
 

@@ -19,7 +19,7 @@ ARM = tw.robots.planar_2r()
 
 def test_a_mesh_with_a_face_of_a_vertex_that_is_not_there(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
-    from twistwrench.viz.surface import read_mesh
+    from twistwrench.shapes.surface import read_mesh
 
     content = json.loads(robot_seeds.gltf())
     content["accessors"][0]["count"] = 2
@@ -62,7 +62,7 @@ def test_each_column_of_a_header_is_looked_at_once() -> None:
 
 
 def test_a_header_of_hundreds_of_columns_is_refused_after_one_look_at_each(tmp_path: Path, monkeypatch) -> None:
-    from twistwrench.motion.csv_reader import CsvFile
+    from twistwrench.motion.readers.csv_reader import CsvFile
 
     looks, first = [], CsvFile.first
     monkeypatch.setattr(CsvFile, "first", lambda file, column: looks.append(column) or first(file, column))

@@ -15,7 +15,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.formats import _USD
 from twistwrench.mechanics.bodies.mesh_files import SUFFIXES as MESHES
-from twistwrench.motion.array_files import _READERS
+from twistwrench.motion.readers.array_files import _READERS
 
 from .harness import Reader, Tally, missing, run
 from .kinds import KINDS

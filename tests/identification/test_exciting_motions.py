@@ -14,7 +14,7 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import exciting_trajectory
 from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, typical_sizes
-from twistwrench.statics.capsules import nearest_points
+from twistwrench.shapes.capsules import nearest_points
 
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})

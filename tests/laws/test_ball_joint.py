@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.convert import from_mujoco, from_pinocchio, mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
+from twistwrench.robot.convert import (
+    from_mujoco,
+    from_pinocchio,
+    mujoco_rates,
+    pinocchio_rates,
+    to_mujoco,
+    to_pinocchio,
+)
 from twistwrench.testing import random_builder, random_robot, random_state
 from twistwrench.viz.page_data import sliders_of
 

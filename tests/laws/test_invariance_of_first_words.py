@@ -16,7 +16,7 @@ from ros_logs import write_mcap
 from scipy.interpolate import CubicSpline
 
 import twistwrench as tw
-from twistwrench.reports.load_case import without_velocity_limit
+from twistwrench.motion.load_case import without_velocity_limit
 
 pytest_plugins = ("torque_fixtures",)
 

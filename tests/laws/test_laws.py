@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from random_trees import DIFFERENCES, ROUNDING, frames, tree
 
 from twistwrench import Robot, SpatialInertia
-from twistwrench import verify as laws
 from twistwrench.core.errors import ValueRangeError
 from twistwrench.mechanics.algorithms.inverse_dynamics import closed_form
 from twistwrench.testing import assert_close, derivative_along, random_robot, random_state, strategies
+from twistwrench.testing import verify as laws
 
 pytest_plugins = ("random_tree_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

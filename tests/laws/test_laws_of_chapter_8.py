@@ -18,7 +18,6 @@ from random_trees import DIFFERENCES, ONE_DEGREE, ROUNDING, driven, frames
 
 import twistwrench as tw
 from twistwrench import Ad, ad, se3, so3
-from twistwrench import verify as laws
 from twistwrench.testing import (
     assert_close,
     derivative,
@@ -27,6 +26,7 @@ from twistwrench.testing import (
     random_state,
     relative_gap,
 )
+from twistwrench.testing import verify as laws
 
 pytest_plugins = ("random_tree_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -25,8 +25,8 @@ from twistwrench.robot.quantities import QUANTITIES
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
-    "export", "joints", "mechanics.model.actuators", "mechanics.model.builder", "mechanics.model.edit", "mechanics.model.limits", "motion", "plotting.explanation",
-    "plotting.motion", "plotting.payload", "plotting.simulation", "plotting.style", "plotting.torques", "reports", "mechanics.lie.axis",
+    "export", "joints", "mechanics.model.actuators", "mechanics.model.builder", "mechanics.model.edit", "mechanics.model.limits", "motion", "viz.plots.explanation",
+    "viz.plots.motion", "viz.plots.payload", "viz.plots.simulation", "viz.plots.style", "viz.plots.torques", "reports", "mechanics.lie.axis",
     "mechanics.lie.twist_wrench", "core.verdict", "verify",
 )  # fmt: skip
 """Modules that are imported by their own path, beside those of ``dir(twistwrench)``."""
@@ -234,9 +234,9 @@ def problems_of(name, value):
 WITHOUT_EXAMPLE = {
     "convert.": "takes a model of another library's, which need not be installed",
     "joints.": "asked by the library, each with symbols or a batch of its own; docs/adding.md shows them at work",
-    "plotting.torques.": "takes a report, which the command makes of a file",
+    "viz.plots.torques.": "takes a report, which the command makes of a file",
     "simulation.torque_laws.": "called with symbols while a rollout is traced",
-    "viz.drawn_motion.read_motion": "takes a file that is open, as the command view has it",
+    "reports.drawn_motion.read_motion": "takes a file that is open, as the command view has it",
 }
 """Functions without an example, by how their names begin, and why."""
 

@@ -250,7 +250,7 @@ def test_endings_of_columns_stand_in_one_table():
 def test_lists_of_names_are_cut_short_in_one_module():
     """``core/text.py`` says "a, b and 3 more"."""
     assert not lines_with(
-        r"""f", and \{len|" and \{len\(\w+\) - |\} in all\)""", but=("viz/visuals.py", "motion/columns.py")
+        r"""f", and \{len|" and \{len\(\w+\) - |\} in all\)""", but=("shapes/visuals.py", "motion/columns.py")
     )
 
 

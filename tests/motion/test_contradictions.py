@@ -9,7 +9,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.core.estimation.sampling import OVERLAP
-from twistwrench.log_checks.contradictions import Contradictions
+from twistwrench.motion.contradictions import Contradictions
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.motion_log import LogRows
 

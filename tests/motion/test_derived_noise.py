@@ -10,9 +10,9 @@ from twistwrench import robots
 from twistwrench.core.estimation.noise import noise
 from twistwrench.motion.coordinates import Continuity, Coordinates
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.motion.smoothing import smooth
-from twistwrench.reports.load_case import Payload
 
 
 def plan_of(robot, path, *, degrees=False, smoothing=False):

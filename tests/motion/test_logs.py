@@ -18,11 +18,11 @@ from twistwrench import load, robots
 from twistwrench.cli.shared import RobotOptions
 from twistwrench.core.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
 from twistwrench.formats import load_model
-from twistwrench.motion import csv_reader as csv_module
+from twistwrench.motion.load_case import joints_beside
 from twistwrench.motion.matching import NamedJoints
 from twistwrench.motion.motion_file import joints_without_column, open_motion_file
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import joints_beside
+from twistwrench.motion.readers import csv_reader as csv_module
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = SHARED / "logs"

@@ -14,9 +14,9 @@ from twistwrench.core.errors import TrajectoryError
 from twistwrench.mechanics.model.model import Limits
 from twistwrench.motion import MotionLog
 from twistwrench.motion.differentiation import Differentiation
-from twistwrench.reports.load_case import LoadCase, Payload
+from twistwrench.motion.load_case import LoadCase, Payload
+from twistwrench.reports.drawn_motion import motion_of
 from twistwrench.reports.torque_report import analyse
-from twistwrench.viz.drawn_motion import motion_of
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = SHARED / "logs"
@@ -225,8 +225,8 @@ def test_smooth_leaves_out_what_is_raw_and_changes_no_estimate(arm, tmp_path):
 
 def test_the_picture_of_a_noisy_log_shows_the_estimate_and_cuts_off_what_is_raw(arm, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import style
-    from twistwrench.plotting.torques import plot_report
+    from twistwrench.viz.plots import style
+    from twistwrench.viz.plots.torques import plot_report
 
     drawn = []
     monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure))

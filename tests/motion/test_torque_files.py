@@ -14,8 +14,8 @@ from motions import LOAD, SLED, report_of, write_motion
 from twistwrench import load, robots
 from twistwrench.core.errors import TwistWrenchError, ValueRangeError
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import TERMS, LoadCase
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import TERMS, LoadCase
 from twistwrench.reports.robot_summary import read_limits
 
 pytest_plugins = ("torque_fixtures",)
@@ -78,7 +78,7 @@ def test_the_plot_is_a_picture(run, ur5, motion_file, tmp_path):
 
 def test_lines_break_at_gaps_and_labels_are_the_tables(ur5, motion, tmp_path):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting.torques import _broken, report_title
+    from twistwrench.viz.plots.torques import _broken, report_title
 
     time, curve = _broken(np.r_[0:5, 20:25] * 1.0, 5.0, np.arange(10.0))
     assert np.flatnonzero(np.isnan(curve)).tolist() == [5]

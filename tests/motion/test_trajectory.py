@@ -13,12 +13,12 @@ from motion_fixtures import GOOD, read
 from twistwrench import robots
 from twistwrench.core.errors import NotFoundError, TrajectoryError
 from twistwrench.formats import load_model
-from twistwrench.motion import csv_reader as csv_module
 from twistwrench.motion.coordinates import Coordinates
-from twistwrench.motion.csv_reader import Dialect, parse_block
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.log_table import excerpts
 from twistwrench.motion.motion_log import MotionLog
+from twistwrench.motion.readers import csv_reader as csv_module
+from twistwrench.motion.readers.csv_reader import Dialect, parse_block
 
 pytest_plugins = ("motion_fixtures",)
 

@@ -16,7 +16,7 @@ from peers import mujoco_model
 from robot_files import FILES, NONE, load
 
 from twistwrench import ModelError, RobotFileError
-from twistwrench.convert import from_mujoco, mujoco_rates, to_mujoco
+from twistwrench.robot.convert import from_mujoco, mujoco_rates, to_mujoco
 from twistwrench.testing import assert_close, random_state
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)

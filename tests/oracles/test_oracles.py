@@ -18,7 +18,7 @@ import pytest
 from robot_files import FILES, NONE, in_pinocchio, load
 
 from twistwrench import Robot
-from twistwrench.convert import from_pinocchio, pinocchio_rates, swap_halves, to_pinocchio
+from twistwrench.robot.convert import from_pinocchio, pinocchio_rates, swap_halves, to_pinocchio
 from twistwrench.testing import State, assert_close, random_state
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed", exc_type=ImportError)

@@ -14,12 +14,12 @@ from rich.console import Console
 from robot_files import FILES, NONE
 
 import twistwrench as tw
-from twistwrench import verify as module
 from twistwrench.cli.doctor import verification_view
 from twistwrench.cli.main import main
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
-from twistwrench.verify import Check, verify
+from twistwrench.testing import verify as module
+from twistwrench.testing.verify import Check, verify
 
 LAWS = ("closed form", "energies", "power", "Ṁ − 2C skew", "C dq = c", "forward∘inverse", "compiled")
 FLYING_GRIPPER = """

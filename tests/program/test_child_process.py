@@ -58,7 +58,7 @@ def test_processor_time_is_limited():
 
 def test_errors_of_the_library_keep_their_class_and_text():
     with pytest.raises(NotFoundError, match=r"no motion file 'absent\.csv'"):
-        call("twistwrench.motion.csv_reader:CsvFile.open", "absent.csv")
+        call("twistwrench.motion.readers.csv_reader:CsvFile.open", "absent.csv")
 
 
 def test_items_are_computed_when_they_are_wanted_and_the_rest_is_left():

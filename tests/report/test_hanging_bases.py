@@ -16,12 +16,12 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.mechanics.model.legs import hanging_base
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase, Payload
+from twistwrench.reports.drawn_motion import reported_motion
 from twistwrench.reports.spoken_verdict import verdict_text
 from twistwrench.reports.torque_report import analyse
 from twistwrench.viz import write_page
-from twistwrench.viz.drawn_motion import reported_motion
 
 FIRST = "UNSURE: the base (trunk) is held in the air; a standing robot: --floating-base, one on a stand: --fixed-base"
 

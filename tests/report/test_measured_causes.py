@@ -8,8 +8,8 @@ import pytest
 import twistwrench as tw
 from twistwrench.cli import torques as command
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import LoadCase
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase
 from twistwrench.reports.torque_report import TorqueReport, analyse
 from twistwrench.reports.torque_verdict import notes_of
 

@@ -14,8 +14,8 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.mechanics.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.motors import MotorTally
 from twistwrench.reports.torque_report import analyse
 
@@ -142,7 +142,7 @@ def test_the_picture_is_drawn(tmp_path):
 
 @pytest.mark.parametrize("friction", [True, False])
 def test_the_title_says_where_friction_is_left_out(robot, friction):
-    from twistwrench.plotting.torques import report_title
+    from twistwrench.viz.plots.torques import report_title
 
     load = LoadCase(robot, (Payload(5.0),), friction=friction)
     plan = Differentiation.plan(MotionLog.open(MOTION, robot.model), robot.model)
@@ -152,8 +152,8 @@ def test_the_title_says_where_friction_is_left_out(robot, friction):
 
 def test_limits_of_torque_are_drawn_on_the_sides_that_come_near_them(robot, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import style
-    from twistwrench.plotting.torques import plot_report
+    from twistwrench.viz.plots import style
+    from twistwrench.viz.plots.torques import plot_report
 
     drawn, report = [], analysed(robot, 5.0)[0]
     monkeypatch.setattr(style, "save", lambda figure, _path: drawn.append(figure))
@@ -171,8 +171,8 @@ def test_limits_of_torque_are_drawn_on_the_sides_that_come_near_them(robot, tmp_
 def test_regions_of_motors_are_the_same_turned_by_half_a_turn(robot, tmp_path, monkeypatch):
     """A motor that runs backwards has the same limits the other way."""
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import style
-    from twistwrench.plotting.torques import plot_motors
+    from twistwrench.viz.plots import style
+    from twistwrench.viz.plots.torques import plot_motors
 
     drawn = []
     monkeypatch.setattr(style, "save", lambda figure, _path: drawn.append(figure))
@@ -189,8 +189,8 @@ def test_regions_of_motors_are_the_same_turned_by_half_a_turn(robot, tmp_path, m
 @pytest.mark.parametrize(("way", "push", "beyond"), [(1, -1, 0), (-1, 1, 0), (1, 1, 2), (-1, -1, 2)])
 def test_near_its_no_load_speed_a_motor_brakes_and_does_not_drive(robot, tmp_path, monkeypatch, way, push, beyond):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import style
-    from twistwrench.plotting.torques import plot_motors
+    from twistwrench.viz.plots import style
+    from twistwrench.viz.plots.torques import plot_motors
 
     drawn, report = [], analysed(robot, 5.0)[0]
     monkeypatch.setattr(style, "save", lambda figure, _path: drawn.append(figure))

@@ -17,11 +17,11 @@ from twistwrench.cli.payload import payload_view
 from twistwrench.cli.torques import motors_table, report_view
 from twistwrench.core.verdict import Word
 from twistwrench.mechanics.model.limits import TOLERANCE
-from twistwrench.plotting.style import OVER
-from twistwrench.plotting.torques import plot_report
 from twistwrench.reports.motors import Demand, MotorUse
 from twistwrench.statics import largest_payload
 from twistwrench.trajectories import bounds_of
+from twistwrench.viz.plots.style import OVER
+from twistwrench.viz.plots.torques import plot_report
 
 SHARES = [pytest.param(1 + TOLERANCE / 2, False, id="at"), pytest.param(1 + 2 * TOLERANCE, True, id="over")]
 

@@ -9,7 +9,7 @@ from motions import LOAD, SLED, WRENCH, report_of, wrapped, write_motion, write_
 from twistwrench import load, robots
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.mechanics.model.model import Limits
-from twistwrench.reports.load_case import TERMS
+from twistwrench.motion.load_case import TERMS
 from twistwrench.reports.statistics import Gaps, MinMaxDecimation, Rms
 
 pytest_plugins = ("torque_fixtures",)

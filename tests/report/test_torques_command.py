@@ -12,7 +12,7 @@ from motions import report_of, write_motion, write_positions
 from twistwrench import ValueRangeError, load, robots
 from twistwrench.cli.main import main, with_option_names
 from twistwrench.mechanics.model.inertia_checks import massless_links
-from twistwrench.reports.load_case import parse_payload, parse_wrenches
+from twistwrench.motion.load_case import parse_payload, parse_wrenches
 from twistwrench.reports.torque_report import JointTorque
 from twistwrench.reports.torque_verdict import missing_force
 

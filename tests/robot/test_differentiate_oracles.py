@@ -1,6 +1,6 @@
 """Derivatives against Pinocchio's, on robot files with fixed and floating bases.
 
-Pinocchio's velocities are P times ours (`twistwrench.convert`), and so are its tangent vectors: columns of its derivatives
+Pinocchio's velocities are P times ours (`twistwrench.robot.convert`), and so are its tangent vectors: columns of its derivatives
 by q go through P, too. Tolerances as in `test_oracles`.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from robot_files import FILES, NONE, in_pinocchio, load
 
-from twistwrench.convert import pinocchio_rates, swap_halves, to_pinocchio
+from twistwrench.robot.convert import pinocchio_rates, swap_halves, to_pinocchio
 from twistwrench.testing import assert_close, derivative, random_state
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed", exc_type=ImportError)

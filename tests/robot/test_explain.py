@@ -148,7 +148,7 @@ def test_table_and_text_and_picture(tmp_path):
 
 
 def test_no_two_causes_of_a_picture_look_alike_and_what_is_no_body_s_has_its_own_colours():
-    from twistwrench.plotting.explanation import styles
+    from twistwrench.viz.plots.explanation import styles
 
     bodies, apart = [f"link{k}" for k in range(8)], ["wrench at tip", "wrench at hand", "springs", "friction"]
     for n in range(9):

@@ -285,7 +285,7 @@ def test_mujoco_agrees(name):
     Without its contacts, limits and losses. Its inertias are those of the file to 1e-9 (see test_mujoco.py).
     """
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
-    from twistwrench.convert import from_mujoco, to_mujoco
+    from twistwrench.robot.convert import from_mujoco, to_mujoco
 
     robot = tw.load(tw.robots.path_of(name), floating_base=name in ("floating_box", "quadruped"))
     model = mujoco_model(robot)

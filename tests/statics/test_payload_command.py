@@ -97,7 +97,7 @@ def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
 
 def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import style
+    from twistwrench.viz.plots import style
 
     titles, figure = [], style.figure
     monkeypatch.setattr(style, "figure", lambda w, h, title: (titles.append(title), figure(w, h, title))[1])
@@ -145,7 +145,7 @@ def test_pictures_and_maps_are_drawn(run, tmp_path, suffix):
 
 def test_a_joint_that_can_give_nothing_is_drawn_too(tmp_path):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting.payload import plot_payload
+    from twistwrench.viz.plots.payload import plot_payload
 
     arm, limits = tw.robots.planar_2r(), [50.0, 0.0]
     found = statics.largest_payload(arm, [0.0, 1.0], limits=limits)

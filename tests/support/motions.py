@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.torque_report import analyse
 
 SLED = """<robot name="sled"><link name="ground"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>

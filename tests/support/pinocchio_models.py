@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twistwrench import convert
+from twistwrench.robot import convert
 
 TOLERANCE = 1e-9
 """Relative: both sides are the same recursion on the same numbers; inertias went through the centre of mass."""

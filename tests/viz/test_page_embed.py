@@ -9,9 +9,9 @@ from test_page_verdict import report_of
 
 import twistwrench as tw
 from twistwrench.cli import main
-from twistwrench.reports.load_case import Payload
+from twistwrench.motion.load_case import Payload
+from twistwrench.reports.drawn_motion import reported_motion
 from twistwrench.viz import write_page
-from twistwrench.viz.drawn_motion import reported_motion
 
 pytest_plugins = ("page_fixtures",)
 SEEN = """(() => {

@@ -12,8 +12,8 @@ from test_viz_page import ROBOTS
 
 import twistwrench as tw
 from twistwrench import statics
+from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import read_motion, scene_of, write_page
 
 REFERENCE = Path(__file__).with_name("viz_page.png")

@@ -11,8 +11,8 @@ from page_files import read_page
 
 import twistwrench as tw
 from twistwrench.mechanics.lie import se3
+from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import motion_of, read_motion, scene_of, write_page
 from twistwrench.viz.page import page_text
 

@@ -18,9 +18,9 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadCase, Payload
-from twistwrench.viz import drawn_motion as motion_module
+from twistwrench.reports import drawn_motion as motion_module
 from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_power, plot_split, read_motion, scene_of
 from twistwrench.viz.movie import Camera, Painter
 

@@ -15,7 +15,7 @@ from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.torque_verdict import base_doubts
 from ..robot import Robot, load
-from ..verify import Check, VerifyReport, verify
+from ..testing.verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import JSON, LIMITS, XACRO, RobotOptions, base_option, robot_command, robot_source, xacro_arguments
@@ -82,7 +82,7 @@ def doctor_command(given: Given) -> ExitCode:
         repaired = report.write(given.out, overwrite=given.overwrite)
         click.echo(f"wrote {given.out}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}")
     if given.plot is not None:
-        from ..plotting.identification import links_drawn, plot_diagnosis
+        from ..viz.plots.identification import links_drawn, plot_diagnosis
 
         if links_drawn(report):
             click.echo(f"wrote {plot_diagnosis(report, given.plot)}")
@@ -103,8 +103,8 @@ def write_doctor_report(
     report: DoctorReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None]
 ) -> None:
     """Write the files of --html and --report, with links coloured by finding and inertias before and after repair."""
-    from ..plotting.identification import links_drawn, plot_diagnosis
     from ..viz.page import findings_scene
+    from ..viz.plots.identification import links_drawn, plot_diagnosis
 
     pictures, scene = [], findings_scene(report)
     link = write_viewer(given, scene.robot, scene=scene)

@@ -70,9 +70,9 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
 )
 def export_command(options: RobotOptions, given: Given) -> None:
     """Write dynamics functions of a robot as C99, Structured Text or a ROS 2 package, with a test program."""
-    from ..export.c99 import export_c
-    from ..export.ros2 import export_ros2
-    from ..export.structured_text import export_st
+    from ..robot.export.c99 import export_c
+    from ..robot.export.ros2 import export_ros2
+    from ..robot.export.structured_text import export_st
 
     if given.path is None and given.st is None and given.ros2 is None:
         raise ValueRangeError("nothing is to be written. Add --c OUT.c, --st OUT.st or --ros2 DIR.")

@@ -27,9 +27,9 @@ from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
-from ..plotting.identification import bodies_view, identification_pictures, identification_view
 from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..robot import Robot
+from ..viz.plots.identification import bodies_view, identification_pictures, identification_view
 from . import shared
 from .main import Given, note, option
 from .report import REPORT, MarkedJoint, robot_picture, write_report

@@ -23,9 +23,9 @@ from ..mechanics.model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
-from ..motion.csv_reader import CsvFile, table_errors
+from ..motion.load_case import limit_doubts
+from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
-from ..reports.load_case import limit_doubts
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
 from ..reports.torque_verdict import (
     as_it_hangs,
@@ -169,7 +169,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     show_written(given.csv, given.plot)
     link = ""
     if given.html is not None:
-        from ..viz.drawn_motion import motion_of
+        from ..reports.drawn_motion import motion_of
 
         judged = replace(load, robot=Robot(replace(load.robot.model, limits=bounds)))
         shown = replace(motion_of(judged, moving.sample(given.step)), clearance=clearance)

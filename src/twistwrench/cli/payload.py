@@ -20,8 +20,8 @@ from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.model.limits import over_limit
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits, credible_load
+from ..motion.load_case import Payload, limit_doubts, reach, unlimited
 from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
-from ..reports.load_case import Payload, limit_doubts, reach, unlimited
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
 from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot
@@ -120,7 +120,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     for slip in unit_slips(robot, q, allowed, places, degrees=options.degrees):
         note(slip)
     write_payload(robot, found, q, given.csv, degrees=options.degrees, judged=judged)
-    from ..plotting.payload import plot_payload
+    from ..viz.plots.payload import plot_payload
 
     def plot(path: Path) -> None:
         plot_payload(robot, q, found, path, frame=name, where=where, carried=carried, limits=limits, chart=chart)

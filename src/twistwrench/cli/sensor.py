@@ -99,7 +99,7 @@ def _draw(
     files: Mapping[str, str | Path | None],
 ) -> None:
     """Write the plot and the report if requested; readings in ``marked`` carry a label."""
-    from ..plotting.explanation import plot_compensation
+    from ..viz.plots.explanation import plot_compensation
 
     def plot(path: Path) -> None:
         plot_compensation(log, found.sensor, found.noise, path, marked=marked[0], mark=marked[1])

@@ -21,8 +21,8 @@ from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
 from ..mechanics.model.couplings import refuse_couplings
+from ..motion.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.blocks import Block, verdict
-from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.robot_summary import assignments, parse_numbers
 from .main import Decorator, Given, RobotOption, command, note, option, option_group
 
@@ -476,7 +476,7 @@ def _unquoted(text: str) -> str:
 
 def _column_map(path: str) -> list[tuple[str, str]]:
     """Entries of a CSV file with the columns ``name`` and ``column``."""
-    from ..motion.csv_reader import CsvFile, table_errors
+    from ..motion.readers.csv_reader import CsvFile, table_errors
 
     with table_errors(path, "map of columns", "name,column, then a line for each, such as elbow,pos3"):
         file = CsvFile.open(path)
@@ -551,7 +551,7 @@ worker_options = option_group(
 
 def expand_paths(path: Path, text: str) -> list[str]:
     """Expand a folder or a pattern to its files, sorted by name; other paths are returned unchanged."""
-    from ..motion.ros_recordings import is_recording
+    from ..motion.readers.ros_recordings import is_recording
 
     if any(c in text for c in "*?[") and not path.exists():
         matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root

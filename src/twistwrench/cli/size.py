@@ -111,7 +111,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     blocks = [*size_view(found, judged, ambient=given.ambient), *notes]
     show(*blocks)
     _write_figures(given.csv, found)
-    from ..plotting.torques import plot_sizing
+    from ..viz.plots.torques import plot_sizing
 
     if given.plot is not None:
         plot_sizing(found, given.plot)
@@ -121,7 +121,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     q, marked, title, state = _worst_moment(found, states.motion)
     link = ""
     if given.html is not None:
-        from ..viz.drawn_motion import reported_motion
+        from ..reports.drawn_motion import reported_motion
 
         link = write_viewer(given, report.load.robot, state, motion=reported_motion(report))
     if given.report is not None:

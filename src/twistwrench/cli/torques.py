@@ -22,6 +22,7 @@ from ..core.verdict import ExitCode, Word
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import over_limit
 from ..motion.differentiation import Differentiation
+from ..motion.load_case import TERMS, cause_label
 from ..motion.log_table import excerpts
 from ..motion.motion_log import MotionLog
 from ..reports.blocks import (
@@ -38,7 +39,6 @@ from ..reports.blocks import (
     verdict,
     words,
 )
-from ..reports.load_case import TERMS, cause_label
 from ..reports.log_quality import MeasuredTorque
 from ..reports.motors import Demand, MotorUse, Steps
 from ..reports.robot_summary import read_limits
@@ -52,7 +52,7 @@ from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
 if TYPE_CHECKING:
-    from ..viz.drawn_motion import DrawnMotion
+    from ..reports.drawn_motion import DrawnMotion
 
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """Durations of noise estimation and smoothing relative to the analysis."""
@@ -134,7 +134,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     show(*blocks)
     link, motion = "", None
     if given.html is not None or not plots.keys() <= {"torques", "motors"}:
-        from ..viz.drawn_motion import reported_motion
+        from ..reports.drawn_motion import reported_motion
 
         motion = reported_motion(report)
     for kind, picture in plots.items():
@@ -169,8 +169,8 @@ def _parse_plots(texts: Sequence[str]) -> dict[str, str]:
 
 def _plot(report: TorqueReport, motion: DrawnMotion | None, kind: str, path: str, joints: Sequence[str]) -> None:
     """Draw a report or its motors; causes, power and phase use its motion."""
-    from ..plotting import motion as of_motion
-    from ..plotting.torques import plot_motors, plot_report
+    from ..viz.plots import motion as of_motion
+    from ..viz.plots.torques import plot_motors, plot_report
 
     if motion is None or kind in ("torques", "motors"):
         (plot_motors if kind == "motors" else plot_report)(report, path)
@@ -190,7 +190,7 @@ def write_torque_report(
     degrees: bool,
 ) -> None:
     """Write the page of one motion: worst moment, plots, and effects included in the torques."""
-    from ..plotting.torques import plot_motors, plot_report
+    from ..viz.plots.torques import plot_motors, plot_report
 
     load, facts, pictures = report.load, [], [drawn("Torques and limits", lambda path: plot_report(report, path))]
     if report.worst is not None:

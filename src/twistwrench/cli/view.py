@@ -12,8 +12,8 @@ import click
 from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode
 from ..motion.motion_log import MotionLog
+from ..reports.drawn_motion import DrawnMotion
 from ..robot import Robot
-from ..viz.drawn_motion import DrawnMotion
 from .main import Given, option
 from .shared import (
     CLEARANCE,
@@ -96,8 +96,8 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
 
 def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
     """Load the robot with payloads and wrenches, and its motion, judged as in ``torques``; doubts are printed on stderr."""
+    from ..reports.drawn_motion import reported_motion
     from ..reports.motors import Steps
-    from ..viz.drawn_motion import reported_motion
     from .torques import analysis
 
     if path is None:

@@ -2,10 +2,10 @@
 
 from ..formats.edit import Edit
 from ..formats.xml import Place
+from ..shapes.solids import METRICS
 from .checks import CHECKS
 from .findings import Effect, FileRepair, Finding, Severity
 from .report import DoctorReport, doctor
-from .shapes import METRICS
 
 __all__ = [
     "CHECKS",

@@ -14,8 +14,8 @@ from ..formats.edit import Edit
 from ..formats.xml import Element
 from ..mechanics.model.limits import margin
 from ..motion.credible_values import credible_limits
+from ..motion.load_case import arm_entries, limits_remedy, placeholder_limits
 from ..motion.plausibility import BY_WEIGHT
-from ..reports.load_case import arm_entries, limits_remedy, placeholder_limits
 from ..reports.robot_summary import StatedLimits
 from ..robot import Robot
 from . import mass_checks as masses

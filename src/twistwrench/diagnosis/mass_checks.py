@@ -15,10 +15,10 @@ from ..formats.sdf import assumed_text
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.inertia_checks import massless_links, reasons
 from ..mechanics.model.model import BASE
-from ..reports.load_case import reach
+from ..motion.load_case import reach
+from ..shapes.solids import hull_solid
 from .findings import Effect, FileRepair, Finding, Severity
 from .parsed_file import ParsedFile, ParsedLink, SymmetricLinks, symmetric_links
-from .shapes import hull_solid
 from .tensor_checks import MATTERS, UNITS, Options, identified, no_tensor, placeholder, shape_repair
 
 _POINT = 10.0

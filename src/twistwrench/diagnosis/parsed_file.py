@@ -30,8 +30,8 @@ from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.model import BASE, Model
 from ..robot import Robot
+from ..shapes.solids import LinkShapes, ShapeReader, ShapeSpec
 from .findings import Effect, Effects, FileRepair, Finding, Severity
-from .shapes import LinkShapes, ShapeReader, ShapeSpec
 
 # ── All load errors of a URDF
 

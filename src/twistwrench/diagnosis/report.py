@@ -20,10 +20,10 @@ from ..formats.edit import edited, encoded
 from ..formats.xml import Place
 from ..reports.robot_summary import read_limits
 from ..robot import Robot, load
+from ..shapes.solids import METRICS
 from .checks import CHECKS, Options
 from .findings import Effect, Finding, Severity
 from .parsed_file import MOST_BODIES, Subject, read_subject
-from .shapes import METRICS
 
 ALWAYS = ("impossible", "mirror")
 """Checks whose notes are also repaired: other programs reject such links, or the user chose a side."""

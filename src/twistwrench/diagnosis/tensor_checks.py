@@ -15,9 +15,9 @@ from ..formats.urdf import ENTRIES, IN_MJCF
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.inertia_checks import reasons
 from ..mechanics.model.model import BASE
+from ..shapes.solids import METRICS, nearest
 from .findings import FileRepair, Finding, Severity
 from .parsed_file import ParsedFile, ParsedLink
-from .shapes import METRICS, nearest
 
 
 @dataclass(frozen=True)

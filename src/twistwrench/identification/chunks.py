@@ -18,12 +18,12 @@ from ..core.estimation.filters import UniformSpline, low_pass
 from ..core.estimation.sampling import GAP
 from ..core.numbers import number
 from ..core.typing import Array
-from ..log_checks.fit_doubts import LEFT_OUT
 from ..motion.log_table import slices, spread_rows, windows
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import continuous
 from ..robot import Robot
+from .fit_doubts import LEFT_OUT
 from .hyperparameters import FitSettings
 from .parameters import BaseParameters, speed_owner
 from .payload import MotorSide, open_log

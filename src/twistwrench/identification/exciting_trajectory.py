@@ -24,7 +24,7 @@ from ..motion.bounds import bounds_of
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..statics.capsules import CapsuleDistances, LinkCapsules
+from ..shapes.capsules import CapsuleDistances, LinkCapsules
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
 from .trajectory_search import (
     CRITERIA,

@@ -18,8 +18,7 @@ from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..core.estimation.sampling import SingleRowGlitches, dropouts, gaps, held_rows, moves, new_rows, pauses, spikes
 from ..core.typing import Array
-from ..log_checks.contradictions import row_doubts
-from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
+from ..motion.contradictions import row_doubts
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
 from ..robot import Robot
@@ -28,6 +27,7 @@ from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance,
 from .cause_fit import log_fit
 from .chunks import gap_notes
 from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
+from .fit_doubts import LEFT_OUT, FittedLog, doubts_of
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed, uncoupled
 from .payload import MotorSide, unknown_of

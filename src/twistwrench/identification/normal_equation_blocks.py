@@ -31,10 +31,10 @@ from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..core.version import __version__
-from ..log_checks.fit_doubts import left_unexplained
-from ..motion.array_files import check_archive
+from ..motion.readers.array_files import check_archive
 from ..robot import Robot
 from .chunks import FASTER, RowFrame
+from .fit_doubts import left_unexplained
 from .hyperparameters import FitSettings
 from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters, uncoupled
 from .payload import MotorSide

@@ -20,11 +20,11 @@ from ..core.glossary import complete
 from ..core.typing import Array
 from ..formats.actuators import read_log_side
 from ..formats.yaml import Source
-from ..log_checks.contradictions import Contradictions
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.couplings import motor_velocities, refuse_couplings, with_couplings, without_couplings
 from ..mechanics.model.model import BASE, Model
+from ..motion.contradictions import Contradictions
 from ..motion.motion import Motion
 from ..motion.motion_file import open_motion_file
 from ..motion.motion_log import LogRows, MotionLog

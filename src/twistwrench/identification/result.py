@@ -277,7 +277,7 @@ class IdentifiedRobot:
         ValueRangeError
             The file cannot be written.
         """
-        from ..plotting.identification import plot_identification
+        from ..viz.plots.identification import plot_identification
 
         return plot_identification(self, path)
 
@@ -295,8 +295,8 @@ class IdentifiedRobot:
         ValueRangeError
             The file cannot be written.
         """
-        from ..plotting.identification import bodies_view, identification_pictures, identification_view
         from ..reports.page import ReportPage
+        from ..viz.plots.identification import bodies_view, identification_pictures, identification_view
 
         target, blocks = as_path(path), list(identification_view(self))
         pictures, details = identification_pictures(self), list(bodies_view(self))

@@ -18,11 +18,11 @@ from ..core.estimation.cross_validation import HeldOut, HeldOutRows
 from ..core.estimation.least_squares import Method
 from ..core.numbers import percent
 from ..core.third_party import Failure, Workers
-from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, of_reading
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from .chunks import CHUNK, LogClock, LogSource, RowFrame, rows_of, steady_windows
+from .fit_doubts import NOTABLE_IN_OTHERS, OTHERS, of_reading
 from .identify import METHODS, checked_motions, fit_options, identified
 from .normal_equation_blocks import MOST_BLOCKS, JointBlocks, NormalEquationBlocks, block_residuals, block_solution
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters

@@ -23,7 +23,7 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.typing import Array
 from ..mechanics.model.limits import Limits
 from ..robot import Robot
-from ..statics.capsules import MARGIN, CapsuleDistances, Pullback
+from ..shapes.capsules import MARGIN, CapsuleDistances, Pullback
 from .parameters import BaseParameters
 
 # ── Constraints: limits, the floor, and clearances of the capsules around the links

@@ -1,9 +1,9 @@
 """Functions of the book's own Python package by their names: ``import twistwrench.modern_robotics as mr``.
 
-Names, argument orders and results are those of ``modern_robotics`` 1.1.1 by Lynch, Park, Weng and others. The
-implementation differs: rigid motions use :mod:`twistwrench.mechanics.lie`; functions of ``Slist`` or ``Mlist, Glist, Slist`` use
-compiled kernels. The first call with new lists compiles for some tenths of a second; later calls use kernels cached by
-the lists' content. Functions of vectors or matrices accept leading batch shapes, unless their docstring excludes them.
+Names, argument orders and results are those of ``modern_robotics`` 1.1.1 by Lynch, Park, Weng and others. The implementation
+differs: rigid motions use :mod:`twistwrench.mechanics.lie`; functions of ``Slist`` or ``Mlist, Glist, Slist`` use compiled
+kernels. The first call with new lists compiles for some tenths of a second; later calls use kernels cached by the lists'
+content. Functions of vectors or matrices accept leading batch shapes, unless their docstring excludes them.
 
 Intended differences: rotations near zero and π are accurate, invalid input raises errors of :mod:`twistwrench.core.errors`,
 and results are always floating-point. ``docs/modern-robotics.md`` lists every function.

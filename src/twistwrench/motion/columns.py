@@ -32,8 +32,8 @@ from .column_names import (
     unit_since_1970,
 )
 from .coordinates import Coordinates, MimicJoint
-from .csv_reader import is_number
 from .matching import RULES, NamedJoints, alike, candidates, most_by_prefix, rising_columns, series, varying_columns
+from .readers.csv_reader import is_number
 
 _FEW = 4
 ORDER = "#"

@@ -23,11 +23,11 @@ from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.tables import csv_table
 from ..core.typing import Array
-from ..log_checks.contradictions import Contradictions
 from ..mechanics.model.limits import Limits
 from ..robot.task_space_methods import require_robot
 from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
+from .contradictions import Contradictions
 from .coordinates import Coordinates, joint_rates
 from .plausibility import Instant, RecordedSteps, origin_of
 from .smoothing import FEWEST, continuous, spline_rates, states_between
@@ -448,7 +448,7 @@ class Motion:
         ValueRangeError
             The file cannot be written.
         """
-        from ..plotting.motion import plot_motion
+        from ..viz.plots.motion import plot_motion
 
         return plot_motion(self, path, bounds, friction=friction)
 
@@ -470,7 +470,7 @@ class Motion:
         >>> t = np.linspace(0, 1, 21)
         >>> tw.Motion(t, np.sin(t)[:, None], robot=tw.robots.pendulum()).show()  # doctest: +SKIP
         """
-        from ..viz.drawn_motion import motion_of
+        from ..reports.drawn_motion import motion_of
         from ..viz.page import show
 
         motion = self if robot is None else self.with_robot(robot)

@@ -21,14 +21,14 @@ from ..core.errors import TrajectoryError, TwistWrenchError
 from ..core.files import as_path
 from ..core.typing import Array
 from ..mechanics.model.model import Model
-from .array_files import ArrayFile, array_file, is_archive, simulation_file
-from .child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970
 from .columns import absent_joints
 from .coordinates import Coordinates
-from .csv_reader import CsvFile
 from .log_table import slices, table_of
-from .ros_recordings import is_recording, ros_file
+from .readers.array_files import ArrayFile, array_file, is_archive, simulation_file
+from .readers.child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
+from .readers.csv_reader import CsvFile
+from .readers.ros_recordings import is_recording, ros_file
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")

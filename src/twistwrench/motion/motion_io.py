@@ -17,9 +17,9 @@ from ..core.glossary import complete
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of, units_of
 from ..mechanics.model.model import Model
-from .array_files import ArrayFile
 from .column_names import time_meaning
 from .coordinates import Coordinates
+from .readers.array_files import ArrayFile
 
 # ── Motions as xarray datasets
 

@@ -20,20 +20,20 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
 from ..core.text import ReadingNote, listed
 from ..core.typing import Array
-from ..log_checks.contradictions import Contradictions, stamp_doubts
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
 from ..mechanics.model.model import Model
 from . import log_table
-from .array_files import ArrayFile
 from .column_names import date_note, time_column
 from .columns import Columns, MimicJointColumn, Reading
+from .contradictions import Contradictions, stamp_doubts
 from .coordinates import Coordinates
-from .csv_reader import CsvFile
 from .log_table import slices, table_of, windows, without_times
 from .matching import varying_columns
 from .motion_file import JoinedFile, MotionFile, open_motion_file, with_sums
 from .plausibility import SURROUNDINGS, Instant, Origin, RecordedSteps, origin_of
+from .readers.array_files import ArrayFile
+from .readers.csv_reader import CsvFile
 
 if TYPE_CHECKING:
     from .motion import Motion
@@ -234,7 +234,7 @@ class MotionLog:
         Parameters
         ----------
         path : str, Path or MotionFile
-            A CSV file (formats: see :meth:`CsvFile.open <twistwrench.motion.csv_reader.CsvFile.open>`), an archive of
+            A CSV file (formats: see :meth:`CsvFile.open <twistwrench.motion.readers.csv_reader.CsvFile.open>`), an archive of
             ``simulate --npz``, npz, npy, MAT, HDF5, parquet, feather, MCAP, or a ROS bag (with the extra ``logs``);
             several files of one motion as ``a.csv+b.csv``.
         locked : sequence of str, joints whose columns are ignored

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..core.typing import Array
 from ..motion.differentiation import Differentiation, MotionSamples
+from ..motion.load_case import LoadCase
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import spline_rates
-from .load_case import LoadCase
 from .torque_report import TorqueReport, analyse
 
 if TYPE_CHECKING:

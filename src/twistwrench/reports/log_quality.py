@@ -17,10 +17,10 @@ from ..core.typing import Array
 from ..motion.bounds import RunningExtrema
 from ..motion.column_names import split_unit, time_factor, time_meaning, unit_since_1970
 from ..motion.columns import check_header
-from ..motion.csv_reader import CsvFile
 from ..motion.log_table import LARGE, excerpts
 from ..motion.motion_file import open_motion_file, text_columns
 from ..motion.plausibility import TimeAbove
+from ..motion.readers.csv_reader import CsvFile
 
 GAP = 3.0
 """Ratio to the median step above which a step is a gap."""

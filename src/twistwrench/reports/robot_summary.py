@@ -24,7 +24,7 @@ from ..mechanics.model.limits import Limits
 from ..mechanics.model.model import BASE, Body, Model
 from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
-from ..motion.csv_reader import CsvFile, Dialect, table_errors
+from ..motion.readers.csv_reader import CsvFile, Dialect, table_errors
 from . import blocks
 
 if TYPE_CHECKING:

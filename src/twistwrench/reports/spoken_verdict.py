@@ -14,11 +14,11 @@ from ..core.numbers import percent, percent_of_limit, seconds
 from ..core.verdict import Word
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import TOLERANCE
+from ..motion import load_case
 from ..motion.coordinates import Coordinates
+from ..motion.load_case import LoadCase, Payload, PayloadMargin, cause_label
 from ..motion.motion_log import ASKED
-from . import load_case
 from .blocks import Line, verdict
-from .load_case import LoadCase, Payload, PayloadMargin, cause_label
 from .robot_summary import StatedLimits
 from .sentences import SENTENCES, sentence
 from .statistics import INTERVAL

@@ -13,9 +13,9 @@ from ..core.typing import Array
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import SURE, Differentiation, MotionSamples
+from ..motion.load_case import LoadCase
 from ..motion.motion_log import LogRows
 from ..motion.smoothing import spline_rates
-from .load_case import LoadCase
 
 
 class Rms:

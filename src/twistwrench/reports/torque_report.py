@@ -25,10 +25,10 @@ from ..mechanics.model.limits import margin
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
+from ..motion.load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
 from ..motion.log_table import excerpts
 from ..motion.motion_log import LogRows
 from ..motion.plausibility import SURROUNDINGS, DoubtfulSpans, InstantKind, doubtful_spans, impossible_torque
-from .load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
 from .log_quality import MeasuredTally, MeasuredTorque
 from .motors import MotorTally, MotorUse, Steps
 from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSearch, Rms

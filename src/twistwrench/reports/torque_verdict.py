@@ -21,8 +21,8 @@ from ..mechanics.model.limits import Limits, over_limit
 from ..mechanics.model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
+from ..motion.load_case import Payload, cause_label, limit_doubts, limits_remedy, unlimited, without_velocity_limit
 from ..motion.plausibility import Origin
-from .load_case import Payload, cause_label, limit_doubts, limits_remedy, unlimited, without_velocity_limit
 from .log_quality import MeasuredTorque
 from .sentences import sentence
 from .statistics import INTERVAL

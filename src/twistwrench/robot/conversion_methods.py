@@ -230,7 +230,7 @@ class FileMethods(RobotBase):
         return _text(self, "sdf")
 
     def to_mujoco(self) -> Any:
-        """MuJoCo model of the robot, compiled from :meth:`to_mjcf`; :func:`twistwrench.convert.to_mujoco` converts states.
+        """MuJoCo model of the robot, compiled from :meth:`to_mjcf`; :mod:`twistwrench.robot.convert` converts states.
 
         Returns
         -------
@@ -258,7 +258,7 @@ class FileMethods(RobotBase):
             raise ModelError(f"MuJoCo refuses robot {self.name!r}: {' '.join(str(refusal).split())}.") from None
 
     def to_pinocchio(self) -> Any:
-        """Pinocchio model of the robot; :func:`twistwrench.convert.to_pinocchio` converts states.
+        """Pinocchio model of the robot; :func:`twistwrench.robot.convert.to_pinocchio` converts states.
 
         Mimic joints become independent joints. ModelError is raised if Pinocchio lacks a joint type.
 
@@ -329,8 +329,8 @@ class BridgeMethods(RobotBase):
         >>> float(jax.jacobian(gravity_forces)(jax.numpy.zeros(1))[0, 0]).__round__(2)
         9.81
         """
-        from ..export.jax import jax_function
-        from ..export.request import BridgedQuantity
+        from .export.jax import jax_function
+        from .export.request import BridgedQuantity
 
         return jax_function(BridgedQuantity.from_robot("to_jax", self._open(), quantity, options, precision), precision)
 
@@ -358,8 +358,8 @@ class BridgeMethods(RobotBase):
         >>> torch.autograd.grad(energy(q), q)  # doctest: +SKIP
         (tensor([0.], dtype=torch.float64),)
         """
-        from ..export.request import BridgedQuantity
-        from ..export.torch import torch_function
+        from .export.request import BridgedQuantity
+        from .export.torch import torch_function
 
         return torch_function(BridgedQuantity.from_robot("to_torch", self._open(), quantity, options, "double"))
 
@@ -383,8 +383,8 @@ class BridgeMethods(RobotBase):
         >>> tw.robots.pendulum().to_casadi("inverse_dynamics")
         Function(inverse_dynamics:(q,dq,ddq)->(tau) SXFunction)
         """
-        from ..export.javascript import casadi_function
-        from ..export.request import BridgedQuantity
+        from .export.javascript import casadi_function
+        from .export.request import BridgedQuantity
 
         return casadi_function(BridgedQuantity.from_robot("to_casadi", self._open(), quantity, options, "double"))
 
@@ -415,8 +415,8 @@ class BridgeMethods(RobotBase):
         }
         <BLANKLINE>
         """
-        from ..export.javascript import javascript_module
-        from ..export.request import BridgedQuantity
+        from .export.javascript import javascript_module
+        from .export.request import BridgedQuantity
 
         return javascript_module(BridgedQuantity(self._open(), quantity, options))
 

@@ -180,7 +180,7 @@ class Explanation:
         path : Path of the file written
         """
         self._columns(None)
-        from ..plotting.explanation import plot_explanation
+        from ..viz.plots.explanation import plot_explanation
 
         return plot_explanation(self, path)
 

@@ -299,7 +299,7 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
 
     Reads joints, inertias, limits, friction, armature, gravity and reference configurations. Body frames become links;
     operational and sensor frames become sites. q is in the depth-first order of :func:`twistwrench.load`;
-    :mod:`twistwrench.convert` converts. A composite joint becomes one joint per part, ``NAME.0``, ``NAME.1``, …; mimic
+    :mod:`twistwrench.robot.convert` converts. A composite joint becomes one joint per part, ``NAME.0``, ``NAME.1``, …; mimic
     joints follow. Pinocchio's models lack the mass of links fixed to the base.
 
     Parameters

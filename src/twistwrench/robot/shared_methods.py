@@ -16,12 +16,12 @@ from ..core.typing import Array
 from .arguments import Kind, Rows
 
 if TYPE_CHECKING:
-    from ..export.request import Quantities
     from ..mechanics.lie.twist_wrench import Wrench
     from ..simulation import Event, JointStops, Plane
     from ..simulation.torque_laws import TorqueLaw
     from ..statics.clearance import Clearance
     from .closed_robot import ClosedRobot
+    from .export.request import Quantities
     from .ik import IKResult
     from .ik_search import LoopClosureSolver
     from .robot import Robot
@@ -293,7 +293,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         ...     print("void ur5_mass_matrix(const double q[6], double M[36]);" in files[0].read_text())
         True
         """
-        from ..export import export_c
+        from .export import export_c
 
         return export_c(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
 
@@ -344,7 +344,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         ...     print("FUNCTION_BLOCK ur5_inverse_dynamics" in file.read_text())
         True
         """
-        from ..export.structured_text import export_st
+        from .export.structured_text import export_st
 
         wanted: Any = self._requests(quantities)
         return export_st(
@@ -380,7 +380,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         ...     print("getInertiaMatrix" in files[4].read_text())
         True
         """
-        from ..export.ros2 import export_ros2
+        from .export.ros2 import export_ros2
 
         return export_ros2(self._open(), path, license=license)
 
@@ -415,13 +415,13 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         ...     print("void __launch_bounds__(THREADS) panda_inverse_dynamics" in file.read_text())
         True
         """
-        from ..export import export_cuda
+        from .export import export_cuda
 
         return export_cuda(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix)
 
     def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
         """Quantities with their options, including the constraints."""
-        from ..export.request import named
+        from .export.request import named
 
         return [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
 

@@ -24,7 +24,7 @@ from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie.labelled import TWIST, WRENCH
-from ..motion.csv_reader import CsvFile, table_errors
+from ..motion.readers.csv_reader import CsvFile, table_errors
 from .contact_detection import checked_noise
 from .fit import Uncertainty
 from .log import ReadingLog, checked_log, late

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 class PositionLimits:
     """Finite position limits of a robot, m in number.
 
-    A joint within the tolerance of :class:`twistwrench.mechanics.model.limits.Limits` is at its limit. A joint inside its limits
-    reaches one where the margin is zero. A joint at a limit leaves through it where the margin falls below minus the
+    A joint within the tolerance of :class:`twistwrench.mechanics.model.limits.Limits` is at its limit. A joint inside its
+    limits reaches one where the margin is zero. A joint at a limit leaves through it where the margin falls below minus the
     tolerance. A joint at rest at a limit does not end the simulation.
     """
 

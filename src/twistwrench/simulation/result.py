@@ -206,7 +206,7 @@ class SimulationResult:
         -------
         path : Path of the file written
         """
-        from ..plotting.simulation import plot_simulation
+        from ..viz.plots.simulation import plot_simulation
 
         return plot_simulation(self, path)
 

@@ -18,9 +18,9 @@ from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes, replacing
 from ..core.tables import CsvWriter, unescape_cell
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
-from ..motion.array_files import check_archive
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
+from ..motion.readers.array_files import check_archive
 from .events import Happening
 from .forces import WORKS
 from .result import SimulationResult

@@ -34,10 +34,10 @@ from ..formats.xml import parse
 from ..mechanics.bodies.enclosure import Enclosure
 from ..mechanics.model.description import frames_to_user
 from ..robot import Robot
-from .capsules import ALWAYS, CapsuleDistances, LinkCapsules, link_solids
+from ..shapes.capsules import ALWAYS, CapsuleDistances, LinkCapsules, link_solids
 
 if TYPE_CHECKING:
-    from ..diagnosis.shapes import Solid
+    from ..shapes.solids import Solid
 
 Exact = Literal["auto"] | bool
 STEP = 0.01
@@ -302,7 +302,7 @@ def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
     """Shapes of a link for coal; meshes as triangles."""
     import coal
 
-    from ..viz.surface import joined, read_mesh
+    from ..shapes.surface import joined, read_mesh
 
     built = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
     made = list[LinkShape]()

@@ -17,7 +17,7 @@ from ..mechanics.joints.units import units_of
 from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, motor_torques
 from ..mechanics.model.limits import margin
-from ..reports.load_case import least_torque_per_kilogram
+from ..motion.load_case import least_torque_per_kilogram
 from .torque_limits import (
     effort_limits,
     growth,

@@ -246,7 +246,7 @@ class Trajectory:
         ...     moving.plot(f"{folder}/move.svg").name
         'move.svg'
         """
-        from ..plotting.simulation import plot_trajectory
+        from ..viz.plots.simulation import plot_trajectory
 
         return plot_trajectory(self, path, bounds, friction=friction)
 

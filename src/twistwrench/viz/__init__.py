@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from .drawn_motion import DrawnMotion, motion_of, read_motion
+from ..reports.drawn_motion import DrawnMotion, motion_of, read_motion
 from .movie import Camera, draw, film, movie
 from .page import write_page
 from .scene import Scene, Shape, scene_of
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from ..plotting.motion import Energies, energies, plot_phase, plot_power, plot_split
+    from .plots.motion import Energies, energies, plot_phase, plot_power, plot_split
 
 _PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
 """Names of ``plotting.motion``, imported at first use because that module imports this package."""

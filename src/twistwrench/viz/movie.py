@@ -21,17 +21,17 @@ from ..core.numbers import number, printed, seconds
 from ..core.typing import Array
 from ..mechanics.model.limits import over_limit
 from ..mechanics.model.model import BASE
-from ..plotting import style
+from ..reports.drawn_motion import DrawnMotion, motion_of
 from ..reports.spoken_verdict import verdict_text
 from .colours import share_colours
-from .drawn_motion import DrawnMotion, motion_of
+from .plots import style
 from .scene import Scene, Shape, scene_of
 from .starting_pose import starting_pose
 
 if TYPE_CHECKING:
     from ..reports.torque_report import TorqueReport
     from ..robot import Robot
-    from .surface import Surface
+    from ..shapes.surface import Surface
 
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
 _SHADOW = (0.80, 0.82, 0.85)
@@ -192,7 +192,7 @@ def draw(
     Examples
     --------
     >>> import twistwrench as tw
-    >>> from twistwrench.plotting.style import figure
+    >>> from twistwrench.viz.plots.style import figure
     >>> from twistwrench.viz import draw
     >>> with figure(4, 3, "two poses") as drawn:
     ...     camera = draw(drawn.subplots(), tw.robots.planar_2r(), [[0.0, 0.5], [0.3, 0.8]])

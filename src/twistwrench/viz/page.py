@@ -33,6 +33,7 @@ from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot
+from ..shapes.visuals import Colour
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, robot_data, wrench_data
 from .page_loops import loops_of, standing_of
@@ -40,14 +41,13 @@ from .page_motion import motion_data, notes_of_motion, python_source, robot_of_m
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
 from .starting_pose import starting_pose
-from .visuals import Colour
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from ..diagnosis import DoctorReport
-    from ..reports.load_case import Payload
-    from .drawn_motion import DrawnMotion
+    from ..motion.load_case import Payload
+    from ..reports.drawn_motion import DrawnMotion
 
 _TRIANGLES = 300_000
 _SCRIPTS = (

@@ -15,13 +15,13 @@ from ..core import arguments
 from ..core.errors import SingularMassMatrixError
 from ..core.numbers import percent
 from ..core.typing import Array
-from ..export.javascript import javascript_module
-from ..export.request import BridgedQuantity
 from ..mechanics.lie import se3
 from ..mechanics.model.model import BASE, Frame, Model
 from ..motion.coordinates import Coordinates
-from ..reports.load_case import Payload
+from ..motion.load_case import Payload
 from ..robot import Robot
+from ..robot.export.javascript import javascript_module
+from ..robot.export.request import BridgedQuantity
 from ..simulation.schemes import RK4
 from .colours import COLOURS, SHARES, torque_marks
 from .scene import PAYLOAD, turned_z

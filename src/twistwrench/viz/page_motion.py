@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from .. import robots
 from ..core.numbers import number
 from ..mechanics.model.model import BASE
-from ..reports.load_case import Payload
+from ..motion.load_case import Payload
 from ..reports.spoken_verdict import verdict_data
 from ..robot import Robot
 from .page_data import tips_of
 
 if TYPE_CHECKING:
-    from .drawn_motion import DrawnMotion
+    from ..reports.drawn_motion import DrawnMotion
 
 BUNDLED = Path(robots.__file__).parent
 """Folder of the bundled robots."""

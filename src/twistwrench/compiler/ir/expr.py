@@ -1,7 +1,7 @@
 """Symbols that record the arithmetic applied to them.
 
-An :class:`Expr` belongs to one :class:`~twistwrench.compiler.ir.tracer.Trace`, which stores each distinct expression once and folds
-constants immediately. Expressions are elements of NumPy object arrays, so algorithms written with NumPy operators run on
+An :class:`Expr` belongs to one :class:`~twistwrench.compiler.ir.tracer.Trace`, which stores each distinct expression once and
+folds constants immediately. Expressions are elements of NumPy object arrays, so algorithms written with NumPy operators run on
 them unchanged: ``np.sin`` of an object array calls each element's ``.sin()``.
 """
 

@@ -397,9 +397,9 @@ class Flight:
 
 # The body is integrated in principal axes at its centre of mass, where rotation and translation are independent. The state is
 # the pose and the *spatial* momentum. Without a wrench this momentum is constant, the centre of mass moves on a straight line,
-# and only the rotation takes steps (:mod:`twistwrench.mechanics.bodies.inertia`). A wrench acts as impulses between half steps of free
-# motion, each an implicit midpoint rule in the momentum. So the method is symmetric, the orders of the compositions also hold
-# for wrenches that depend on velocity, and work is exactly the gain of energy.
+# and only the rotation takes steps (:mod:`twistwrench.mechanics.bodies.inertia`). A wrench acts as impulses between half steps
+# of free motion, each an implicit midpoint rule in the momentum. So the method is symmetric, the orders of the compositions
+# also hold for wrenches that depend on velocity, and work is exactly the gain of energy.
 
 _STAGES = 3.0
 """Maximum step of DOP853 in probe intervals: its stages are at most 0.27 of a step apart."""

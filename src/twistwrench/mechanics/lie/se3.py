@@ -288,8 +288,8 @@ def _dual(J: Array, Q: Array) -> Array:
 
 # ── Branch-free exp and log of one rotation or rigid motion: source of the compiled forms
 
-# Each function also returns a number for range checks in ``mechanics/lie/series.py``: the squared angle, or the squared deviation of a
-# matrix from a rotation or a pose. Modern Robotics sections 3.2.3 and 3.3.3.
+# Each function also returns a number for range checks in ``mechanics/lie/series.py``: the squared angle, or the squared
+# deviation of a matrix from a rotation or a pose. Modern Robotics sections 3.2.3 and 3.3.3.
 
 
 def rotation_exp(w: Array) -> tuple[Array, Any]:

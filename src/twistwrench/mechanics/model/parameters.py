@@ -261,8 +261,8 @@ _SLACK = 1e-6
 def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
     """Raise an error for negative masses or friction, and for physically impossible moments of inertia; NaN passes.
 
-    ``given``: numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. An inertia tensor is
-    checked together with its fixed links, unless its body was already inconsistent when loaded. Raises InertiaError and
+    ``given``: numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. An inertia tensor
+    is checked together with its fixed links, unless its body was already inconsistent when loaded. Raises InertiaError and
     ValueRangeError, naming the link or joint and the sample.
     """
     links = {link for link, frame in model.frames.items() if frame.body != BASE}

@@ -1,0 +1,546 @@
+"""Doubts about a motion without a model: units of angles and time, omitted turns, jumps, inconsistent rates, sampling."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.doubts import Doubt, doubt, doubt_table
+from ..core.estimation.sampling import (
+    OVERLAP,
+    Gap,
+    SingleRowGlitches,
+    dropouts,
+    gaps,
+    late_by_turns,
+    new_rows,
+    rate_delays,
+    rate_scales,
+    spikes,
+)
+from ..core.numbers import number, percent, printed, seconds
+from ..core.text import listed
+from ..core.typing import Array
+from ..mechanics.model.limits import known_velocities
+
+if TYPE_CHECKING:
+    from ..mechanics.model.limits import Limits
+    from .coordinates import Coordinates
+    from .motion import Motion
+    from .motion_log import LogRows
+
+# ── Angles in another unit
+
+_FAR, _MANY_TURNS = 3.0, 4 * math.pi
+"""Multiple of the reach of a joint's limits (or of a full turn) and angle [rad] that indicate another unit."""
+_WITHIN = 1.1
+"""Multiple of its reach up to which a joint may turn in the right unit."""
+_FULL_TURN, _SURE_MOVE = math.tau, 0.3
+"""Angle in radians that no joint with limits exceeds, and angle that a moving joint certainly exceeds."""
+_FEWEST = 3
+"""Minimum number of joints that indicates a wrong unit: three joints rarely all stay within six degrees of zero."""
+_DEGREE = math.radians(1.0)
+
+
+def angle_doubts(
+    names: Sequence[str],
+    extent: Array,
+    limits: tuple[Array, Array],
+    factor: Array,
+    known: Array,
+    origin: str = "either",
+) -> list[Doubt]:
+    """Doubts about the unit of angles, or notes if the unit may be intended.
+
+    For the revolute joints (k,): least and largest angles as read [rad], limits (infinite if there are none), the
+    factor from the file's numbers to radians, and True if the file states that unit. ``origin``: plan, log or either.
+    """
+    size, reach = np.abs(extent).max(axis=0), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+    bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
+    far = bounded & (size > _FAR * np.maximum(np.where(bounded, reach, 1.0), _FULL_TURN / _FAR))
+    wound = size > _MANY_TURNS
+    degrees, written = (factor == _DEGREE) & ~known, size / factor
+    moves = np.ptp(extent, axis=0) / factor > _SURE_MOVE
+    small = degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any()
+    if far.any() and 2 * far.sum() >= bounded.sum() and 2 * (far & wound).sum() > far.sum():
+        return [_too_far(names, size, limits, reach, far)]
+    if beyond := _beyond_stops(names, extent, limits, (factor == 1.0) & ~known, origin):
+        return beyond
+    if not (small and degrees.sum() >= _FEWEST):
+        if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
+            return [_too_far(names, size, limits, reach, wound, level="note")]
+        if far.any():
+            return [_too_far(names, size, limits, reach, far, level="note")]
+    if not small:
+        return []
+    level: Any = None if degrees.sum() >= _FEWEST else "note"
+    return [doubt("degrees-option", level=level, angle=printed(written[degrees].max(), 3))]
+
+
+# ── Joints beyond their stops: robots do not move so, but units, zeros and directions of a file differ
+
+_BEYOND_STOP = math.radians(20.0)
+"""Angle beyond a stop that play, elasticity and the tolerance of a stop do not explain."""
+_MILLI, _STROKES = 1e-3, 10.0
+"""Factor from millimetres to metres, and strokes beyond a stop from which a position is in millimetres: at least 1 % of the
+stroke. Nearer ones are those of another zero."""
+
+
+def _beyond_stops(
+    names: Sequence[str], extent: Array, limits: tuple[Array, Array], radians: Array, origin: str
+) -> list[Doubt]:
+    """Doubt about angles far beyond the stops of joints that have two, or about joints that are wound by a turn."""
+    lower, upper = limits
+    stopped = radians & np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
+    past = np.where(stopped, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
+    beyond = past > _BEYOND_STOP
+    if origin == "plan" or not beyond.any():
+        return []
+    middle = np.where(stopped, 0.5 * (lower + upper), 0.0)
+    turns = np.sign(middle - extent.mean(axis=0)) * math.tau
+    within = (extent[0] + turns >= lower) & (extent[1] + turns <= upper)
+    wound, turned = beyond & within, extent * _DEGREE
+    inside = ~stopped | ((turned[0] >= lower - _BEYOND_STOP) & (turned[1] <= upper + _BEYOND_STOP))
+    said = names_of(names, beyond & ~wound if (beyond & ~wound).any() else beyond)
+    words = _stop_words(names, extent, limits, past)
+    words |= {"past": f"{printed(math.degrees(past.max()), 3)} degrees", "unit": "rad"}
+    if (wound == beyond).all():
+        level: Any = "note" if origin == "log" else "unsure"
+        return [doubt("wound", said, joints_=listed(said, 6), level=level)]
+    if beyond.sum() > 1 and inside.all():
+        return [doubt("degrees-inside", said, count=f"{beyond.sum()}", **words)]
+    return [doubt("zero-or-direction", said, **words)]
+
+
+def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Array], origin: str) -> list[Doubt]:
+    """Doubt about sliding joints (k,) that leave their stops by more than the whole range."""
+    lower, upper = limits
+    stopped = np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
+    range_ = np.where(stopped, upper - lower, np.inf)
+    past = np.where(stopped, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
+    beyond = past > range_
+    if origin == "plan" or not beyond.any():
+        return []
+    small = extent * _MILLI
+    inside = ~stopped | ((small[0] >= lower - 0.1 * range_) & (small[1] <= upper + 0.1 * range_))
+    said, words = names_of(names, beyond), _stop_words(names, extent, limits, past)
+    words |= {"past": f"{printed(past.max(), 3)} m", "unit": "m"}
+    far = (past[beyond] > _STROKES * range_[beyond]).any()
+    return [doubt("millimetres-inside" if far and inside.all() else "zero-or-direction", said, **words)]
+
+
+def names_of(names: Sequence[str], which: Array) -> list[str]:
+    """Names of the joints in a mask (k,)."""
+    return [names[k] for k in np.flatnonzero(which).tolist()]
+
+
+def _stop_words(names: Sequence[str], extent: Array, limits: tuple[Array, Array], past: Array) -> dict[str, Any]:
+    """Name, farthest position and stops of the joint that is farthest beyond."""
+    k = int(past.argmax())
+    farthest = float(extent[:, k][np.abs(extent[:, k]).argmax()])
+    words: dict[str, Any] = {"joint": names[k], "position": printed(farthest, 4)}
+    return words | {"lower": printed(limits[0][k], 3), "upper": printed(limits[1][k], 3)}
+
+
+def _too_far(
+    names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array, **level: Any
+) -> Doubt:
+    """Doubt about joints whose angles are ``far`` (k,) too large."""
+    k = int(np.flatnonzero(far)[(size / np.where(np.isfinite(reach), reach, 1.0))[far].argmax()])
+    lower, upper = (printed(limit[k], 3) for limit in limits)
+    degrees, others = bool((size[far] * _DEGREE <= _WITHIN * reach[far]).all()), int(far.sum()) - 1
+    return doubt(
+        "angle-unit",
+        [names[k]],
+        joint=names[k],
+        angle=printed(size[k], 4),
+        limit=f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else "",
+        more=f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else "",
+        question="Did you mean --degrees? Or are" if degrees else "Are",
+        counts="" if degrees else ", or counts of an encoder",
+        **level,
+    )
+
+
+# ── Rows with a single wrong number or a wrong time stamp
+
+_LISTED = 3
+
+
+def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: bool = False) -> list[Doubt]:
+    """Doubts about glitches of each joint and wrong time stamps; notes if the rows are ``left_out``."""
+    said = []
+    for k, found in glitches.result():
+        wrong = [g for g in found if not g.late]
+        if wrong:
+            size = printed(math.degrees(wrong[0].size) if glitches.turns[k] else wrong[0].size, 3)
+            when = listed((f"{seconds(g.time, 4)} s" for g in wrong), _LISTED)
+            words = {"joint": names[k], "size": f"{size} {'degrees' if glitches.turns[k] else 'm'}", "when": when}
+            said.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
+    return [*said, *stamp_doubts(glitches.stamps(), left_out=left_out)]
+
+
+def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> list[Doubt]:
+    """Doubt about wrong time stamps, given as a mapping from time to delay [s]; empty if there are none."""
+    if not stamps:
+        return []
+    late = max(stamps.values(), key=abs)
+    words = {
+        "rows": f"{len(stamps)} row{'s' if len(stamps) > 1 else ''}",
+        "when": listed((f"{seconds(time, 4)} s" for time in stamps), _LISTED),
+        "late": seconds(abs(late)),
+        "way": "late" if late > 0 else "early",
+    }
+    return [_row_doubt("stamp", [], words, left_out=left_out)]
+
+
+def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, left_out: bool) -> Doubt:
+    """Doubt of that kind, or a note that its rows are left out."""
+    if not left_out:
+        return doubt(kind, joints, **words)
+    return doubt("rows-left-out", joints, what=doubt_table()[kind].sentence.format(**words).rstrip(":"))
+
+
+# ── Scale of a rate against the slope of the integrated quantity
+
+_DEGREES, _RPM, _NEAR = math.degrees(1.0), 30 / math.pi, 0.1
+"""Factors between units, and relative tolerance of a match."""
+_CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+_NOTHING = 0.02
+
+
+def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
+    """Text on a rate column by its scale against the slope of ``base``; ``per`` is the suffix of the unit, such as /s."""
+    slope = f"the slope of the {base}"
+    name = f"name the unit, as in 'JOINT [deg{per}]'"
+    known = [(printed(factor), factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
+    known.append(("1/1000", 1e-3, "time, or the column, seems to be in another unit"))
+    if angular:
+        known.append(("57.3", _DEGREES, f"it seems to be in deg{per}; {name}"))
+        known.append(
+            ("1/57.3", 1 / _DEGREES, "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'")
+        )
+        known += [("9.55", _RPM, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'")] * (per == "/s")
+    else:
+        known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
+    for shown, factor, reason in known:
+        if _near(gain, factor):
+            return f"is {shown} times {slope}: {reason}"
+    if math.isinf(gain):
+        return f"moves, and the {base} stand"
+    if abs(gain) < _NOTHING:
+        return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
+    if _near(gain, -1.0):
+        return f"has the opposite sign of {slope}"
+    return f"is not {slope}, but some {printed(gain, 2)} times it"
+
+
+def _near(gain: float, factor: float) -> bool:
+    return abs(gain / factor - 1.0) < _NEAR
+
+
+# ── Rates against positions, jumps, omitted turns and time steps
+
+_ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
+"""Allowed ratios of a measured rate to the slope of the integrated quantity. Filters and delays reduce it little (measured
+velocities of real logs: 0.94 to 1.02); a wrong unit, ratio or clock changes it more."""
+_WRAP = (1.5 * math.pi, 2.5 * math.pi)
+"""Step of an angle [rad] that counts as a turn omitted by the log, if the log stays within one turn."""
+_SPILL = 0.01 * math.pi
+_TOO_FAST = 3.0
+"""Multiple of the largest speed elsewhere, or of the velocity limit, from which a step over half a turn is a jump."""
+_LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
+"""Minimum time step [s], and maximum displacement per step [rad, m], of a log in ms: otherwise the sampling would be far too
+fine for so slow a motion."""
+_BEYOND, _NO_ROBOT = 1.5, 30.0
+"""Multiple of the velocity limit, and speed [rad/s, m/s] without a limit, that excludes a unit of time as too fast."""
+_SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
+"""Minimum time step [s], and maximum share of the velocity limits, of a log in ms: robots are built for their limits, and
+loggers for steps of 0.1 ms and more."""
+_SPIKES = 0.01
+"""Share of rows with spikes from which a doubt is raised."""
+
+
+class Contradictions:
+    """Statistics accumulated over the rows of a motion in portions; rates and sampling are evaluated on its :attr:`runs`."""
+
+    def __init__(
+        self,
+        coordinates: Coordinates,
+        *,
+        time_stated: bool = True,
+        angle: Array | None = None,
+        angle_stated: Array | None = None,
+        runs: Sequence[LogRows | Motion] = (),
+    ) -> None:
+        """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file states the unit."""
+        count = len(coordinates.names)
+        self._factor = np.ones(count) if angle is None else angle
+        self._stated = np.zeros(count, bool) if angle_stated is None else angle_stated
+        self._names = coordinates.velocity_names
+        self._angular = coordinates.angular_velocity
+        self._single = np.flatnonzero(coordinates.position_of >= 0)
+        self._own = [self._names[k] for k in self._single.tolist()]
+        self.places = coordinates.position_of[self._single]
+        """(k,) indices in q of the checked entries: joints with one coordinate."""
+        self._turns = coordinates.angular[self.places]
+        self._bounded = self._turns & ~coordinates.endless[self.places]
+        self._time_stated = time_stated
+        self.runs = runs
+        """Runs of rows, the whole motion or excerpts of a long one."""
+        count = len(self._single)
+        self.glitches = SingleRowGlitches(count, self._turns)
+        """Rows in which a single joint leaves its path."""
+        self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
+        self._unwrapped = self._range.copy()
+        """Least and largest angles, as logged and with omitted turns added."""
+        self._turned, self._wraps = np.zeros(count), np.zeros(count, int)
+        self._jumps: dict[int, tuple[float, float, float]] = {}
+        """Fastest step beyond half a turn of each joint: speed, time before, size."""
+        self._wrapped: dict[int, tuple[float, float, float]] = {}
+        """First step of each joint that may be an omitted turn: speed, time before, size."""
+        self._speed, self._move = np.zeros(count), np.zeros(count)
+        self._usual: list[float] = []
+        """Median time step of each portion [s]."""
+        self._steps = 0
+
+    def add(self, t: Array, q: Array, before: int = 0) -> None:
+        """Add times (n,) and coordinates (n, nq); the first ``before`` (at most OVERLAP) repeat the end of the last portion."""
+        q = q[:, self.places]
+        self.glitches.add(t[max(0, before - OVERLAP) :], q[max(0, before - OVERLAP) :])
+        t, q = t[max(0, before - 1) :], q[max(0, before - 1) :]
+        h, moved = np.diff(t), np.diff(q, axis=0)
+        size = np.abs(moved)
+        wraps = (size > _WRAP[0]) & (size < _WRAP[1]) & self._bounded
+        turned = self._turned + np.cumsum(np.pad(np.where(wraps, -np.sign(moved), 0.0), ((1, 0), (0, 0))), axis=0)
+        self._turned = turned[-1]
+        for kept, x in ((self._range, q), (self._unwrapped, q + math.tau * turned)):
+            kept[:] = np.minimum(kept[0], x.min(axis=0)), np.maximum(kept[1], x.max(axis=0))
+        if not len(h):
+            return
+        self._steps += len(h)
+        self._usual.append(float(np.median(h)))
+        over = (size > math.pi) & self._turns
+        self._speed = np.maximum(self._speed, np.where(over, 0.0, size / h[:, None]).max(axis=0))
+        self._move = np.maximum(self._move, np.where(over, 0.0, size).max(axis=0))
+        self._wraps += wraps.sum(axis=0)
+        for row, k in np.argwhere(over & self._bounded).tolist():
+            found = float(size[row, k] / h[row]), float(t[row]), float(moved[row, k])
+            if wraps[row, k]:
+                self._wrapped.setdefault(k, found)
+            elif k not in self._jumps or found[0] > self._jumps[k][0]:
+                self._jumps[k] = found
+
+    def doubts(self, limits: Limits | None = None, *, glitches: bool = True, origin: str = "either") -> list[Doubt]:
+        """All doubts and notes; velocity limits distinguish a jump from a fast motion. ``origin``: plan, log or either."""
+        time, angles = self.of_time(limits), [*self._of_angles(limits, origin), *self._of_lengths(limits, origin)]
+        misread = any(found.refuses for found in angles)
+        paths = [] if misread else [*self._of_jumps(limits), *self._of_turns(limits)]
+        if glitches and not misread:
+            paths += row_doubts(self.glitches, self._own)
+        delays = np.zeros(len(self._single)) if time else self._delays
+        rates = self.of_rates(time_doubted=bool(time), late=delays != 0.0)
+        step = float(np.median(self._usual)) if self._usual else 0.0
+        odd = (
+            [doubt("time-step", step=printed(step, 4))]
+            if step >= _LONG_STEP and not self._time_stated and not time
+            else []
+        )
+        return [*time, *angles, *paths, *rates, *self._of_delays(delays), *odd, *self._sampling]
+
+    def _of_lengths(self, limits: Limits | None, origin: str) -> list[Doubt]:
+        k = self._single[~self._turns]
+        if limits is None or not k.size:
+            return []
+        names = [self._names[j] for j in k.tolist()]
+        return length_doubts(names, self._range[:, ~self._turns], (limits.lower[k], limits.upper[k]), origin)
+
+    def _of_angles(self, limits: Limits | None, origin: str) -> list[Doubt]:
+        turns = self._turns
+        k, places, bounded = self._single[turns], self.places[turns], self._bounded[turns]
+        lower = np.where(bounded, -np.inf if limits is None else limits.lower[k], -np.inf)
+        upper = np.where(bounded, np.inf if limits is None else limits.upper[k], np.inf)
+        names = [self._names[j] for j in k.tolist()]
+        stated = self._stated[places]
+        return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], stated, origin)
+
+    def of_time(self, limits: Limits | None) -> list[Doubt]:
+        """Doubt about the unit of time, if time steps are too long for the displacements in them."""
+        step = float(np.median(self._usual)) if self._usual else 0.0
+        moving = self._range[1] - self._range[0] > _SOME_MOVE
+        if self._time_stated or self._steps + 1 < _FEWEST_ROWS or not moving.any():
+            return []
+        unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
+        velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
+        velocity = known_velocities(velocity, self._turns)
+        if (factor * self._speed > np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).any():
+            return []  # in that unit the motion would exceed the robot's limits
+        share = float((self._speed / velocity)[moving].max()) if np.isfinite(velocity[moving]).all() else math.inf
+        if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
+            why = f"within one no joint moves by more than {printed(self._move.max(), 2)} rad or m"
+        elif step >= _SLOW_STEP and share < _SLOW_SHARE:
+            why = f"no joint moves faster than {printed(100 * share, 2)} % of its limit of velocity"
+        else:
+            return []
+        return [doubt("time-unit", why=f"the usual step of time is {printed(step, 4)} s, and {why}", unit=unit)]
+
+    def _within_a_turn(self) -> Array:
+        least, most = self._range
+        about_zero = (least >= -math.pi - _SPILL) & (most <= math.pi + _SPILL)
+        return np.asarray(about_zero | ((least >= -_SPILL) & (most <= math.tau + _SPILL)))
+
+    def _of_jumps(self, limits: Limits | None) -> Iterator[Doubt]:
+        whole = self._within_a_turn()
+        for k, joint in enumerate(self._single.tolist()):
+            jump = self._jumps.get(k) or (None if whole[k] else self._wrapped.get(k))
+            if jump is None:
+                continue
+            known, (speed, when, size) = float(limits.velocity[joint]) if limits is not None else math.inf, jump
+            if speed > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
+                said: dict[str, Any] = {"angle": printed(size, 4), "time": seconds(when, 4), "speed": printed(speed, 3)}
+                yield doubt("jump", [self._own[k]], joint=self._own[k], **said)
+
+    def _of_turns(self, limits: Limits | None) -> Iterator[Doubt]:
+        """Notes on added turns, and doubts about joints that exceed their limits with any number of turns."""
+        for k in np.flatnonzero((self._wraps > 0) & self._within_a_turn()).tolist():
+            name, times = self._own[k], f"{self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}"
+            yield doubt("turned-on", [name], joint=name, count=times, time=seconds(self._wrapped[k][1], 4))
+            low, high = self._unwrapped[:, k].tolist()
+            if limits is None:
+                continue
+            lower, upper, slack = (float(x[self._single[k]]) for x in (limits.lower, limits.upper, limits.tolerance))
+            if not (math.isfinite(lower) and math.isfinite(upper)):
+                continue
+            if high + math.tau * math.ceil((lower - slack - low) / math.tau) > upper + slack:
+                angle, ends = printed(high - low, 4), (printed(lower, 4), printed(upper, 4))
+                yield doubt("wrapped", [name], joint=name, angle=angle, lower=ends[0], upper=ends[1])
+
+    # ── rates
+
+    @cached_property
+    def _curves(self) -> list[Array]:
+        """Positions (n, k) of each run, with omitted turns added."""
+        found = [rows.q[:, self.places] for rows in self.runs]
+        for curves in found:
+            curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
+        return found
+
+    def _beside(self, rate: str) -> list[tuple[Array, Array, Array]]:
+        """Time, curves and rates of each run with these rates; ``derived``: accelerations with positions but no velocities."""
+        found = []
+        for rows, curves in zip(self.runs, self._curves, strict=True):
+            if rate == "velocity" and rows.dq is not None:
+                found.append((rows.time, curves, rows.dq[:, self._single]))
+            elif rate == "acceleration" and rows.dq is not None and rows.ddq is not None:
+                found.append((rows.time, rows.dq, rows.ddq))
+            elif rate == "derived" and rows.dq is None and rows.ddq is not None and len(curves) > 1:
+                found.append((rows.time, np.gradient(curves, rows.time, axis=0), rows.ddq[:, self._single]))
+        return found
+
+    @cached_property
+    def _delays(self) -> Array:
+        return rate_delays(self._beside("velocity"), len(self._single))
+
+    def _of_delays(self, delays: Array) -> Iterator[Doubt]:
+        for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
+            if found.any():
+                names, late = [self._own[k] for k in np.flatnonzero(found).tolist()], np.abs(delays[found])
+                size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
+                yield doubt("rate-late", names, late=size, way=way)
+
+    @cached_property
+    def _scales(self) -> list[tuple[str, str, list[str], Array, Array]]:
+        """Name of each kind of rates, name of the integrated quantity, joints, True for revolute joints, and scales."""
+        every, found = np.arange(len(self._names)), []
+        for kind, joints, base in (
+            ("velocity", self._single, "positions"),
+            ("acceleration", every, "velocities"),
+            ("derived", self._single, "positions' velocities"),
+        ):
+            angular, rate = self._angular[joints], "velocity" if kind == "velocity" else "acceleration"
+            names = [self._names[k] for k in joints.tolist()]
+            found.append((rate, base, names, angular, rate_scales(self._beside(kind), angular)))
+        return found
+
+    def of_rates(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
+        """Doubts about rates that differ from the slope of the integrated quantity.
+
+        ``late`` (k,) bool: True if the velocity is shifted in time, so that its scale is not compared.
+        """
+        found = []
+        for rate, base, names, angular, scales in self._scales:
+            gains = np.where(late, 1.0, scales) if rate == "velocity" and late is not None else scales
+            said: dict[str, list[str]] = {}
+            least, most = _ALLOWED[rate]
+            for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
+                if time_doubted and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in _CLOCKS):
+                    continue
+                per = "/s" if rate == "velocity" else "/s^2"
+                said.setdefault(scale_words(float(gains[k]), bool(angular[k]), base, per), []).append(names[k])
+            found += [doubt("rate", which, rate=rate, what=what) for what, which in said.items()]
+        return found
+
+    # ── sampling
+
+    @cached_property
+    def _sampling(self) -> list[Doubt]:
+        """Doubts about repeated rows, or else deviations from the paths, and about spikes."""
+        times = [rows.time for rows in self.runs]
+        rows = [new for curves in self._curves if curves.size and (new := new_rows(curves)) is not None]
+        if 2 * len(rows) > len(times):
+            step = float(np.median(np.concatenate([np.diff(t) for t in times])))
+            apart = step * float(np.median(np.concatenate([np.diff(np.flatnonzero(new)) for new in rows])))
+            rates, told = [number(1 / x, 3) for x in (apart, step)], {"value": 1 / apart, "unit": "Hz"}
+            repeated = doubt("repeated", rate=rates[0], rows=rates[1], apart=seconds(apart, 3), found=told)
+            return [repeated, *self._of_torques()]
+        found = [gap for t, q in zip(times, self._curves, strict=True) for gap in gaps(t, q)]
+        return [*_of_gaps(found, times), *self._of_torques()]
+
+    def _of_torques(self) -> Iterator[Doubt]:
+        """Doubts about torques with spikes, or with a constant value for a while."""
+        off = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
+        held = dict[int, tuple[float, float]]()
+        for one, curves in zip(self.runs, self._curves, strict=True):
+            tau = np.zeros((0, len(self._single))) if one.tau is None else one.tau[:, self._single]
+            out = dropouts(one.time, tau, curves)
+            for k in np.flatnonzero(out.any(axis=0)).tolist():
+                begin, length = held.get(k, (float(one.time[out[:, k].argmax()]), 0.0))
+                held[k] = begin, length + float(np.diff(one.time)[out[1:, k]].sum())
+        for k, (begin, length) in held.items():
+            said: dict[str, Any] = {"from_": seconds(begin, 4), "length": number(length, 3)}
+            yield doubt("dropout", [self._own[k]], found={"value": length, "unit": "s"}, **said)
+        rows, total = sum(int(one.any(axis=1).sum()) for one in off), sum(map(len, off))
+        if rows:
+            joint = self._names[int(np.sum([one.sum(axis=0) for one in off], axis=0).argmax())]
+            level: Any = "unsure" if rows > _SPIKES * total else "note"
+            told = {"value": float(rows), "unit": "rows"}
+            yield doubt("spikes", [joint], level=level, rows=percent(rows / total, 2), joint=joint, found=told)
+
+
+def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
+    """Doubts about simultaneous deviations of all joints from their paths: buffered or missing rows."""
+    if not found:
+        return
+    first = seconds(found[0].time, 4)
+    if len(times) == 1 and (turns := late_by_turns(found, times[0][0], times[0][-1])) is not None:
+        late, share = turns
+        told = {"value": 1e3 * late, "unit": "ms"}
+        said: dict[str, Any] = {"late": number(1e3 * late, 3), "count": len(found), "time": first}
+        yield doubt("buffered", found=told, share=percent(share, 2), **said)
+        return
+    if held := [gap for gap in found if gap.held]:
+        said = {"when": listed((f"{seconds(gap.time, 4)} s" for gap in held), 3), "rows": max(gap.held for gap in held)}
+        yield doubt("held", found={"value": float(said["rows"]), "unit": "rows"}, **said)
+    found = [gap for gap in found if not gap.held]
+    if not found:
+        return
+    when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
+    back = [1e3 * gap.late for gap in found if gap.late > 0]  # excludes missing rows
+    why = "rows are missing there, and the stamps were closed up"
+    if len(back) == len(found):
+        why = f"positions are {number(back[0], 2)} ms late from there on: a clock was shifted"
+    yield doubt("pause", when=when, why=why, found={"value": found[0].time, "unit": "s"})

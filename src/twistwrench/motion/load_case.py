@@ -1,0 +1,557 @@
+"""Load cases of a robot: payloads and wrenches, locked joints, torque limits that apply, and the payload margin of a motion."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.doubts import Doubt
+from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.numbers import number, percent, printed, quantity, rounded_down, seconds
+from ..core.text import listed
+from ..core.typing import Array
+from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.joints.units import unit_of, units_of
+from ..mechanics.model.assembly import follower_torques
+from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
+from ..mechanics.model.limits import Limits, known_velocities
+from ..mechanics.model.model import BASE, Model
+from ..reports.robot_summary import StatedLimits, parse_numbers
+from ..reports.sentences import sentence
+from .coordinates import Coordinates
+from .credible_values import credible_load
+from .differentiation import MotionSamples
+
+if TYPE_CHECKING:
+    from ..mechanics.model.model import Body, Model
+    from ..robot import Robot
+    from ..robot.explanation import Explanation
+
+LOADED = 1e-6
+"""Fraction of the largest torque above which a joint counts as loaded; smaller torques are rounding errors."""
+_BUNDLED = Path(__file__).parent.parent / "robots"
+
+
+def limits_remedy(robot: str = "ROBOT") -> str:
+    """Remedy for missing or placeholder limits of a robot file (:attr:`Model.source`).
+
+    >>> limits_remedy("arm.urdf")
+    "write a table with 'twistwrench info arm.urdf --csv limits.csv', fill in its efforts, and add --limits limits.csv"
+    """
+    path = Path(robot or "ROBOT")
+    if path.parent == _BUNDLED:
+        name = path.stem
+    else:
+        name = "ROBOT" if "site-packages" in path.parts else shlex.quote(str(path))
+    quote = '"' if "'" in name else "'"
+    command = f"{quote}twistwrench info {name} --csv limits.csv{quote}"
+    return f"write a table with {command}, fill in its efforts, and add --limits limits.csv"
+
+
+_OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
+_LISTED = 6
+_POSES, _USUAL = 2000, 0.15
+"""Number of random poses, and gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
+_NO_WEIGHT = 1e-6
+"""Gravity torque over effort of turning joints whose axes are vertical: rounding."""
+_LARGE, _LIGHT = 1000.0, 50.0
+"""Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
+_CHAIN, _FINGER = 3, 4
+"""Minimum number of joints of an arm before it branches, and maximum number of joints in series of a finger."""
+_SETS = {
+    "UR10": (330.0, 330.0, 150.0, 54.0, 54.0, 54.0),
+    "UR5": (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
+    "UR3": (56.0, 56.0, 28.0, 12.0, 12.0, 12.0),
+    "Panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
+    "iiwa 14": (320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
+}
+"""Efforts [N m] of arms that are often copied into files of other arms."""
+
+
+def driven_entries(model: Model) -> Array:
+    """Entries of τ, (nv,) of bool, driven by an actuator: none of floating joints; for elastic joints the motor's entry."""
+    found = np.zeros(model.nv, bool)
+    springs = {a.joint for name, a in model.actuators.items() if name != a.joint}
+    for body in model.leaders:
+        found[body.places[1]] = body.joint.driven and body.joint.name not in springs
+    return found
+
+
+def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
+    """Entries of τ, (nv,) of bool, driven and loaded by ``peaks`` (nv,) [N m or N]; with an elastic joint, its motor."""
+    size = np.abs(np.asarray(peaks, float))
+    entry = {body.joint.name: body.places[1] for body in model.leaders}
+    for motor, actuator in model.actuators.items():
+        if motor != actuator.joint:
+            size[entry[motor]] = np.maximum(size[entry[motor]], size[entry[actuator.joint]])
+    return driven_entries(model) & (size > LOADED * size.max(initial=0.0))
+
+
+def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
+    """Names of the drives that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
+    missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
+    return [name for name, none in zip(model.drive_labels, missing, strict=True) if none]
+
+
+def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
+    """Driven joints whose velocity limit is missing or implausibly large."""
+    turning = Coordinates.from_model(model).angular_velocity
+    unknown = ~np.isfinite(known_velocities(limits.velocity, turning))
+    return [name for name, none in zip(model.velocity_names, driven_entries(model) & unknown, strict=True) if none]
+
+
+def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
+    """Reasons why torque limits cannot be judged, sentences without a full stop.
+
+    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given by the user are not doubted.
+    """
+    sentences, model = [], robot.model
+    if missing := unlimited(model, limits.effort, peaks):
+        count = int(loaded_entries(model, peaks).sum())
+        named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
+        some = sentence("some", count=str(len(missing)), all=str(count), named=named)
+        joints = some if count > 1 else sentence("one", joint=missing[0])
+        remedy = (
+            _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else limits_remedy(model.source)
+        )
+        sentences.append(sentence("unlimited", joints=joints, remedy=remedy))
+    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
+    if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
+        sentences.append(f"{placeholders}; {limits_remedy(model.source)}")
+    return sentences
+
+
+def placeholder_limits(robot: Robot) -> str:
+    """Sentence, without a full stop, on efforts of the robot file that are probably not motor limits; empty if none.
+
+    Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
+    joints of a light robot have 1000 N m or more. If no turning joint bears weight, as in a SCARA, the weight measures nothing.
+    Joints with actuators are left out: their limits come from the user.
+    """
+    model = robot.model
+    driven = driven_entries(model)
+    if not driven.any() or model.actuators or model.couplings:
+        return ""
+    effort = model.limits.effort
+    large = driven & np.isfinite(effort) & (effort >= _LARGE)
+    if 2 * large.sum() >= driven.sum() and model.moving_mass < _LIGHT:
+        return (
+            f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
+            f"{number(model.moving_mass)} kg, which stand for no limit"
+        )
+    chain = arm_entries(model)
+    if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
+        return ""
+    share = weight_share(robot, chain)
+    turning = [k for k in chain if Coordinates.from_model(model).angular_velocity[k]]
+    if not 0 < share < _USUAL or not turning or weight_share(robot, turning) < _NO_WEIGHT:
+        return ""
+    least, most = float(effort[chain].min()), float(effort[chain].max())
+    what = (
+        f"effort {number(most)} on all {len(chain)} joints"
+        if least == most
+        else f"efforts of {number(least)} to {number(most)}"
+    )
+    copied = [name for name, known in _SETS.items() if tuple(effort[chain].tolist()) == known]
+    return (
+        f"{what}{f', which are those of the {copied[0]}' if copied else ''}: the arm's own weight takes at most "
+        f"{percent(share, 2)} of {'it' if least == most else 'them'}, and 25 to 83 % in real arms"
+    )
+
+
+def weight_share(robot: Robot, entries: list[int]) -> float:
+    """Largest ratio of gravity torque to effort over some entries of τ, at the worst of random poses."""
+    q = robot.random_configuration(np.random.default_rng(0), _POSES)
+    weight = np.abs(np.asarray(robot.gravity_forces(q)))[:, entries].max(axis=0)
+    return float((weight / robot.limits.effort[entries]).max())
+
+
+def arm_entries(model: Model) -> list[int]:
+    """Entries of dq of an arm on a fixed base, from the base to its first branch into fingers; empty for other robots."""
+    moving = [k for k, b in enumerate(model.bodies) if b.joint.moves_body]
+    below = {k: [i for i in moving if model.bodies[i].parent == k] for k in [BASE, *moving]}
+
+    def depth(k: int) -> int:
+        return 1 + max(map(depth, below[k]), default=0)
+
+    found, at = [], BASE
+    while len(below[at]) == 1:
+        [at] = below[at]
+        body = model.bodies[at]
+        if body.joint.nv != 1:
+            return []
+        if not body.follows:
+            found.append(body.v_index)
+    return found if all(depth(k) <= _FINGER for k in below[at]) else []
+
+
+# ── Payload and wrenches, and the split of torques into causes
+
+TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
+"""Causes of a torque: M ddq, c, g, springs, all terms of the payload, -J' F_on of wrenches, joint friction and damping."""
+_LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
+
+STEADY = ("gravity", "spring", "wrench", "friction")
+"""Terms that depend on positions and velocities only, so that noise hardly affects them."""
+
+
+def cause_label(term: str) -> str:
+    """Printed name of a term of the torque.
+
+    >>> cause_label("coriolis")
+    'Coriolis'
+    """
+    return _LABELS.get(term, term)
+
+
+_NO_LEVER = 1e-6
+"""Fraction of reach times gravity below which a torque per kilogram is due to a rounded angle."""
+
+
+def least_torque_per_kilogram(model: Model) -> float:
+    """Torque per kilogram [N m/kg] below which a joint does not carry the payload: 1e-6 of the robot's reach times gravity."""
+    most = reach(model)
+    return _NO_LEVER * float(np.linalg.norm(model.gravity)) * (most if 0 < most < np.inf else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A point mass [kg] at a point (3,) [m] of a frame; the robot's tip if the frame is None."""
+
+    mass: float
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCase:
+    """Robot with payloads, and with wrenches (6,) on frames, each expressed in its frame."""
+
+    robot: Robot
+    payloads: tuple[Payload, ...] = ()
+    wrenches: dict[str, Array] = field(default_factory=dict)
+    friction: bool = True
+    """True if torques include joint friction and damping."""
+    with_load: Robot = field(init=False)
+    """Robot with its payloads."""
+
+    def __post_init__(self) -> None:
+        robot = self.robot
+        for load in self.payloads:
+            frame = robot.model.tip if load.frame is None else load.frame
+            robot.model.frame(frame)  # raises for unknown frames and a missing tip
+            robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
+        for frame in self.wrenches:
+            robot.model.frame(frame)
+        object.__setattr__(self, "with_load", robot)
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Doubts about payloads that are not where a robot carries them."""
+        most = reach(self.robot.model)
+        return tuple(d for p in self.payloads for d in credible_load(p.mass, p.place, p.frame, self.robot, most))
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """Sentences on payloads farther from their frame than the robot's reach."""
+        return tuple(str(each) for each in self.doubts if each.refuses)
+
+    def torques(self, s: MotionSamples) -> Array:
+        """Inverse dynamics with payloads, wrenches and friction; (n,) states → (n, nv)."""
+        tau = self.with_load.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+
+    def follower_torques(self, s: MotionSamples) -> Array:
+        """Torques at mimic joints with an effort limit, (n, k), without friction."""
+        F = self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        return follower_torques(self.with_load.model, np.asarray(F))
+
+    def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
+        return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
+
+    @property
+    def carries(self) -> bool:
+        """True if there are payloads or wrenches."""
+        return bool(self.payloads or self.wrenches)
+
+    def unloaded_torques(self, s: MotionSamples) -> Array:
+        """Torques without payloads and wrenches."""
+        tau = self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
+        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+
+    def terms(self, s: MotionSamples) -> dict[str, Array]:
+        """Causes, (n, nv) each, in the order of :data:`TERMS`; their sum is :meth:`torques`."""
+        bare, zero = self.robot, np.zeros_like(s.dq)
+        gravity = np.asarray(bare.gravity_forces(s.q))
+        wrench = zero.copy()
+        for frame, F in self.wrenches.items():  # what the robot must apply to the world is -F
+            wrench += bare.wrench_torques(s.q, np.broadcast_to(-F, (len(s), 6)), frame)
+        terms = {
+            "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - bare.bias_forces(s.q, zero),
+            "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
+            "gravity": gravity,
+            "spring": bare.bias_forces(s.q, zero) - gravity if bare.model.springs else zero,
+            "payload": self.payload_torques(s) if self.payloads else zero,
+            "wrench": wrench,
+        }
+        tau = np.sum(list(terms.values()), axis=0)
+        return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
+
+    def at_drives(self, tau: Array) -> Array:
+        """Drive torques from joint torques, (..., nv)."""
+        return np.asarray(motor_torques(self.with_load.model, tau))
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Drive torques per joint acceleration, (..., nv, nv); M if no joints are coupled."""
+        M = np.asarray(self.with_load.mass_matrix(q))
+        return np.swapaxes(self.at_drives(M), -1, -2) if self.with_load.model.couplings else M
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the drive torques, (nv,)."""
+        return units_of("tau", drive_turns(self.with_load.model))
+
+    def explain(self, s: MotionSamples) -> Explanation:
+        """Drive torques of one state by link and by term, with friction as in :meth:`terms`."""
+        why = self.with_load.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
+        why = why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
+        model = self.with_load.model
+        if not model.couplings:
+            return why
+        return replace(why, joints=model.drive_labels, units=self.units, parts=self.at_drives(why.parts))
+
+    def motor_loads(self, s: MotionSamples) -> MotorLoads:
+        """Motor loads of the robot with its payloads, (n, actuators) each."""
+        carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        friction = self._friction(s, carried + rotor) if self.friction else 0.0
+        moving = np.where(
+            s.stationary, 0.0, s.dq
+        )  # at rest, noise must not determine the direction of power through a gear
+        return motor_loads(self.with_load.model, moving, carried + friction, rotor)
+
+    def _friction(self, s: MotionSamples, carried: Array) -> Array:
+        """Joint friction at these torques; viscous only if the sign of the velocity is unknown."""
+        moving = np.where(s.stationary, 0.0, s.dq)
+        tau = np.broadcast_to(self.robot.friction_forces(moving, load=carried), s.dq.shape)
+        model = self.robot.model
+        return np.asarray(tau + joint_torques(model, model.friction.viscous * motor_velocities(model, s.dq - moving)))
+
+    def payload_torques(self, s: MotionSamples) -> Array:
+        """Contribution of the payloads to the torques, (n, nv)."""
+        return np.asarray(
+            self.with_load.inverse_dynamics(s.q, s.dq, s.ddq) - self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
+        )
+
+    def follower_payload_torques(self, s: MotionSamples) -> Array:
+        """Contribution of the payloads to :meth:`follower_torques`, (n, k)."""
+        F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.with_load, self.robot))
+        return follower_torques(self.robot.model, F - alone)
+
+
+def reach(model: Model) -> float:
+    """Reach: largest distance of a frame or link end from the base [m], fully stretched; inf with an unlimited sliding joint.
+
+    If the last link has no frame at its end, its length is that of a uniform rod with its mass and moments, which does not
+    begin before its joint. For a floating base the reach is measured from the base.
+    """
+    lengths: list[float] = []
+    for body in model.bodies:
+        slides = any(not axis[:3].any() for axis in body.joint.axes)
+        travel = 0.0
+        if slides and body.joint.nv == 1:
+            k = body.v_index
+            travel = abs(body.ratio) * float(np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k])))
+        before = 0.0 if body.parent == BASE else lengths[body.parent]
+        lengths.append(before + float(np.linalg.norm(body.placement[:3, 3])) + travel)
+    ends = [
+        (0.0 if frame.body == BASE else lengths[frame.body]) + float(np.linalg.norm(frame.pose[:3, 3]))
+        for frame in model.frames.values()
+    ]
+    for body, length in zip(model.bodies, lengths, strict=True):
+        if (G := body.inertia).mass > 0.0:
+            half = float(np.sqrt(1.5 * max(np.trace(G.moment_about_com), 0.0) / G.mass))  # of a uniform rod
+            place = float(np.linalg.norm(G.com))
+            ends.append(length + place + min(place, half))
+    return max(ends, default=0.0)
+
+
+def parse_payload(text: str, tip: str | None = None) -> Payload:
+    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if no frame is given; raises ValueRangeError with the expected form."""
+    form = "MASS[,x,y,z][@FRAME] in kg and m, for example 5 or 2.5,0,0,0.08@tool0"
+    numbers, at, frame = text.partition("@")
+    first, *others = numbers.split(",")
+    first = re.sub(r"(?<=[\d.])\s*kg\s*$", "", first)  # 2kg
+    mass, *place = parse_numbers(",".join([first, *others]), "payload", form, 1, 4)
+    if mass < 0:
+        raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
+    if at and not frame.strip():
+        raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
+    x, y, z = place or (0.0, 0.0, 0.0)
+    return Payload(mass, (x, y, z), frame.strip() or tip)
+
+
+def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
+    """Read texts ``FRAME:m,m,m,f,f,f``, summing those on one frame; raises ValueRangeError with the expected form."""
+    form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
+    found: dict[str, Array] = {}
+    for text in texts:
+        frame, _, numbers = (part.strip() for part in text.rpartition(":"))
+        if not frame:
+            raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
+        found[frame] = found.get(frame, 0.0) + np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
+    return found
+
+
+# ── Payload margin along a motion: torques are linear in the payload's mass
+
+
+@dataclass(frozen=True)
+class PayloadMargin:
+    """Largest mass of the single payload for which all torques of a motion are within their limits."""
+
+    mass: float
+    """Largest mass [kg]."""
+    joint: str
+    """Joint that reaches its limit with this mass."""
+    time: float
+    """Time at which it does [s]."""
+    frame: str = ""
+    """Frame of the payload."""
+
+    @property
+    def words(self) -> str:
+        """Sentence with the mass rounded down."""
+        return sentence(
+            "margin", mass=rounded_down(self.mass), frame=self.frame, joint=self.joint, time=seconds(self.time)
+        )
+
+
+class PayloadMarginTally:
+    """Payload margin, accumulated over chunks of torques.
+
+    Undetermined for several payloads, and if friction depends on load, since torques are then nonlinear in the mass.
+    """
+
+    def __init__(self, load: LoadCase, effort: Array) -> None:
+        laws = load.robot.model.friction
+        self.determined = (
+            len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+        )
+        followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
+        self._names = (*load.robot.model.drive_labels, *(body.joint.name for body in followers))
+        self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
+        self._share, self._joint, self._time = math.inf, 0, math.nan
+        self._alone = True
+        self._carried = np.zeros(len(self._names))
+        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.determined else 0.0
+
+    def add(self, time: Array, torques: Array, carried: Array) -> None:
+        """Add torques (n, nv + k) at times (n,) of drives and limited mimic joints, with the payload's contribution."""
+        alone = torques - carried
+        self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
+        self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
+        limit = np.copysign(self._effort, carried)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(
+                np.abs(carried) > self._least, (limit - alone) / carried, np.inf
+            )  # alone + share carried = limit
+        row, joint = np.unravel_index(int(np.nanargmin(share)), share.shape)
+        if share[row, joint] < self._share:
+            self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
+
+    def result(self) -> PayloadMargin | None:
+        """Margin; None if a loaded joint has no limit or the robot alone exceeds a limit."""
+        if not self.determined or not self._alone or not math.isfinite(self._share):
+            return None
+        nv = self._load.robot.nv
+        if unlimited(self._load.robot.model, self._effort[:nv], self._carried[:nv]):
+            return None
+        payload = self._load.payloads[0]
+        frame = payload.frame or self._load.robot.model.tip or ""
+        return PayloadMargin(self._share * payload.mass, self._names[self._joint], self._time, frame)
+
+
+# ── Locked joints: names or patterns such as ``*wheel*``
+
+
+def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
+    """Positions [rad, m] of the joints in ``lock``; revolute ones are given in degrees if ``degrees``.
+
+    A name takes precedence over a pattern. Raises :class:`~twistwrench.UnknownNameError` if no joint matches, and
+    :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for contradictory patterns.
+    """
+    bodies = {b.joint.name: b for b in model.bodies}
+    found: dict[str, float] = {}
+    origin: dict[str, str] = {}
+    for name in sorted(lock, key=lambda n: not _is_pattern(n, bodies)):
+        if not _is_pattern(name, bodies):
+            matches = [name]
+        else:
+            leaders = [b.joint.name for b in model.leaders if b.joint.nv == 1]
+            matches = [joint for joint in leaders if fnmatchcase(joint, name)]
+            if not matches:
+                raise UnknownNameError.from_choices("joint that fits the pattern", name, leaders)
+        for joint in matches:
+            value = lock[name]
+            if joint in bodies:
+                turns = bodies[joint].joint.turning[0]
+                value = math.radians(value) if degrees and turns else value
+            if _is_pattern(name, bodies) and joint in found and found[joint] != value:
+                raise ValueRangeError(
+                    f"--lock {origin[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them."
+                )
+            found[joint], origin[joint] = value, name
+    for b in model.leaders:
+        if b.joint.name in found and b.joint.nv == 1:
+            name = origin[b.joint.name]
+            _check(model, b, found[b.joint.name], f"--lock {name}={printed(lock[name])}", degrees=degrees)
+    return found
+
+
+def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
+    """Joints outside the chain between two frames; raises UnknownNameError, and ValueRangeError if the chain has no joint."""
+
+    def above(frame: str) -> set[int]:
+        found, k = set(), model.frame(frame).body
+        while k != BASE:
+            found.add(k)
+            k = model.bodies[k].parent
+        return found
+
+    between = {model.bodies[k].q_index for k in above(base) ^ above(tip)}
+    if not between:
+        raise ValueRangeError(
+            f"--chain {base} {tip}: no joint moves one of these frames from the other. Name two others."
+        )
+    return tuple(b.joint.name for b in model.leaders if b.q_index not in between)
+
+
+def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
+    return name not in joints and any(c in name for c in "*?[")
+
+
+def _check(model: Model, body: Body, value: float, option: str, *, degrees: bool) -> None:
+    low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+    most = float(model.limits.tolerance[body.v_index])
+    if low - most <= value <= high + most:
+        return
+    turns = body.joint.turning[0]
+    unit, shown = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
+    joint = "" if body.joint.name in option else f" {body.joint.name}"
+    hint = ""
+    if turns and not degrees and low <= math.radians(value) <= high:
+        hint = f" If {printed(value)} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
+    least, greatest = (quantity(unit * x, shown, 6) for x in (low, high))
+    raise ValueRangeError(
+        f"{option} is outside the joint's limits,{joint} {least} to {greatest}. Hold it within them.{hint}"
+    )

@@ -1,0 +1,526 @@
+"""CSV files of numbers: dialects, block reader with bounded memory, and errors with line numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from ...core.errors import NotFoundError, TrajectoryError, ValueRangeError
+from ...core.files import as_path
+from ...core.tables import unescape_cell
+from ...core.typing import Array
+from ..column_names import PART_OF, SUFFIX
+from ..log_table import TextSource, table_of
+
+_NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
+_SEPARATORS = (";", "\t", ",", None)
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
+
+
+def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
+    """True if a cell is a finite decimal number.
+
+    >>> is_number(" -1.5e3 "), is_number("1_000"), is_number("0,5"), is_number("0,5", decimal_comma=True)
+    (True, False, False, True)
+    """
+    if decimal_comma:
+        if "." in cell:
+            return False
+        cell = cell.replace(",", ".")
+    return _NUMBER.fullmatch(cell) is not None
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """Cell separator; None for blanks. Commas are decimal marks unless they are the separator."""
+
+    separator: str | None = ","
+
+    @classmethod
+    def from_header(cls, header: str, row: str | None) -> Dialect:
+        """Dialect for which the header and the row below it (None if absent) have the same number of cells."""
+        cut = {s: cls(s).cells(header) for s in _SEPARATORS}
+        many = {s: len(cells) for s, cells in cut.items() if len(cells) > 1}
+        if not many:  # one column
+            return cls(";") if row is not None and _DECIMAL_COMMA.fullmatch(row) else cls()
+        if set(many) == {None} and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
+            return cls()
+        for s, count in many.items():
+            if row is not None and len(cls(s).cells(row)) == count:
+                return cls(s)
+        return cls(next(s for s in (";", "\t", ",", None) if s in many))
+
+    def cells(self, line: str) -> list[str]:
+        """Cells of a line, stripped of blanks; an unclosed quote is an ordinary character."""
+        if self.separator is None:
+            return [cell.strip('"') for cell in line.split()]
+        try:
+            cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True, strict=True), [])
+        except csv.Error:
+            cells = line.split(self.separator)
+        return [unescape_cell(cell.strip()) for cell in cells]
+
+    def has_decimal_commas(self, text: str | bytes) -> bool:
+        """True if a text contains decimal commas."""
+        return self.separator != "," and ("," in text if isinstance(text, str) else b"," in text)
+
+    def number(self, cell: str) -> float | None:
+        """Finite number in a cell, with a decimal comma unless commas are the separator; None for other text.
+
+        >>> Dialect(";").number("-0,5"), Dialect(";").number("0.5"), Dialect(",").number("1e3"), Dialect(",").number("x")
+        (-0.5, 0.5, 1000.0, None)
+        """
+        comma = self.has_decimal_commas(cell)
+        value = float(cell.replace(",", ".")) if is_number(cell, decimal_comma=comma) else math.inf
+        return value if math.isfinite(value) else None
+
+    @property
+    def name(self) -> str:
+        """Name for use in a sentence."""
+        return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}[self.separator]
+
+
+# ── Errors of rows: the first faulty line
+
+_GAPS = ("nan", "inf", "infinity")
+"""Words for a missing number, with or without a sign."""
+
+
+def blame(
+    text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
+) -> TrajectoryError:
+    """Error for the first faulty line of ``text``; ``line`` is the file's line number at its start."""
+    decimal_comma = dialect.has_decimal_commas(text)
+    lines = text.decode("utf-8", "replace").split("\n")
+
+    def gap(raw: str) -> str | None:
+        cells = dialect.cells(raw)
+        if _passed_over(raw) or len(cells) != len(header):
+            return None
+        return _gap([cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma)
+
+    for count, raw in enumerate(lines):
+        if _passed_over(raw):
+            continue
+        if missing := gap(raw):
+            last = next((k for k in range(count + 1, len(lines)) if not gap(lines[k])), len(lines)) - 1
+            more = f", and so on to line {line + last}" if last > count else ""
+            these = "these rows" if more else "the row"
+            return TrajectoryError(
+                f"{path}: line {line + count}{missing}{more}. Samples must be finite: fill or remove {these}."
+            )
+        reason = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
+        cells = dialect.cells(raw)
+        reason = reason or _number_fault(
+            [cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma
+        )
+        if reason:
+            return TrajectoryError(f"{path}: line {line + count}{reason}")
+    return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save it as plain CSV.")
+
+
+def _passed_over(raw: str) -> bool:
+    """True if a line is blank or a comment."""
+    return not raw.strip() or raw.lstrip(" \t").startswith("#")
+
+
+def _gap(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+    """First non-finite field, if all others are numbers; otherwise None."""
+    found = None
+    for name, field in zip(names, fields, strict=True):
+        if field.lower().lstrip("+-") in _GAPS:
+            infinite = True
+        elif is_number(field, decimal_comma=decimal_comma):
+            infinite = not math.isfinite(float(field.replace(",", ".")))
+        else:
+            return None
+        if infinite and found is None:
+            found = f", column {name!r} is {field[:40]!r}"
+    return found
+
+
+def _bytes_fault(raw: str) -> str | None:
+    if "\ufffd" in raw:
+        return f" is not UTF-8 text: {_shown(raw)}. Save it as CSV in UTF-8."
+    odd = next((c for c in raw if (c < " " and c != "\t") or c == "\x7f"), None)
+    if odd is None:
+        return None
+    return f" has a control character, {odd!r}: {_shown(raw)}. The file may be damaged or binary; write the row again."
+
+
+def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | None:
+    fields = dialect.cells(raw)
+    if raw.count('"') % 2:
+        return f" has a quote that never ends: {_shown(raw)}. Remove the quote."
+    if len(fields) == len(header):
+        return None
+    if dialect.separator == "," and ";" in raw:
+        return f": semicolons between values: {_shown(raw)}, and commas in the header. Separate all rows as the header."
+    counted = f" has {len(fields)} values, and the header names {len(header)} columns: {_shown(raw)}."
+    if len(fields) < len(header):
+        return f"{counted} The row is cut short; complete or remove it."
+    if dialect.separator == "," and len(fields) >= 2 * len(header) - 1:
+        return (
+            f"{counted} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
+            "(0.5, not 0,5)."
+        )
+    return f"{counted} Remove the extra cells."
+
+
+def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+    for name, field in zip(names, fields, strict=True):
+        shown = field[:40]
+        column = f", column {name!r}"
+        if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _GAPS:
+            continue
+        if "_" in field:
+            return f"{column} is {shown!r}. Numbers are written without underscores."
+        if decimal_comma and "." in field:
+            return f"{column} is {shown!r}, with a point where other rows have decimal commas. Write all of them alike."
+        if "," in field and not decimal_comma and is_number(field, decimal_comma=True):
+            return f"{column} is {shown!r}. Where commas separate values, decimals are written with a point (0.5)."
+        said = "is blank" if not field else f"is {shown!r}, which is not a number"
+        return f"{column} {said}. Every row needs a number such as -0.25 in every column that is used."
+    return None
+
+
+def _shown(raw: str) -> str:
+    return repr(raw if len(raw) <= 60 else raw[:57] + "…")
+
+
+# ── Parsing of rows, in blocks of lines
+
+_CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
+_COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
+
+
+def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+    """Parse the ``used`` columns of lines with ``columns`` cells → (rows, len(used)), with the values of ``float()``.
+
+    Blank lines and lines that begin with # are skipped. Returns None if a line has another number of cells, or a used
+    cell is not a finite number.
+    """
+    if text.translate(None, _CONTROL) != text:
+        return None
+    if b"#" in text:
+        text = _COMMENTS.sub(b"", text)
+    plain = text.isascii() and b'"' not in text
+    if dialect.has_decimal_commas(text):
+        plain = plain and b"." not in text
+        text = text.replace(b",", b".") if plain else text
+    table = _by_numpy(text, dialect, columns, used) if plain else None
+    return _by_cells(text, dialect, columns, used) if table is None else table
+
+
+def normalise_newlines(text: bytes) -> bytes:
+    """Convert line ends to newlines, including the last; b"" for blank text."""
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n")
+    if text.isspace() or not text:
+        return b""
+    return text if text.endswith(b"\n") else text + b"\n"
+
+
+def _by_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+    if not text.strip():
+        return np.zeros((0, len(used)))
+    every = len(used) == columns
+    if not every and not _whole(text, dialect, columns):
+        return None
+    try:
+        table = np.loadtxt(
+            io.BytesIO(text),
+            delimiter=dialect.separator,
+            comments=None,
+            usecols=None if every else list(used),
+            ndmin=2,
+        )
+    except (ValueError, IndexError, OverflowError):
+        return None
+    table = table[:, list(used)] if every and table.shape[1] == columns else table
+    return np.asarray(table) if table.shape[1] == len(used) and np.isfinite(table).all() else None
+
+
+def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
+    """True if every line has ``columns`` cells, except blank lines."""
+    if dialect.separator is None:
+        return all(len(line.split()) in (0, columns) for line in text.split(b"\n"))
+    raw = np.frombuffer(text, np.uint8)
+    starts = np.r_[0, np.flatnonzero(raw == 10) + 1][:-1]
+    counts = np.add.reduceat(raw == ord(dialect.separator), starts, dtype=np.int64)
+    return bool(((counts == columns - 1) | (raw[starts] == 10)).all())
+
+
+def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+    """Parse cell by cell: handles quotes, text in unused columns, and mixed decimal commas and points."""
+    try:
+        lines = text.decode("utf-8").split("\n")
+    except UnicodeDecodeError:
+        return None
+    decimal_comma = dialect.has_decimal_commas(text)
+    rows = []
+    for line in lines:
+        if not line.strip():
+            continue
+        cells = dialect.cells(line)
+        if len(cells) != columns:
+            return None
+        row = [cells[k] for k in used]
+        if not all(is_number(cell, decimal_comma=decimal_comma) for cell in row):
+            return None
+        rows.append([float(cell.replace(",", ".")) for cell in row])
+    table = np.array(rows, float).reshape(len(rows), len(used))
+    return table if np.isfinite(table).all() else None
+
+
+# ── Decoding of a file in blocks of lines
+
+_BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
+_LONGEST_LINE = 1 << 22
+_TAIL, _LINES_ABOVE = 1 << 14, 8
+
+
+class EmptyTableError(TrajectoryError):
+    """Error of an empty file."""
+
+
+@contextmanager
+def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
+    """Convert errors of a table of ``what`` in a ``form`` to NotFoundError or ValueRangeError."""
+    try:
+        yield
+    except NotFoundError:
+        raise NotFoundError(f"no {what} {str(path)!r}. Give a CSV file: {form}.") from None
+    except EmptyTableError:
+        raise ValueRangeError(f"{path}: the {what} is empty. Give a CSV file: {form}.") from None
+    except TrajectoryError as problem:
+        raise ValueRangeError(str(problem)) from None
+
+
+@dataclass(frozen=True, eq=False)
+class CsvFile:
+    """CSV file whose header has been read; rows are read on demand."""
+
+    source: TextSource
+    header: tuple[str, ...]
+    header_line: int
+    """Line number of the header, from 1."""
+    data_offset: int
+    """Offset of the first row [bytes]."""
+    dialect: Dialect
+    seems_cut: bool = False
+    """True if the last line lacks a line end and its number has fewer decimals than those above: 0.5 below 0.123."""
+
+    @classmethod
+    def open(cls, path: str | Path) -> CsvFile:
+        r"""Read the header and detect the cell separator from the row below it.
+
+        Supports commas, semicolons, tabs or blanks; decimal commas if commas are not the separator; UTF-8 or UTF-16;
+        plain or gzip. Lines that begin with # are comments. If there is no other header, the comment directly above the
+        rows is the header, as written by ``numpy.savetxt``. Raises :class:`~twistwrench.NotFoundError` and
+        :class:`~twistwrench.TrajectoryError`.
+        """
+        source = TextSource.from_path(as_path(path))
+        with source.open() as file:
+            text, line, offset, comment = _header(file, source.path)
+            row = next(_rows(file), None)
+            dialect = Dialect.from_header(text, row)
+            cut = _seems_cut(file, source.size, offset, dialect)
+        cells = dialect.cells(text)
+        if comment is not None and all(map(_numeric, cells)):
+            names = dialect.cells(comment[0])
+            if len(names) == len(cells) and not any(map(_numeric, names)):
+                cells, line, offset = names, *comment[1:]
+        if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in cells):
+            with source.open() as file:
+                file.seek(offset)
+                cells = _ros_header(
+                    cells, [dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)], source.path
+                )
+        return cls(source, tuple(cells), line, offset, dialect, cut)
+
+    @property
+    def path(self) -> Path:
+        """Path of the file."""
+        return self.source.path
+
+    @property
+    def size(self) -> int:
+        """Size of the text [bytes]."""
+        return self.source.size
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentence for a file that seems to be truncated; else empty."""
+        if not self.seems_cut:
+            return ()
+        return (
+            "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
+            "short there. Complete or remove the row.",
+        )
+
+    def table(self, used: Sequence[int]) -> Array:
+        """Table (n, len(used)) of the given columns; raises TrajectoryError for truncated rows and invalid numbers."""
+        return table_of(self._portions(used), len(used), self.path)
+
+    def first(self, column: int) -> Array:
+        """First numbers of a column, one block."""
+        return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
+
+    def _portions(self, used: Sequence[int]) -> Iterator[Array]:
+        line = self.header_line + 1
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            for lines in _lines(file, self.path):
+                text = normalise_newlines(lines)
+                table = parse_block(text, self.dialect, len(self.header), used)
+                if table is None:
+                    raise blame(text, self.path, line, self.header, used, self.dialect)
+                yield table
+                line += lines.count(b"\n")
+
+    def text_columns(self) -> tuple[int, ...]:
+        """Columns with only words or blanks in the first rows, such as states (RUN)."""
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            rows = [self.dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)]
+        whole = [row for row in rows if len(row) == len(self.header)]
+        return tuple(k for k in range(len(self.header)) if whole and all(_is_word(row[k]) for row in whole))
+
+    def place(self, row: int) -> str:
+        """Description of a row's place, ``line 12``."""
+        line = self.header_line
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            for raw in file:
+                line += 1
+                row -= _is_row(raw)
+                if row < 0:
+                    break
+        return f"line {line}"
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Line numbers (from 1) and cells of the lines of a short file, without blank lines and comments.
+
+        Raises TrajectoryError for a line whose number of cells differs from the header's, and for a long file.
+        """
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            text = file.read(_LONGEST_LINE + 1)
+        if len(text) > _LONGEST_LINE:
+            raise TrajectoryError(f"{self.path}: has more than {_LONGEST_LINE} bytes, too many for such a table.")
+        for line, raw in enumerate(normalise_newlines(text).split(b"\n"), self.header_line + 1):
+            if _is_row(raw):
+                cells = self.dialect.cells(_decoded(raw, self.path, line))
+                if len(cells) != len(self.header):
+                    raise blame(raw, self.path, line, self.header, (), self.dialect)
+                yield line, cells
+
+
+def _is_word(cell: str) -> bool:
+    """True if a cell is blank or a word, and not a number that is missing or written otherwise."""
+    return not cell or (cell[0].isalpha() and cell.lower() not in _GAPS)
+
+
+def _numeric(cell: str) -> bool:
+    return is_number(cell) or is_number(cell, decimal_comma=True)
+
+
+def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, int] | None]:
+    """First line that is neither blank nor a comment, its number, and the offset of the next line.
+
+    The fourth value is the preceding comment: text, line number and offset of the next line; None without one.
+    """
+    comment, number = None, 0
+    while raw := file.readline(_LONGEST_LINE):
+        number += 1
+        text = _decoded(raw, path, number).strip(" \r\n")
+        if not text.strip():
+            continue
+        if not text.lstrip().startswith("#"):
+            return text, number, file.tell(), comment
+        comment = (text.strip().lstrip("#").strip(), number, file.tell())
+    raise EmptyTableError(
+        f"{path}: the file is empty. A motion file has a header, time and joint names separated by commas, then rows."
+    )
+
+
+def _rows(file: BinaryIO) -> Iterator[str]:
+    """Yield lines that are neither blank nor comments."""
+    while raw := file.readline(_LONGEST_LINE):
+        text = raw.decode("utf-8", "replace").strip(" \r\n")
+        if text.strip() and not text.lstrip().startswith("#"):
+            yield text
+
+
+_ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
+_LOOKED_AT = 1000
+"""Number of rows inspected for constant joint names and for columns of text."""
+
+
+def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:
+    """Replace the columns ``field.nameN`` of ``rostopic echo -p`` by a header with the joint names in their cells."""
+    at = {found[1]: k for k, cell in enumerate(cells) if (found := _ROS_NAME.fullmatch(cell))}
+    whole = [row for row in rows if len(row) == len(cells)]
+    names = {number: whole[0][k] for number, k in at.items()} if whole else {}
+    for row, of in enumerate(whole):
+        if other := next((of[k] for number, k in at.items() if of[k] != names[number]), None):
+            raise TrajectoryError(
+                f"{path}: row {row + 1} names a joint {other!r} where the first row names another, so that several programs "
+                "wrote joint states here. Record one of them: rostopic echo -p --filter."
+            )
+    meant = [(_ROS_CELL.fullmatch(cell), cell) for cell in cells]
+    return [f"{names[m[2]]}{SUFFIX[PART_OF[m[1]]]}" if m and names.get(m[2]) else cell for m, cell in meant]
+
+
+def _seems_cut(file: BinaryIO, size: int, offset: int, dialect: Dialect) -> bool:
+    file.seek(max(offset, size - _TAIL))
+    lines = file.read(_TAIL).decode("utf-8", "replace").split("\n")[1:]
+    if len(lines) <= _LINES_ABOVE or not lines[-1].strip():
+        return False
+    ends = [dialect.cells(line)[-1:] for line in lines[-_LINES_ABOVE - 1 :] if line.strip()]
+    digits = [len(re.split("[.,]", end[0])[-1]) if end and re.search("[.,]", end[0]) else 0 for end in ends]
+    return len(set(digits[:-1])) == 1 and digits[-1] < digits[0]
+
+
+def _decoded(raw: bytes, path: Path, number: int) -> str:
+    if len(raw) >= _LONGEST_LINE:
+        raise _long_line(path)
+    try:
+        return raw.decode("utf-8-sig" if number == 1 else "utf-8")
+    except UnicodeDecodeError:
+        raise TrajectoryError(f"{path}: line {number} is not UTF-8 text. Save it as CSV in UTF-8.") from None
+
+
+def _is_row(raw: bytes) -> bool:
+    """True if a line is neither blank nor a comment."""
+    return bool(raw.strip()) and not raw.lstrip(b" \t").startswith(b"#")
+
+
+def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
+    """Yield blocks of whole lines."""
+    rest = b""
+    while text := file.read(_BLOCK):
+        text = rest + text
+        cut = text.rfind(b"\n") + 1
+        if not cut and len(text) > _LONGEST_LINE:
+            raise _long_line(path)
+        rest = text[cut:]
+        if cut:
+            yield text[:cut]
+    if rest:
+        yield rest
+
+
+def _long_line(path: Path) -> TrajectoryError:
+    return TrajectoryError(f"{path}: a line of more than {_LONGEST_LINE} bytes. Rows must end in newlines.")

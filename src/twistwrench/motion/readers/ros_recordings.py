@@ -1,0 +1,351 @@
+"""ROS recordings without ROS: joint states, plans and controller states in MCAP files, bags and databases.
+
+A log has a row for each message. A plan is a polynomial between its points, as executed by ros2_controllers, and has a
+row every 2 ms and at each point.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import MissingExtraError, NotFoundError, TrajectoryError
+from ...core.numbers import number
+from ...core.text import listed
+from ...core.third_party import third_party_errors
+from ...core.typing import Array
+from ..column_names import SUFFIX, date_note
+from ..smoothing import FEWEST, spline_rates
+from .array_files import ArrayFile
+from .recording_bounds import BoundedFile, check_chunks, check_folder, recording_database, values_within
+
+_DATABASE = b"SQLite format 3\0"
+STEP = 2e-3
+"""Time step between the points of a plan [s]."""
+_MOST_ROWS = 1_000_000
+"""Largest number of rows of a plan; longer plans have a larger step."""
+
+_CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
+_POINTS = "std_msgs/Header header\nstring[] joint_names\n"
+_DEFINITIONS = {
+    "moveit_msgs/msg/RobotTrajectory": (
+        "trajectory_msgs/JointTrajectory joint_trajectory\ntrajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory",
+    ),
+    _CONTROLLER: tuple(
+        _POINTS + "\n".join(f"trajectory_msgs/JointTrajectoryPoint {name}" for name in names.split())
+        for names in ("reference feedback error output", "desired actual error")
+    ),
+}
+"""Message definitions for databases before ROS 2 Iron, which lack them."""
+
+Topics = Mapping[str, tuple[str, int]]
+"""Message type and number of messages by topic."""
+
+
+def is_recording(path: Path) -> bool:
+    """True for .mcap, .bag and .db3 files, other SQLite databases, and folders with a metadata.yaml."""
+    try:
+        if path.suffix.lower() in (".mcap", ".bag", ".db3") or os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113
+            return True
+        if not path.is_file():  # reading a pipe here would consume its data
+            return False
+        with path.open("rb") as file:
+            return file.read(len(_DATABASE)) == _DATABASE
+    except (OSError, ValueError):
+        return False
+
+
+def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
+    """Motion from one topic, by default that with most messages; ``NAME:reference``: reference of a controller state.
+
+    Raises NotFoundError, MissingExtraError and TrajectoryError.
+    """
+    if not path.exists():
+        raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, .bag or .db3, or a rosbag2 folder.")
+    read = _mcap if path.suffix.lower() == ".mcap" else _bag
+    if path.suffix.lower() == ".db3" or (path.suffix.lower() not in (".mcap", ".bag") and path.is_file()):
+        read = _database
+    chosen: list[str] = []
+
+    def choose(topics: Topics) -> str:
+        chosen[:] = _chosen(path, topics, topic)
+        return chosen[0]
+
+    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
+        messages = list(read(path, choose))
+        name, kind, part, *notes = chosen
+        where = f"{path}, topic {name}"
+        if not messages:
+            raise TrajectoryError(f"{where}: has no messages.")
+        if kind == "JointState":
+            header, table = _joint_states(messages, where)
+        elif kind == "JointTrajectoryControllerState":
+            header, table = _controller_states(messages, part, where)
+        else:
+            header, table, note = _plan(messages, where)
+            notes.append(note)
+    epoch = 0
+    if kind in ("JointState", "JointTrajectoryControllerState"):
+        stamp = messages[0].header.stamp
+        notes, epoch = [*notes, *date_note(_seconds(stamp))], _nanoseconds(stamp)
+    size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
+    plan = kind not in ("JointState", "JointTrajectoryControllerState") or bool(part)
+    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=plan)
+
+
+def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
+    """Name of the topic, its type, the selected part, and a note if other topics are possible."""
+    name, _, part = (wanted or "").partition(":")
+    known = {topic: kind.rpartition("/")[2] for topic, (kind, _) in topics.items()}
+    readable = [topic for topic, kind in known.items() if kind in _KINDS and topics[topic][1]]
+    shown = listed([f"{topic} ({kind})" for topic, (kind, _) in topics.items()]) or "none"
+    if wanted is None and not readable:
+        raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {shown}.")
+    if wanted is not None and name not in readable:
+        raise TrajectoryError(f"{path}: has no motion in a topic {name!r} (--topic). Topics: {shown}.")
+    if part and (part != "reference" or known[name] != "JointTrajectoryControllerState"):
+        raise TrajectoryError(
+            f"{path}: --topic {wanted}: only :reference of a JointTrajectoryControllerState is known."
+        )
+    best = name or max(readable, key=lambda topic: topics[topic][1])
+    others = [topic for topic in readable if topic != best]
+    note = f"Read from topic {best}, which has most messages; --topic chooses another: {listed(others)}."
+    return [best, known[best], part, *([note] if others and wanted is None else [])]
+
+
+# ── Messages as tables
+
+
+def _nanoseconds(stamp: Any) -> int:
+    """Nanoseconds of a stamp or duration of ROS 1 or 2."""
+    sec, nano = ("sec" if hasattr(stamp, "sec") else "secs"), ("nanosec" if hasattr(stamp, "nanosec") else "nsecs")
+    return int(getattr(stamp, sec)) * 10**9 + int(getattr(stamp, nano))
+
+
+def _seconds(stamp: Any, begin: Any = None) -> float:
+    """Seconds of a stamp or duration, since ``begin``: nanoseconds since 1970 exceed the precision of a float."""
+    return (_nanoseconds(stamp) - (0 if begin is None else _nanoseconds(begin))) / 1e9
+
+
+def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array]:
+    """Header and table of the messages with the same joints as the first; others are ignored."""
+    names = list(messages[0].name)
+    mine = [m for m in messages if set(m.name) >= set(names)]
+    order = [[list(m.name).index(n) for n in names] for m in mine]
+    header, columns = ["time [s]"], [np.array([_seconds(m.header.stamp, mine[0].header.stamp) for m in mine])[:, None]]
+    for field, part in (("position", "q"), ("velocity", "dq"), ("effort", "tau")):
+        values = [np.asarray(getattr(m, field), float) for m in mine]
+        if all(len(v) == len(m.name) for v, m in zip(values, mine, strict=True)):
+            columns.append(np.array([v[o] for v, o in zip(values, order, strict=True)]))
+            header += [f"{n}{SUFFIX[part]}" for n in names]
+    if len(columns) == 1:
+        raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
+    return header, np.concatenate(columns, axis=1)
+
+
+def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[list[str], Array]:
+    """Header and table of the measured or reference points of a controller's state."""
+    fields = ("reference", "desired") if part else ("feedback", "actual")
+    field = fields[0] if hasattr(messages[0], fields[0]) else fields[1]
+    names = list(messages[0].joint_names)
+    mine = [m for m in messages if list(m.joint_names) == names]
+    time = np.array([_seconds(m.header.stamp, mine[0].header.stamp) for m in mine])
+    q, dq, ddq, effort = _values([getattr(m, field) for m in mine], len(names), where)
+    rates = {"q": q, "dq": dq, "ddq": ddq if part else None, "tau": None if part else effort}
+    found = {kind: x for kind, x in rates.items() if x is not None}
+    header = ["time [s]", *(f"{n}{SUFFIX[kind]}" for kind in found for n in names)]
+    return header, np.concatenate([time[:, None], *found.values()], axis=1)
+
+
+def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
+    """Positions, velocities, accelerations and efforts (n, count) of points; None unless all points have them."""
+    fields = ("positions", "velocities", "accelerations", "effort")
+    parts = [[np.asarray(getattr(p, field), float) for p in points] for field in fields]
+    found = [np.array(part) if all(len(x) == count for x in part) else None for part in parts]
+    if found[0] is None:
+        raise TrajectoryError(f"{where}: a point has not one position for each of the {count} joints that are named.")
+    return found
+
+
+def _accelerations(points: Sequence[Any], count: int) -> tuple[Array, Array]:
+    """Accelerations (n, count) of points, NaN where a point has none, and the mask (n,) of points that have them."""
+    parts = [np.asarray(point.accelerations, float) for point in points]
+    mine = np.array([len(x) == count for x in parts])
+    return np.array([x if own else np.full(count, np.nan) for x, own in zip(parts, mine, strict=True)]), mine
+
+
+def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
+    """Header and table of the longest plan, evaluated between its points, and a note on it."""
+    plans = [_points(m) for m in messages]
+    names, points, time = max(plans, key=lambda plan: len(plan[1]))
+    if len(time) < 2:
+        raise TrajectoryError(f"{where}: a plan of {len(time)} points. A motion needs two or more.")
+    if (back := np.diff(time) <= 0).any():
+        k = int(back.argmax())
+        raise TrajectoryError(
+            f"{where}: point {k + 2} at {number(time[k + 1])} s does not come after the one before, at {number(time[k])} s."
+        )
+    q, dq, _, _ = _values(points, len(names), where)
+    ddq, bent = _accelerations(points, len(names))
+    for name, x, mine in (("positions", q, True), ("velocities", dq, True), ("accelerations", ddq, bent[:, None])):
+        if x is not None and not (finite := np.isfinite(x) | ~np.asarray(mine)).all():
+            k = int((~finite).any(axis=1).argmax())
+            raise TrajectoryError(f"{where}: {name} of point {k + 1} are {x[k].tolist()}. They must be finite.")
+    said = "a quintic" if bent.all() else "a cubic"
+    if (bent[1:] & bent[:-1]).any() and not bent.all():
+        said = "a quintic where both have accelerations, else a cubic"
+    if dq is None:
+        if len(time) < FEWEST:
+            raise TrajectoryError(
+                f"{where}: {len(time)} points without velocities are too few to derive them from. Give at least {FEWEST}, or "
+                "velocities and accelerations at each point."
+            )
+        (dq, ddq), said = spline_rates(time, q), "a quintic spline, as its points have no velocities"
+    several = f" The longest of {len(plans)} plans." if len(plans) > 1 else ""
+    step = max(STEP, (time[-1] - time[0]) / _MOST_ROWS)
+    every = f"evaluated every {number(1e3 * step)} ms"
+    note = f"Plan of {len(time)} points: between them each joint follows {said}, {every}.{several}"
+    header = ["time [s]", *(f"{n}{SUFFIX[part]}" for part in ("q", "dq", "ddq") for n in names)]
+    return header, between_points(time, q, dq, ddq, step), note
+
+
+def _points(message: Any) -> tuple[list[str], list[Any], Array]:
+    """Joint names, points and times of a plan; the parts of a DisplayTrajectory are concatenated."""
+    parts = [getattr(part, "joint_trajectory", part) for part in getattr(message, "trajectory", [message])]
+    names, points, times = list(parts[0].joint_names) if parts else [], list[Any](), list[float]()
+    for part in parts:
+        if list(part.joint_names) != names:
+            continue
+        begin = times[-1] if times else 0.0
+        own = [begin + _seconds(point.time_from_start) for point in part.points]
+        first = 1 if times and own and own[0] == begin else 0  # repeats the end of the previous part
+        points, times = points + list(part.points)[first:], times + own[first:]
+    return names, points, np.array(times)
+
+
+def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) -> Array:
+    """Rows (m, 1 + 3 k) of time, q, dq, ddq at points (n, k) and every ``step`` between.
+
+    Each segment is a quintic, or a cubic if the ddq of a point beside it is NaN, as in the trajectories of ros2_controllers.
+
+    >>> time, q = np.array([0.0, 1.0]), np.array([[0.0], [1.0]])
+    >>> between_points(time, q, 0 * q, 0 * q, 0.5).round(3).tolist()
+    [[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 1.875, 0.0], [1.0, 1.0, 0.0, 0.0]]
+    """
+    from scipy.interpolate import PPoly
+
+    h, way = np.diff(time)[:, None], np.diff(q, axis=0)
+    v0, v1 = h * dq[:-1], h * dq[1:]
+    b, c = 3 * way - 2 * v0 - v1, v0 + v1 - 2 * way  # of the cubic q_k + v0 s + b s² + c s³
+    bent = np.isfinite(ddq[:-1] + ddq[1:])
+    a0, a1 = np.where(bent, h * h * ddq[:-1], 2 * b), np.where(bent, h * h * ddq[1:], 2 * b + 6 * c)
+    e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    powers = [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
+    curve = PPoly(np.array([c / h**k for k, c in enumerate(powers)])[::-1], time)
+    grid = np.arange(time[0], time[-1], step)
+    near = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
+    near |= np.abs(time[np.clip(np.searchsorted(time, grid) - 1, 0, None)] - grid) < 0.01 * step
+    t = np.sort(np.r_[time, grid[~near]])
+    return np.concatenate([t[:, None], *(curve.derivative(k)(t) for k in range(3))], axis=1)
+
+
+_KINDS = ("JointState", "JointTrajectory", "RobotTrajectory", "DisplayTrajectory", "JointTrajectoryControllerState")
+"""Supported message types."""
+
+
+# ── Files: topics, and the messages of one
+
+
+def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        raise MissingExtraError.from_extra("mcap", "logs", "Reading MCAP") from None
+    kinds, counts = dict[str, str](), dict[str, int]()
+    check_chunks(path)
+    with BoundedFile(path) as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        if summary is not None and summary.statistics is not None:
+            for k, channel in summary.channels.items():
+                kinds[channel.topic] = summary.schemas[channel.schema_id].name if channel.schema_id else ""
+                counts[channel.topic] = counts.get(channel.topic, 0) + summary.statistics.channel_message_counts.get(
+                    k, 0
+                )
+        else:
+            for schema, channel, _ in reader.iter_messages():
+                kinds[channel.topic] = schema.name if schema is not None else ""
+                counts[channel.topic] = counts.get(channel.topic, 0) + 1
+        topic = choose({name: (kind, counts[name]) for name, kind in kinds.items()})
+        for *_, message in reader.iter_decoded_messages(topics=[topic]):
+            yield message
+
+
+def _typestore() -> Any:
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise MissingExtraError.from_extra("rosbags", "logs", "Reading bags of ROS") from None
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def _with_definition(store: Any, kind: str, text: str) -> Any:
+    from rosbags.typesys import get_types_from_msg
+
+    store.register(get_types_from_msg(text, kind))
+    return store
+
+
+def _bag(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
+    store = _typestore()
+    from rosbags.highlevel import AnyReader
+
+    for kind, texts in _DEFINITIONS.items():
+        store = _with_definition(store, kind, texts[0])
+    if path.is_dir():
+        check_folder(path)
+    with AnyReader([path], default_typestore=store) as reader:
+        topics = {name: (topic.msgtype or "", topic.msgcount) for name, topic in reader.topics.items()}
+        connections = reader.topics[choose(topics)].connections
+        for connection, _, raw in reader.messages(connections=connections):
+            yield reader.deserialize(raw, connection.msgtype)
+
+
+def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
+    """Messages of a rosbag2 database without its metadata.yaml."""
+    store = _typestore()
+    with recording_database(path) as database:
+        counted = (
+            "select name, type, count(messages.id) from topics left join messages on topics.id = topic_id group by name"
+        )
+        topics = {str(name): (str(kind), int(count)) for name, kind, count in database.execute(counted)}
+        topic = choose(topics)
+        kind = topics[topic][0]
+        defined = "select 1 from sqlite_master where name = 'message_definitions'"
+        texts: Sequence[str] = _DEFINITIONS.get(kind, ())
+        if database.execute(defined).fetchone():
+            own = "select encoded_message_definition from message_definitions where topic_type = ? and encoding = 'ros2msg'"
+            texts = [str(text) for (text,) in database.execute(own, (kind,))] or texts
+        rows = "select data from messages join topics on topics.id = topic_id where name = ? order by timestamp"
+        data = values_within((raw for (raw,) in database.execute(rows, (topic,))), path)
+    yield from _deserialised(store, kind, texts, data)
+
+
+def _deserialised(store: Any, kind: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
+    """Deserialise messages by the first matching definition, or by the store's if there is none."""
+    from rosbags.serde import SerdeError
+
+    for text in texts[:-1]:
+        try:
+            known = _with_definition(_typestore(), kind, text)
+            return [known.deserialize_cdr(raw, kind) for raw in data]
+        except SerdeError:
+            continue
+    known = _with_definition(store, kind, texts[-1]) if texts else store
+    return [known.deserialize_cdr(raw, kind) for raw in data]

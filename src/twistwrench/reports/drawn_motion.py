@@ -1,0 +1,300 @@
+"""Motion for display: a limited number of states, their torques, and limit violations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.doubts import Doubt
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.numbers import number, percent, printed, seconds
+from ..core.typing import Array
+from ..core.verdict import Verdict, Word
+from ..mechanics.model.couplings import joint_effort
+from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of, velocities_inside
+from ..motion.coordinates import joint_rates
+from ..motion.differentiation import Differentiation, MotionSamples
+from ..motion.load_case import LoadCase
+from ..motion.motion import Motion
+from ..motion.motion_log import ASKED
+from ..motion.smoothing import FEWEST, between, continuous, spline_rates
+from ..shapes.surface import Decimation
+
+if TYPE_CHECKING:
+    from ..mechanics.model.limits import Limits
+    from ..motion.motion_log import MotionLog
+    from ..robot import Robot
+    from ..statics.clearance import PathClearance
+    from .torque_report import TorqueReport
+
+_MOST = 4000
+"""Number of evenly spaced states kept of a long motion; peaks may add three times as many."""
+_CHUNK = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMotion:
+    """Motion for display: states of a robot over time.
+
+    Long motions are reduced to evenly spaced states and those at peaks of a curve.
+    """
+
+    load: LoadCase
+    """Robot with its payloads and loads."""
+    time: Array
+    """(n,) s, increasing."""
+    q: Array
+    """Configurations (n, nq)."""
+    dq: Array
+    """Velocities (n, nv), rad/s or m/s."""
+    ddq: Array
+    """Accelerations (n, nv), rad/s² or m/s²."""
+    torques: Array
+    """Torques (n, nv), including everything in ``load``; N m or N."""
+    peaks: Array
+    """(nv,) largest magnitude of each torque over all rows."""
+    rows: int
+    """Number of rows of the whole motion."""
+    warnings: tuple[str, ...]
+    """Sentences on limit violations and on contradictions in the input."""
+    still: Array
+    """(n, nv) bool: the derived velocity is within its uncertainty, so friction that depends on its sign is left out."""
+    verdict: Verdict = field(default_factory=lambda: Verdict(Word.OK))
+    """LOOK AGAIN if the input contradicts itself. Limit violations only give warnings."""
+    clearance: PathClearance | None = None
+    """Smallest distance between links; None if not requested."""
+    violations: tuple[Violation, ...] = ()
+    """Limit violations in the whole motion."""
+    refused: tuple[str, ...] = ()
+    """Contradictions in the input, one sentence each."""
+    report: TorqueReport | None = None
+    """Report of the command ``torques`` on the motion; None for arrays and without a verdict."""
+
+    @property
+    def passed(self) -> tuple[str, ...]:
+        """Sentences on limit violations; part of ``warnings``."""
+        return tuple(map(_sentence, self.violations))
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the motion; joints with coupled motors have no separate torque limit."""
+        limits, model = self.load.robot.limits if self.report is None else self.report.limits, self.load.robot.model
+        return replace(limits, effort=joint_effort(model, limits.effort)) if model.couplings else limits
+
+    @property
+    def states(self) -> MotionSamples:
+        """States in the form used by :class:`~twistwrench.motion.load_case.LoadCase`."""
+        none = np.zeros((len(self.time), 0))
+        return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
+
+    def require(self, robot: Robot) -> None:
+        """Check that the motion belongs to this robot, with any load.
+
+        Parameters
+        ----------
+        robot : Robot
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> t = np.linspace(0, 1, 21)
+        >>> motion_of(tw.robots.pendulum(), t, t[:, None] ** 2).require(tw.robots.pendulum())
+        """
+        own = self.load.robot
+        if own.coordinate_names != robot.coordinate_names:
+            raise ValueRangeError(
+                f"the motion is of robot {own.name!r}, and the one to be shown is {robot.name!r}. Make it with "
+                "motion_of(robot, …)."
+            )
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Configuration and torques at a time, by linear interpolation between samples.
+
+        Parameters
+        ----------
+        time : float [s]
+
+        Returns
+        -------
+        q : (nq,) array
+        torques : (nv,) array [N m, sliding joints: N]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> t = np.linspace(0, 1, 21)
+        >>> q, torques = motion_of(tw.robots.pendulum(), t, t[:, None] ** 2).at(0.5)
+        >>> q.round(3).tolist()
+        [0.25]
+        """
+        q, k, after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
+        return q, self.torques[k] + share * (self.torques[after] - self.torques[k])
+
+
+def motion_of(
+    robot: Robot | LoadCase,
+    time: Any,
+    q: ArrayLike | None = None,
+    dq: ArrayLike | None = None,
+    ddq: ArrayLike | None = None,
+) -> DrawnMotion:
+    """Motion for display from a :class:`twistwrench.Motion`, from a result that contains one, or from arrays.
+
+    Fewer than six samples are treated as states at rest, with a warning if positions change.
+
+    Parameters
+    ----------
+    robot : Robot, or a LoadCase with payloads and loads
+    time : (n,) array_like [s], or a Motion, or a result that contains one
+    q : (n, nq) array_like, configurations
+    dq : (n, nv) array_like, optional, velocities [rad/s, m/s]; default: derived by a spline
+    ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²], likewise
+
+    Returns
+    -------
+    motion : DrawnMotion, with joint friction included in the torques, as in the command ``torques``
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> t = np.linspace(0, 1, 21)
+    >>> motion = motion_of(tw.robots.pendulum(), t, np.sin(t)[:, None])
+    >>> motion.torques.shape, motion.rows
+    ((21, 1), 21)
+    """
+    doubts: tuple[Doubt, ...] = ()
+    if q is None:
+        taken = getattr(time, "motion", time)
+        if not isinstance(taken, Motion):
+            raise ShapeError(
+                "motion_of: q is missing: give time and q, a twistwrench.Motion, or a result that has one."
+            )
+        time, q, dq, ddq = taken.time, taken.q, taken.dq, taken.ddq
+        doubts = taken.contradictions
+    load = robot if isinstance(robot, LoadCase) else LoadCase(robot)
+    model = load.robot.model
+    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=load.robot.coordinate_names)
+    if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
+        raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
+    if (np.diff(t) <= 0).any():
+        k = int(np.argmax(np.diff(t) <= 0))
+        raise ValueRangeError(
+            f"time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
+        )
+    given = {"dq": dq, "ddq": ddq}
+    rates = {
+        n: None if x is None else arguments.finite(x, n, model.nv, names=model.velocity_names) for n, x in given.items()
+    }
+    for name, x in rates.items():
+        if x is not None and x.shape != (len(t), model.nv):
+            raise ShapeError(f"{name} has shape {x.shape}, expected ({len(t)}, {model.nv}).")
+    zero = np.zeros((len(t), model.nv))
+    derived = (zero, zero)
+    if len(t) >= FEWEST and (dq is None or ddq is None):
+        q = continuous(model, q)
+        derived = joint_rates(model, q, *spline_rates(t, q))
+        if dq is not None:
+            derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
+    moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
+    dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
+    dq = velocities_inside(t, dq, ddq, t[0], t[-1])
+    states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
+    motion = _gathered(load, iter([states]))
+    refused = tuple(map(str, doubts))
+    told = tuple(f"{Word.LOOK_AGAIN}: {said}" for said in refused)
+    motion = replace(motion, refused=refused, warnings=(*told, *motion.warnings))
+    if not moves:
+        return motion
+    said = (
+        f"{len(t)} samples are too few to derive rates from, so torques are those at rest: give {FEWEST}, or dq and ddq"
+    )
+    return replace(motion, warnings=(*motion.warnings, said))
+
+
+def read_motion(
+    load: LoadCase, trajectory: MotionLog, progress: Callable[[int], None] | None = None, *, smoothing: bool = False
+) -> DrawnMotion:
+    """Motion from a file, read as by the command ``torques``.
+
+    Parameters
+    ----------
+    load : LoadCase
+    trajectory : MotionLog, the file
+    progress : callable, optional, called with the number of rows read
+    smoothing : bool, smooth by the estimated noise before differentiation
+
+    Returns
+    -------
+    motion : DrawnMotion
+
+    Raises
+    ------
+    TrajectoryError
+        The file cannot be used.
+    """
+    differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
+    return _doubted(_gathered(load, differentiation.states(_CHUNK, progress)), trajectory)
+
+
+def reported_motion(report: TorqueReport) -> DrawnMotion:
+    """Motion of a report, smoothed if the report used the smoothed motion.
+
+    Parameters
+    ----------
+    report : TorqueReport
+
+    Returns
+    -------
+    motion : DrawnMotion
+    """
+    plan = report.differentiation
+    motion = _doubted(_gathered(report.load, plan.states(_CHUNK, None)), plan.trajectory)
+    return replace(motion, report=report, clearance=report.clearance)
+
+
+def _doubted(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
+    """Motion with doubts about its log, and a verdict of LOOK AGAIN for contradictions."""
+    doubts = trajectory.doubts(motion.load.robot.limits)
+    refused = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
+    verdict = Verdict.from_reasons(look_again=refused)
+    asked = (
+        str(doubt) for doubt in doubts if doubt.level == "unsure" or (doubt.level == "note" and doubt.kind in ASKED)
+    )
+    told = (*(f"{verdict.word}: {said}" for said in refused), *asked)
+    return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict, refused=tuple(refused))
+
+
+def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
+    """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
+    nq, nv = load.robot.nq, load.robot.nv
+    kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
+    peaks = RunningExtrema(nv)
+    check = LimitCheck(load.robot.model, bounds_of(load.robot))
+    for s in every:
+        torques = load.torques(s)
+        peaks.add(s.time, np.abs(torques))
+        check.add(s.time, s.measured, s.dq, tau=torques)
+        if load.robot.model.limited_followers:
+            check.add_borne(s.time, load.follower_torques(s))
+        power = (torques * s.dq).sum(axis=1)
+        kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
+    time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
+    violations = check.violations()
+    values = time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count
+    said = tuple(map(_sentence, violations))
+    return DrawnMotion(load, *values, said, still.astype(bool), violations=violations)
+
+
+_WORDS = {"velocity": "velocity limit", "torque": "torque limit"}
+
+
+def _sentence(v: Violation) -> str:
+    """Sentence on a limit violation: amount and time."""
+    words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
+    by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
+    return f"{v.joint} exceeds its {words} by {by} at t = {seconds(v.time)} s"

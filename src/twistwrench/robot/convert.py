@@ -1,0 +1,381 @@
+"""Conversion of states between this library and MuJoCo, Pinocchio, and SciPy's quaternions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
+from ..core.glossary import complete
+from ..core.typing import Array
+from ..mechanics.model.model import BASE, Body
+from . import Robot
+from .task_space_methods import require_robot
+
+__all__ = [
+    "from_mujoco",
+    "from_pinocchio",
+    "from_scipy_quaternion",
+    "mujoco_rates",
+    "pinocchio_rates",
+    "swap_halves",
+    "to_mujoco",
+    "to_pinocchio",
+    "to_scipy_quaternion",
+]
+
+Turning = Callable[[Robot, Array], Array]
+"""Function of a robot and dq that returns d(P dq)/dt - P ddq in this library's axes (nv,)."""
+
+
+_MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
+"""Attributes that identify the models of each library."""
+
+
+def require_pair(robot: Robot, model: object, library: str) -> None:
+    """Raise ValueRangeError unless the arguments are a robot and a model of that library."""
+    require_robot(robot, "tw.convert")
+    if not hasattr(model, _MARKS[library]):
+        raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and one of {library}'s is wanted.")
+
+
+def check_names(robot: Robot, theirs: list[str], library: str) -> None:
+    """Raise UnknownNameError or ModelError for a joint that exists in only one of the two models."""
+    ours = [body.joint.name for body in robot.model.bodies]
+    for name in ours:
+        if name not in theirs:
+            raise UnknownNameError.from_choices(f"joint of {library}'s model", name, theirs)
+    for name in theirs:
+        if name not in ours:
+            raise ModelError(
+                f"joint {name!r} moves in {library}'s model and not here: is it locked, or the base floating?"
+            )
+
+
+def positions(body: Body, q: Array) -> Array:
+    """Coordinates of the joint, including mimic joints."""
+    q = q[..., body.places[0]]
+    return body.ratio * q + body.offset if body.follows else q
+
+
+def rates_to(
+    robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
+) -> Iterator[Array]:
+    """Velocities and accelerations (those given) in the other library: dq* = P dq."""
+    if dq is None:
+        return
+    names = robot.velocity_names
+    dq = arguments.one(dq, f"{caller}: dq", robot.nv, names=names)
+    yield P @ dq
+    if ddq is not None:
+        yield P @ (arguments.one(ddq, f"{caller}: ddq", robot.nv, names=names) + turning(robot, dq))
+
+
+def rates_from(
+    robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
+) -> Iterator[Array]:
+    """Velocities and accelerations (those given) in this library."""
+    if dq is None:
+        return
+    back = np.linalg.pinv(P)
+    found = back @ arguments.one(dq, f"{caller}: dq", len(P))
+    yield found
+    if ddq is not None:
+        yield back @ arguments.one(ddq, f"{caller}: ddq", len(P)) - turning(robot, found)
+
+
+# ── MuJoCo
+
+
+def to_mujoco(
+    robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+) -> tuple[Array, ...]:
+    """Configuration, velocities and accelerations in MuJoCo's order; one state per call.
+
+    Parameters
+    ----------
+    dq : (nv,) array_like, optional, joint velocities [rad/s, m/s]
+    ddq : (nv,) array_like, optional, joint accelerations [rad/s², m/s²]
+
+    Returns
+    -------
+    arrays : tuple, q, and dq and ddq if given, in the order of ``model``
+    """
+    require_pair(robot, model, "MuJoCo")
+    q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
+    theirs = np.zeros(model.nq)
+    for body, joint in _joints(robot, model):
+        mine = body.joint.to_mujoco(positions(body, q))
+        theirs[int(joint.qposadr[0]) :][: len(mine)] = mine
+    return theirs, *rates_to(robot, mujoco_rates(robot, model, q), "to_mujoco", dq, ddq, turning=_turning)
+
+
+def from_mujoco(
+    robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+) -> tuple[Array, ...]:
+    """Configuration, velocities and accelerations from MuJoCo's order; one state per call.
+
+    Parameters
+    ----------
+    q : (model.nq,) array_like, qpos
+    dq : (model.nv,) array_like, optional, qvel
+    ddq : (model.nv,) array_like, optional, qacc
+
+    Returns
+    -------
+    arrays : tuple, q (nq,), and dq and ddq (nv,) if given
+
+    Notes
+    -----
+    Values of mimic joints are ignored, since they follow their leaders.
+    """
+    require_pair(robot, model, "MuJoCo")
+    theirs = arguments.one(q, "from_mujoco: q", model.nq)
+    ours = np.zeros(robot.nq)
+    for body, joint in _joints(robot, model):
+        if not body.follows:
+            part = theirs[int(joint.qposadr[0]) :][: body.joint.nq]
+            ours[body.places[0]] = body.joint.from_mujoco(part)
+    P = mujoco_rates(robot, model, ours)
+    return ours, *rates_from(robot, P, "from_mujoco", dq, ddq, turning=_turning)
+
+
+def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
+    """Matrix between the velocities of robot and MuJoCo model: P with dq* = P dq at q, dq* MuJoCo's.
+
+    Returns
+    -------
+    P : (model.nv, nv) array
+
+    Notes
+    -----
+    MuJoCo uses the linear velocity of floating joints along the world axes.
+    """
+    require_pair(robot, model, "MuJoCo")
+    q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
+    P = np.zeros((model.nv, robot.nv))
+    for body, joint in _joints(robot, model):
+        turn = body.joint.mujoco_rates(q[..., body.places[0]])
+        start = int(joint.dofadr[0])
+        P[start : start + body.joint.nv, body.places[1]] = body.ratio * turn
+    return P
+
+
+def _turning(robot: Robot, dq: Array) -> Array:
+    """d(P dq)/dt - P ddq in this library's axes: omega × v of each floating joint."""
+    extra = np.zeros(robot.nv)
+    for body in robot.model.leaders:
+        extra[body.places[1]] = body.joint.mujoco_turning(dq[body.places[1]])
+    return extra
+
+
+def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
+    """Pairs of a body and MuJoCo's joint of the same name."""
+    names = [_name(model, i) for i in range(model.njnt)]
+    check_names(robot, names, "MuJoCo")
+    numbers = {name: i for i, name in enumerate(names)}
+    for body in robot.model.bodies:
+        if not body.joint.driven and (body.parent != BASE or not np.array_equal(body.placement, np.eye(4))):
+            raise ModelError(
+                f"joint {body.joint.name!r} floats away from the world's origin; MuJoCo has no joint for that."
+            )
+        yield body, model.joint(numbers[body.joint.name])
+
+
+def _name(model: Any, i: int) -> str:
+    """Name of the joint, or its default name from the MJCF reader: ``body3.hinge``, ``body3.slide1``."""
+    if model.joint(i).name:
+        return str(model.joint(i).name)
+    b = int(model.jnt_bodyid[i])
+    place = str(i - int(model.body_jntadr[b])) if model.body_jntnum[b] > 1 else ""
+    return f"{model.body(b).name or f'body{b}'}.{('free', 'ball', 'slide', 'hinge')[int(model.jnt_type[i])]}{place}"
+
+
+# ── Pinocchio
+
+
+def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
+    """Configuration and velocities in Pinocchio's order.
+
+    Parameters
+    ----------
+    *rates : (..., nv) array_like, any number of dq, ddq
+
+    Returns
+    -------
+    arrays : tuple, q and the rates in the order of ``model``
+    """
+    require_pair(robot, model, "Pinocchio")
+    q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
+    theirs = np.zeros((*q.shape[:-1], model.nq))
+    for body, joint in _joints_of_pinocchio_order(robot, model):
+        mine = positions(body, q)
+        if body.joint.quaternion is not None:
+            mine = body.joint.to_pinocchio(mine)
+        elif joint.nq > joint.nv:  # planar and unbounded joints: the angle is last, as its cosine and sine
+            mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
+        theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
+    P = pinocchio_rates(robot, model)
+    names = robot.velocity_names
+    return theirs, *(
+        arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) @ P.T for x in rates
+    )
+
+
+def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
+    """Configuration and velocities from Pinocchio's order.
+
+    Parameters
+    ----------
+    q : (..., model.nq) array_like, configuration in Pinocchio's order
+    *rates : (..., model.nv) array_like, any number of dq, ddq in Pinocchio's order
+
+    Returns
+    -------
+    arrays : tuple, q (..., nq) and the rates (..., nv)
+
+    Notes
+    -----
+    Angles stored as (cos, sin) are returned within ±π. Values of mimic joints are ignored.
+    """
+    require_pair(robot, model, "Pinocchio")
+    q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
+    ours = np.zeros((*q.shape[:-1], robot.nq))
+    for body, joint in _joints_of_pinocchio_order(robot, model):
+        if body.follows:
+            continue
+        theirs = q[..., joint.idx_q : joint.idx_q + joint.nq]
+        if body.joint.quaternion is not None:
+            theirs = body.joint.from_pinocchio(theirs)
+        elif joint.nq > joint.nv:
+            angle = np.arctan2(theirs[..., -1:], theirs[..., -2:-1])
+            theirs = np.concatenate([theirs[..., :-2], angle], axis=-1)
+        ours[..., body.places[0]] = theirs
+    P = np.linalg.pinv(pinocchio_rates(robot, model))
+    return ours, *(arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) @ P.T for rate in rates)
+
+
+def pinocchio_rates(robot: Robot, model: Any) -> Array:
+    """Matrix between the velocities of robot and Pinocchio model: P with dq* = P dq, dq* Pinocchio's.
+
+    Returns
+    -------
+    P : (model.nv, nv) array
+
+    Notes
+    -----
+    The matrix is constant: both libraries use the joint twist in the moving frame.
+    """
+    require_pair(robot, model, "Pinocchio")
+    P = np.zeros((model.nv, robot.nv))
+    for body, joint in _joints_of_pinocchio_order(robot, model):
+        turn = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
+        P[joint.idx_v : joint.idx_v + joint.nv, body.places[1]] = body.ratio * turn
+    return P
+
+
+def _joints_of_pinocchio_order(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
+    """Pairs of a body and Pinocchio's joint of the same name."""
+    names = list(model.names)[1:]
+    check_names(robot, names, "Pinocchio")
+    for body in robot.model.bodies:
+        joint = model.joints[model.getJointId(body.joint.name)]
+        if joint.nv != body.joint.nv:
+            raise ModelError(
+                f"joint {body.joint.name!r} is {body.joint.kind} here and {joint.shortname()} in Pinocchio."
+            )
+        body.joint.require_pinocchio()
+        yield body, joint
+
+
+# ── SciPy
+
+
+def to_scipy_quaternion(Q: ArrayLike) -> Array:
+    """Quaternions in the order of SciPy's ``Rotation.from_quat``, scalar last.
+
+    Parameters
+    ----------
+    Q : (..., 4) array_like, (w, x, y, z)
+
+    Returns
+    -------
+    Q : (..., 4) array, (x, y, z, w)
+
+    Examples
+    --------
+    >>> to_scipy_quaternion([1, 0, 0, 0]).tolist()
+    [0.0, 0.0, 0.0, 1.0]
+    """
+    return np.roll(np.asarray(arguments.real(Q, "to_scipy_quaternion: Q", 4), float), -1, axis=-1)
+
+
+def from_scipy_quaternion(Q: ArrayLike) -> Array:
+    """Quaternions from the order of SciPy's ``Rotation.as_quat``, converted to scalar first.
+
+    Parameters
+    ----------
+    Q : (..., 4) array_like, (x, y, z, w)
+
+    Returns
+    -------
+    Q : (..., 4) array, (w, x, y, z)
+
+    Examples
+    --------
+    >>> from_scipy_quaternion([0, 0, 0, 1]).tolist()
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    return np.roll(np.asarray(arguments.real(Q, "from_scipy_quaternion: Q", 4), float), 1, axis=-1)
+
+
+# ── Public functions
+
+# Joints are matched by name, so the other library must have read the same file. With a star for its quantities, there
+# is one matrix P for each library with
+#
+#     dq* = P dq        and so        τ = P' τ*,    M = P' M* P,    J = J* P.
+#
+# P also has rows for joints that are mimic joints here and independent joints there.
+#
+# Pinocchio: children of one link in alphabetical order; floating joints ``(x, y, z, qx, qy, qz, qw)`` and body twists
+# ``(v, omega)``; unbounded angles as (cos, sin). MuJoCo: children in document order; floating joints
+# ``(x, y, z, qw, qx, qy, qz)``, their velocity the origin's along world axes, then omega in the body.
+
+
+def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
+    """Convert twists, wrenches or Jacobians from linear part first to angular part first, or back.
+
+    Parameters
+    ----------
+    rows : (..., 6) array_like twists or wrenches, (..., 6, n) array_like Jacobians
+    axis : int, optional, axis with the six rows; None: the only one of the last two axes of length 6
+
+    Returns
+    -------
+    rows : array of the same shape
+
+    Examples
+    --------
+    >>> swap_halves([1, 2, 3, 4, 5, 6]).tolist()
+    [4, 5, 6, 1, 2, 3]
+    >>> import numpy as np
+    >>> swap_halves(np.eye(6), axis=-2)[0].tolist()  # a Jacobian of six joints
+    [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+    """
+    x = arguments.plain(rows, "swap_halves: rows")
+    allowed = range(-min(x.ndim, 2), 0) if axis is None else (axis,)
+    found = [k for k in allowed if -x.ndim <= k < x.ndim and x.shape[k] == 6]
+    if len(found) != 1:
+        several = "both of the last two axes are 6 long: pass axis=-1 for twists, axis=-2 for a Jacobian"
+        raise ShapeError(
+            f"swap_halves: rows has shape {x.shape}, and {several if found else 'no axis of 6 where they are wanted'}."
+        )
+    return np.roll(x, 3, axis=found[0])
+
+
+complete(globals())

@@ -1,0 +1,422 @@
+"""Quantities as JAX functions, and kernels as in-place XLA calls on the CPU by its typed FFI.
+
+Machine-code kernels have machine-code handlers (:mod:`twistwrench.compiler.runtime.xla_handler`). Kernels on NumPy, or composed
+in Python, use the callback below. It reads the needed fields of the structures of ``xla/ffi/api/c_api.h``, which later
+versions only extend at the end.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import re
+import warnings
+from collections.abc import Callable, Sequence
+from ctypes import POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
+from functools import cache, partial
+from itertools import accumulate
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...compiler.ir.program import Program, TensorSpec
+from ...compiler.lowering.reference_interpreter import batch_shape, evaluated, functions_of
+from ...compiler.runtime.interpreter import compiles
+from ...compiler.runtime.xla_handler import is_compiled, make_handler
+from ...core.errors import MissingExtraError, ModelWarning, ValueRangeError
+from .request import BridgedQuantity
+
+_DTYPES = {11: np.float32, 12: np.float64}
+"""XLA_FFI_DataType_F32 and F64."""
+_EXECUTE, _METADATA, _INTERNAL = 3, 1, 13
+"""XLA_FFI_ExecutionStage_EXECUTE, XLA_FFI_Extension_Metadata, XLA_FFI_Error_Code_INTERNAL."""
+
+
+_HEAD = (("size", c_size_t), ("extension", c_void_p))
+"""First fields of every structure."""
+
+
+class _Version(Structure):
+    _fields_ = (*_HEAD, ("major", c_int), ("minor", c_int))
+
+
+class _Metadata(Structure):
+    _fields_ = (("size", c_size_t), ("version", _Version), ("traits", c_uint32))
+
+
+class _Extension(Structure):
+    _fields_ = (("size", c_size_t), ("type", c_int), ("next", c_void_p), ("metadata", POINTER(_Metadata)))
+
+
+class _Buffer(Structure):
+    _fields_ = (*_HEAD, ("dtype", c_int32), ("data", c_void_p), ("rank", c_int64), ("dims", POINTER(c_int64)))
+
+
+class _Buffers(Structure):
+    _fields_ = (*_HEAD, ("count", c_int64), ("types", c_void_p), ("buffers", POINTER(POINTER(_Buffer))))
+
+
+class _ErrorCreate(Structure):
+    _fields_ = (*_HEAD, ("message", c_char_p), ("code", c_int))
+
+
+class _Api(Structure):
+    _fields_ = (*_HEAD, ("version", _Version), ("internal", c_void_p), ("error_create", c_void_p))
+
+
+class _CallFrame(Structure):
+    _fields_ = (
+        *_HEAD, ("api", POINTER(_Api)), ("context", c_void_p), ("stage", c_int), ("args", _Buffers), ("rets", _Buffers),
+    )  # fmt: skip
+
+
+_HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
+_CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
+_numbers = itertools.count()
+_targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
+"""Targets with kernels and handlers, by kernel id, type and scalar flag.
+
+They are never freed, because XLA keeps their addresses.
+"""
+
+
+def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, scalar: bool) -> str:
+    """Register ``kernel(*inputs, out=results)`` with ``count`` inputs as a target of ``jax.ffi.ffi_call``; returns its name.
+
+    ``char`` is the letter of the type; ``scalar`` is true for single samples.
+    """
+    key = id(kernel), char, scalar
+    if key not in _targets:
+        version = _version(jax)
+        if is_compiled(kernel):
+            handler: Any = make_handler(kernel, char, version, scalar=scalar)
+            capsule = jax.ffi.pycapsule(ctypes.c_void_p(handler.address))
+        else:
+            handler = _callback(name, kernel, count, version)
+            capsule = jax.ffi.pycapsule(handler)
+        target = f"twistwrench_{name}_{next(_numbers)}"
+        jax.ffi.register_ffi_target(target, capsule, platform="cpu")
+        _targets[key] = target, kernel, handler
+    return _targets[key][0]
+
+
+def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[int, int]) -> Any:
+    def run(pointer: Any) -> int | None:
+        frame = pointer.contents
+        try:
+            query = _Extension.from_address(frame.extension) if frame.extension else None
+            if query is not None and query.type == _METADATA:  # XLA queries the version only
+                answer = query.metadata.contents.version
+                answer.major, answer.minor = version
+            elif frame.stage == _EXECUTE:
+                kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
+        except Exception as error:  # exceptions must not propagate through C
+            failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=f"{name}: {error}".encode(), code=_INTERNAL)
+            found: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
+            return found
+        return None
+
+    return _HANDLER(run)
+
+
+def _version(jax: Any) -> tuple[int, int]:
+    """Version of the FFI interface in the header of the installed JAX."""
+    header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
+    major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
+    return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
+
+
+def _arrays(buffers: Any) -> Sequence[Any]:
+    return [_array(buffers.buffers[k].contents) for k in range(buffers.count)]
+
+
+def _array(buffer: Any) -> Any:
+    shape = tuple(buffer.dims[: buffer.rank])
+    dtype: Any = np.dtype(_DTYPES[buffer.dtype])
+    size = int(np.prod(shape)) * dtype.itemsize
+    if not size:
+        return np.empty(shape, dtype)
+    memory: Any = (ctypes.c_char * size).from_address(buffer.data)
+    return np.frombuffer(memory, dtype).reshape(shape)
+
+
+# ── A program as one JAX operation, lowered to the compiled kernel on the CPU and to JAX operations elsewhere
+
+# Kernels are compiled at lowering, not while JAX traces, and not for computations that run only on a GPU.
+
+BATCH = 16
+"""Smallest batch for which a kernel that enters Python is faster than XLA's code of the program."""
+
+
+class JaxOperation:
+    """JAX operation of one quantity: takes arrays, returns a tuple of results. ``plain`` is the version in JAX operations."""
+
+    def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
+        self.quantity, self.plain = quantity, plain
+
+    def __repr__(self) -> str:
+        return f"<JaxOperation {self.quantity.name}>"
+
+    def __call__(self, *arrays: Any) -> tuple[Any, ...]:
+        """Bind the operation in JAX's trace."""
+        return tuple(_primitive().bind(*arrays, operation=self))
+
+    def runs_plain(self, arrays: Sequence[Any]) -> bool:
+        """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
+        return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
+
+    def at_once(self, *arrays: Any) -> tuple[Any, ...]:
+        """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
+        import jax
+
+        given = [jax.numpy.asarray(a) for a in arrays]
+        if all(device.platform == "cpu" for device in given[0].devices()) and self.runs_plain(given):
+            return self.plain(*given)
+        return tuple(jax.jit(self)(*given))
+
+    def on_processor(self, *arrays: Any) -> tuple[Any, ...]:
+        """Kernel as an XLA call."""
+        import jax
+
+        if self.runs_plain(arrays):
+            return self.plain(*arrays)
+        program, kernel = self.quantity.program, self.quantity.kernel
+        batch, dtype = batch_shape(arrays, program), arrays[0].dtype
+        scalar = prod(batch) == 1
+        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, scalar=scalar)
+        whole = [jax.numpy.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
+        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
+        return tuple(jax.ffi.ffi_call(target, results)(*whole))
+
+
+@cache
+def _primitive() -> Any:
+    """JAX primitive of all these operations, with its rules for shapes and lowering."""
+    import jax
+    from jax.extend.core import Primitive
+    from jax.interpreters import mlir
+
+    def shaped(*arrays: Any, operation: JaxOperation) -> list[Any]:
+        program = operation.quantity.program
+        batch = batch_shape(arrays, program)
+        return [jax.core.ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in program.outputs]
+
+    def plain(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.plain(*arrays)
+
+    def on_processor(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.on_processor(*arrays)
+
+    made = Primitive("twistwrench")
+    made.multiple_results = True
+    made.def_impl(lambda *arrays, operation: operation.at_once(*arrays))
+    made.def_abstract_eval(shaped)
+    mlir.register_lowering(made, mlir.lower_fun(plain, multiple_results=True))
+    mlir.register_lowering(made, mlir.lower_fun(on_processor, multiple_results=True), platform="cpu")
+    return made
+
+
+# ── A quantity as a function of JAX arrays for jit, vmap and differentiation: the program in JAX operations
+
+# First derivatives J = df/d(x ⊕ v) and second derivatives H = dJ/dx come from analytic programs, in both modes:
+#
+#     forward   df = J B dx,  dJ = H dx,    backward   dx = Bᵀ Jᵀ w,
+#
+# B maps rates of coordinates to velocities and is the identity without quaternions. With quaternions JAX differentiates
+# J, and JAX always computes third derivatives. On the CPU the compiled kernels run.
+
+
+def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
+    """Function of JAX arrays of any batch shape. Raises MissingExtraError."""
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        raise MissingExtraError.from_extra("jax", "jax", "robot.to_jax") from None
+    inputs, values = quantity.inputs, _Differentiable(jax, quantity).values
+
+    def function(*arrays: Any) -> Any:
+        dtype = _dtype(jax, jnp, precision)
+        given = [jnp.asarray(a) for a in quantity.brought("to_jax", arrays, jax.Array)]
+        quantity.require_shapes("to_jax", [a.shape for a in given])
+        for a, port in zip(given, inputs, strict=True):
+            if jnp.issubdtype(a.dtype, jnp.complexfloating):
+                raise ValueRangeError(f"to_jax {quantity.name}: {port.name} is {a.dtype}, real numbers wanted.")
+        return values(*(a.astype(dtype) for a in given))
+
+    function.__name__ = function.__qualname__ = quantity.name
+    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {listed}."
+    return function
+
+
+class _Differentiable:
+    """One quantity as a function with analytic first and second derivatives in JAX."""
+
+    def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
+        self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
+        self.names = [port.name for port in self.inputs]
+        self.rates = _on_arrays(jax.numpy, quantity.velocities()) if quantity.curved else None
+        self._jacobians: dict[tuple[str, ...], Any] = {}
+        self._hessians: dict[tuple[str, ...], Any] = {}
+        self.values = jax.custom_jvp(_compiled(jax, quantity))
+        self.values.defjvp(self.along, symbolic_zeros=True)
+
+    def with_jacobian(self, by: tuple[str, ...]) -> Callable[..., Any]:
+        """Values and J with respect to some inputs, with their own derivatives."""
+        if by not in self._jacobians:
+            found = self._jacobians[by] = self.jax.custom_jvp(
+                _compiled(self.jax, self.quantity.derivative(by, values=True))
+            )
+            found.defjvp(partial(self.along_again, by), symbolic_zeros=True)
+        return self._jacobians[by]
+
+    def hessian(self, by: tuple[str, ...]) -> Callable[..., Any]:
+        """H with respect to some inputs."""
+        if by not in self._hessians:
+            self._hessians[by] = _compiled(self.jax, self.quantity.derivative(by, "hessian"))
+        return self._hessians[by]
+
+    def along(self, primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+        """Values and df = J B dx for the inputs with tangents."""
+        moved, curved, count = _moved(self.jax, tangents), self.quantity.curved, len(self.outputs)
+        by = tuple(self.names[k] for k in moved)
+        found = self.with_jacobian(by)(*primals)
+        slopes = found[count:]
+        steps = [
+            self.rates(primals[k], tangents[k]) if self.rates and self.names[k] in curved else tangents[k]
+            for k in moved
+        ]
+        ranks = [1 if self.names[k] in curved else len(self.inputs[k].shape) for k in moved]
+        changes = [
+            sum(
+                _contracted(self.jax.numpy, J, v, rank, port.shape)
+                for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
+            )
+            for r, port in enumerate(self.outputs)
+        ]
+        return _alone(found[:count]), _alone(tuple(changes))
+
+    def along_again(
+        self, by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
+        jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
+        moved = _moved(jax, tangents)
+        every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
+        if not compiles() or any(name in quantity.curved for name in every):
+            plain = _on_arrays(jnp, quantity.derivative(by, values=True).program)
+            whole = [t if k in moved else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
+            derived: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(whole))
+            return derived
+        sizes = {port.name: port.size for port in self.inputs if port.name in every}
+        ends = dict(zip(sizes, accumulate(sizes.values()), strict=True))
+        part = {name: slice(end - sizes[name], end) for name, end in ends.items()}
+        given, found = self.with_jacobian(every)(*primals), self.with_jacobian(by)(*primals)
+        hessians = _listed(self.hessian(every)(*primals))
+        slopes, changes, bends = given[len(outputs) :], [], []
+        for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
+            J = dict(zip(every, slopes[r * len(every) :], strict=False))
+            change: Any = 0.0
+            bend: Any = 0.0
+            for k in moved:
+                step, rank = tangents[k], len(self.inputs[k].shape)
+                change += _contracted(jnp, J[names[k]], step, rank, port.shape)
+                flat = step.reshape((*step.shape[: step.ndim - rank], self.inputs[k].size))
+                bend += _contracted(jnp, H[..., part[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
+            changes.append(change)
+            bends += [bend[..., part[name]].reshape(J[name].shape) for name in by]
+        return found, (*changes, *bends)
+
+
+def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
+    """Program in JAX operations, or its kernel, by device and batch size; JAX differentiates it."""
+    import jax.numpy as jnp
+
+    program = quantity.program
+    plain = _on_arrays(jnp, program)
+    operation = JaxOperation(quantity, lambda *arrays: _listed(plain(*arrays)))
+
+    @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
+    def run(*arrays: Any) -> Any:
+        return _alone(operation(*arrays))
+
+    @run.def_vmap  # type: ignore[untyped-decorator]
+    def batched(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
+        """Single call for the whole batch: the new axis precedes the batch axes of all inputs."""
+        ranks = [a.ndim - len(p.shape) - m for a, p, m in zip(arrays, program.inputs, mapped, strict=True)]
+        wide = [
+            a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:])) if m else a
+            for a, rank, m in zip(arrays, ranks, mapped, strict=True)
+        ]
+        return run(*wide), True if len(program.outputs) == 1 else (True,) * len(program.outputs)
+
+    found = jax.custom_jvp(run)
+    found.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
+    result: Callable[..., Any] = found
+    return result
+
+
+def _moved(jax: Any, tangents: Sequence[Any]) -> list[int]:
+    """Inputs with tangents other than symbolic zeros."""
+    return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
+
+
+def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
+    """Program on arrays whose last axes are those of its inputs."""
+    functions = functions_of(jnp, jnp.where)
+
+    def run(*arrays: Any) -> Any:
+        batch = batch_shape(arrays, program)
+        elements: list[Any] = []
+        for a, port in zip(arrays, program.inputs, strict=True):
+            flat = a.reshape((*a.shape[: a.ndim - len(port.shape)], port.size))
+            elements += [flat[..., k] for k in range(port.size)]
+        found = iter(evaluated(program, elements, functions))
+        dtype = jnp.result_type(*arrays)
+        results = [_stacked(jnp, [next(found) for _ in range(p.size)], batch, p, dtype) for p in program.outputs]
+        return _alone(tuple(results))
+
+    return run
+
+
+def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: TensorSpec, dtype: Any) -> Any:
+    """Stack the elements of one result, some of which may be constants."""
+    if not elements:
+        return jnp.zeros((*batch, *port.shape), dtype)
+    whole = jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), batch) for e in elements], axis=-1)
+    return whole.reshape((*batch, *port.shape))
+
+
+def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
+    """J v for a result of that shape: contracts the last ``rank`` axes of J with those of v; batch shapes broadcast."""
+    split = J.ndim - rank
+    size = prod(J.shape[split:])
+    rows = J.reshape((*J.shape[:split], size))
+    steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
+    # faster in XLA than a matrix product, which does not exploit rows of the identity
+    return jnp.sum(rows * steps, axis=-1)
+
+
+def _listed(found: Any) -> tuple[Any, ...]:
+    return found if isinstance(found, tuple) else (found,)
+
+
+def _alone(results: tuple[Any, ...]) -> Any:
+    return results[0] if len(results) == 1 else results
+
+
+def _dtype(jax: Any, jnp: Any, precision: str) -> Any:
+    if precision == "single":
+        return jnp.float32
+    if not jax.config.jax_enable_x64:
+        warnings.warn(
+            "JAX computes in float32 by default: jax.config.update('jax_enable_x64', True) gives what precision="
+            "'double' needs; precision='single' accepts float32.",
+            ModelWarning,
+            stacklevel=3,
+        )
+        return jnp.float32
+    return jnp.float64

@@ -1,0 +1,241 @@
+"""Quantities with their options: export requests with the names of their C functions, and quantities for the bridges."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...compiler.ir.program import Program, TensorSpec
+from ...compiler.ir.tracer import trace
+from ...compiler.printers.c99 import PRECISIONS, CFunction, identifier
+from ...core import arguments
+from ...core.errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ...mechanics.algorithms.kinematics import velocity_map
+from ...mechanics.lie.labelled import TWIST
+from ..arguments import CONFIGURATIONS
+from ..programs import checked_options, program_of
+from ..quantities import QUANTITIES
+
+if TYPE_CHECKING:
+    from .. import Robot
+    from ..engine import Engine
+
+Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, Mapping[str, Any]]]
+
+
+@dataclass(frozen=True)
+class Request:
+    """One quantity with its options and its function."""
+
+    quantity: str
+    options: Mapping[str, Any]
+    """Given options, for :meth:`~twistwrench.Robot.kernel`."""
+    full: Mapping[str, Any]
+    """Validated options, with defaults."""
+    function: CFunction
+
+
+def prefix_of(robot: Robot, prefix: str | None) -> str:
+    """Prefix of the functions' names: ``prefix``, or the robot's name converted to a C identifier.
+
+    Raises ValueRangeError for an invalid prefix.
+    """
+    if prefix is None:
+        found = identifier(robot.name)
+        return found if re.match(r"[A-Za-z]", found) else f"robot_{found}".strip("_")
+    if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
+        raise ValueRangeError(
+            f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores, a letter first."
+        )
+    return prefix
+
+
+def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) -> list[Request]:
+    """Requests for the quantities, in their order.
+
+    Raises UnknownNameError for unknown names, KernelError for options that do not apply and for quantities without a
+    function, SingularMassMatrixError if the mass matrix has no inverse, ValueRangeError for an empty or repeated
+    request.
+    """
+    if precision not in PRECISIONS:
+        raise UnknownNameError.from_choices("precision", precision, PRECISIONS)
+    if robot.nv == 0:
+        raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
+    found: list[Request] = []
+    for name, options in named(quantities):
+        full = checked_options(robot.model, name, options)
+        _require_program(robot, name, full)
+        function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
+        if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
+            raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
+        if twins := [r for r in found if r.function.name == function.name]:
+            raise ValueRangeError(
+                f"{function.name} would be there twice, for {name} {dict(options)} and {twins[0].quantity} "
+                f"{dict(twins[0].options)}. Name each once, or export them to files of different prefixes."
+            )
+        found.append(Request(name, options, full, function))
+    if not found:
+        raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(QUANTITIES))}.")
+    return found
+
+
+def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Pairs (name, options) from one name, a mapping, or names with or without options."""
+    given: list[Any]
+    if isinstance(quantities, str):
+        given = [quantities]
+    elif isinstance(quantities, Mapping):
+        given = list(quantities.items())
+    else:
+        given = list(quantities) if isinstance(quantities, Iterable) else [quantities]  # others are rejected below
+    for entry in given:
+        if isinstance(entry, str):
+            yield entry, {}
+        elif isinstance(entry, tuple | list) and len(entry) == 2 and isinstance(entry[1], Mapping):
+            yield str(entry[0]), entry[1]
+        else:
+            raise ShapeError(
+                f"{entry!r} is not a quantity to export: give its name, or (name, options) such as "
+                "('jacobian', {'frame': 'tool0'})."
+            )
+
+
+def _require_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
+    """Raise KernelError for quantities that a program without branches cannot compute correctly."""
+    if QUANTITIES[name].needs_inverse:
+        robot.engine.require_invertible()
+    if len(full.get("rows", ())) > robot.nv:
+        rows = " ".join(TWIST[k] for k in full["rows"])
+        raise KernelError(
+            f"{name} of the {len(full['rows'])} rows {rows} needs the singular values of J on a robot with {robot.nv} "
+            f"velocities, which a program without branches does not have. Name at most {robot.nv} rows, as in rows='vx vz'."
+        )
+
+
+def _words(full: Mapping[str, Any]) -> Iterator[str]:
+    """Options as parts of a name, in the order of the table."""
+    if frame := full.get("frame"):
+        yield identifier(frame)
+    if kind := full.get("kind"):
+        yield kind
+    if (rows := full.get("rows")) and rows != tuple(range(6)):
+        yield from (TWIST[k] for k in rows)
+    for frame in full.get("wrenches", ()):
+        sign = ["on", "robot"] if frame in full.get("on_robot", ()) else []
+        yield from ("wrench", *sign, identifier(frame))
+    if full.get("friction"):
+        yield "friction"
+    if "gravity" in full:
+        yield "gravity_input"
+    if derivative := full.get("derivative"):
+        yield from ("by", *map(identifier, derivative.by))
+        if derivative.form != "jacobian":
+            yield derivative.form
+
+
+# ── One quantity for a bridge: program, derivatives, and rates of the coordinates
+
+BRIDGE_PRECISIONS = ("double", "single")
+
+
+@dataclass(frozen=True, eq=False)
+class BridgedQuantity:
+    """One quantity with its options; its parts are cached, since functions use them in every call."""
+
+    robot: Robot
+    name: str
+    options: Mapping[str, Any]
+    _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def from_robot(
+        cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str
+    ) -> BridgedQuantity:
+        """Validated quantity. Raises KernelError and UnknownNameError before the other package is imported."""
+        arguments.choice(precision, f"{what}: precision", BRIDGE_PRECISIONS)
+        if options.get("by") is not None:
+            raise KernelError(
+                f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
+                "it goes to."
+            )
+        found = cls(robot, name, options)
+        _ = found.program
+        return found
+
+    @property
+    def engine(self) -> Engine:
+        """Engine of the robot."""
+        return self.robot.engine
+
+    @cached_property
+    def program(self) -> Program:
+        """Program of the quantity."""
+        return self.engine.program((self.name,), self.options)
+
+    @cached_property
+    def kernel(self) -> Any:
+        """Compiled function of the same program."""
+        return self.engine.kernel((self.name,), self.options)
+
+    def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
+        """Derivative with respect to some inputs; for configurations along :meth:`twistwrench.Robot.add`."""
+        key = tuple(by), form, values
+        if key not in self._derivatives:
+            asked = {**self.options, "by": tuple(by), "form": form, "values": values}
+            self._derivatives[key] = BridgedQuantity(self.robot, self.name, asked)
+        return self._derivatives[key]
+
+    @property
+    def inputs(self) -> tuple[TensorSpec, ...]:
+        """Names and shapes of the inputs."""
+        return self.program.inputs
+
+    def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
+        """Keep arrays of the other package and convert all else to real arrays. Raises ShapeError and ValueRangeError."""
+        ports = self.inputs
+        if len(given) != len(ports):
+            names = ", ".join(port.name for port in ports)
+            raise ShapeError(f"{what} {self.name}: {len(given)} arrays given, {names} wanted.")
+        return [
+            x if isinstance(x, theirs) else arguments.real(x, f"{what} {self.name}: {port.name}", *port.shape)
+            for x, port in zip(given, ports, strict=True)
+        ]
+
+    def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
+        """Raise ShapeError unless the shapes end in the inputs' shapes and the batch shapes broadcast."""
+        ports = self.inputs
+        for shape, port in zip(shapes, ports, strict=True):
+            if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
+                wanted = ", ".join(["…", *map(str, port.shape)])
+                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
+        batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
+        if len(several := set(batches)) <= 1:
+            return
+        try:
+            np.broadcast_shapes(*several)
+        except ValueError:
+            listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
+            raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None
+
+    @property
+    def curved(self) -> tuple[str, ...]:
+        """Inputs whose rates differ from velocities: configurations with quaternions or other angles."""
+        plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
+        return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
+
+    def velocities(self) -> Program:
+        """(q, coordinate rates) -> joint velocities, linear in the rates; the radial rate of a quaternion gives zero."""
+        model = self.engine.model
+        return trace(
+            lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
+        )
+
+    def slopes(self) -> Program:
+        """(q, derivative along velocities) -> derivative by the entries of q: transpose of :meth:`velocities`."""
+        model = self.engine.model
+        return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

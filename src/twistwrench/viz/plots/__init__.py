@@ -1,0 +1,3 @@
+"""Plots of results in a common style."""
+
+from __future__ import annotations

@@ -1,0 +1,302 @@
+"""Plots of statics: force polytope and ellipsoid, limit shares of the joints, and the payload map."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.errors import ValueRangeError
+from ...core.glossary import complete
+from ...core.numbers import number, rounded_down
+from ...core.typing import Array
+from ...mechanics.model.limits import over_limit
+from ...statics.force_capability import (
+    WrenchEllipsoid,
+    WrenchPolytope,
+    weakest_direction,
+    wrench_ellipsoid,
+    wrench_polytope,
+)
+from ...statics.payload import SLICES, LargestPayload, PayloadMap
+from . import style
+
+if TYPE_CHECKING:
+    from ...robot import Robot
+
+__all__ = ["plot_payload"]
+
+
+def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
+    """Draw the largest payloads of the best and worst posture at each place, side by side, on a scale for ``answer``."""
+    from matplotlib.colors import LogNorm
+
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
+    finite = chart.best[np.isfinite(chart.best)]
+    high = max(float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3)  # a few are 100 times larger
+    low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
+    if 0 < answer < np.inf:
+        low, high = min(low, answer / 3), max(high, 3 * answer)
+    shades = LogNorm(low, max(high, 1.01 * low))
+    titles = ("Payload map, best posture", "Payload map, worst posture")
+    for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
+        image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
+        axis.set_aspect("equal")
+        axis.grid(visible=False)
+        style.titles(axis, title)
+        names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
+        axis.set_xlabel(f"{names[0]} [m]")
+        axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
+        (cross,) = axis.plot(*place, "x", color=style.POINTED, markeredgewidth=1.8, markersize=7, linestyle="none")
+    axes[0].set_ylabel(f"{names[1]} [m]")
+    figure.legend([cross], ["the pose above"], loc="outside lower center")
+    bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
+    ticks = _round_ticks(low, high)
+    bar.set_ticks(ticks, labels=[number(x) for x in ticks], minor=False)
+    bar.minorticks_off()
+
+
+def _round_ticks(low: float, high: float) -> list[float]:
+    """A few round numbers from low to high, in steps of 1, 2, 5, or finer if these give fewer than three."""
+    ticks: list[float] = []
+    for steps in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0), tuple(0.1 * k for k in range(10, 100))):
+        decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        ticks = [float(x) for x in np.outer(decades, steps).ravel() if low <= x <= high]
+        if len(ticks) >= 3:
+            break
+    return ticks
+
+
+# ── The figure of a payload
+
+_POLYTOPE = "polytope: each joint within its limit, gravity held first"
+_ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
+
+
+def plot_payload(
+    robot: Robot,
+    q: Array,
+    found: LargestPayload,
+    path: str | Path,
+    *,
+    frame: str | None = None,
+    where: str = "",
+    carried: str = "",
+    limits: ArrayLike | None = None,
+    chart: PayloadMap | None = None,
+) -> None:
+    """Plot one pose with its largest payload, and the payload map if given.
+
+    Forces are those of the robot on the world at zero moment, along the axes of the base. The ellipsoid holds all
+    forces with a torque norm of at most 1 in units of the limits, without gravity.
+
+    Parameters
+    ----------
+    q : (nq,) array, configuration
+    found : LargestPayload, at this configuration
+    where : str, place of the payload for the title; the frame if empty
+    carried : str, other loads
+    chart : PayloadMap, optional
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> ur5, q = tw.robots.ur5(), np.array([0.0, -1.2, 1.5, -0.3, 1.5, 0.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_payload(ur5, q, tw.statics.largest_payload(ur5, q), f"{folder}/payload.svg")
+    """
+    mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
+    place = f"at {where or frame or robot.tip}, by torque limits only"
+    title = f"{robot.name} · {mass if found.holds else 'no payload'} {place}"
+    with style.figure(10.5, 4.6 if chart is None else 9.2, title + (f", beside {carried}" if carried else "")) as drawn:
+        parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
+        left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
+        _draw_forces(left, robot, q, frame, limits)
+        _draw_shares(right.subplots(), found, carried)
+        if chart is not None:
+            tip = np.asarray(robot.forward_kinematics(q, frame))[:3, 3]
+            draw_map(parts[1], chart, tip, float(found.mass) if found.holds else 0.0)
+        style.save(drawn, path)
+
+
+def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
+    try:
+        polytope = wrench_polytope(robot, q, frame, limits=limits)
+        # Ellipsoid in units of the torque limits, given or the robot's own.
+        ellipsoid = wrench_ellipsoid(robot, q, frame, limits=robot.limits.effort if limits is None else limits)
+    except ValueRangeError as problem:
+        axis = part.subplots()
+        axis.set_axis_off()
+        axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=style.QUIET)
+        return
+    flat = polytope.borne.shape[1]
+    if flat == 0:
+        axis = part.add_subplot(projection="3d", computed_zorder=False)
+        _draw_solid(axis, polytope, ellipsoid)
+    elif flat == 1:
+        axis = part.subplots()
+        _draw_section(axis, polytope, ellipsoid)
+    else:
+        axis = part.subplots()
+        axis.set_axis_off()
+        axis.text(0.5, 0.5, _flat_words(polytope), ha="center", color=style.QUIET)
+        return
+    weakest = weakest_direction(robot, q, frame=frame, limits=limits)
+    if weakest.magnitude > 0:
+        draw = _draw_weakest_in_space if flat == 0 else _draw_weakest_in_plane
+        limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
+        label = f"weakest, {number(weakest.magnitude)} N, by {limited}"
+        draw(axis, polytope, weakest.magnitude * weakest.wrench[3:], label)
+    style.titles(axis, "Forces the robot can apply, at zero moment")
+    place = {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}  # only a solid plot has room beside the figure
+    axis.legend(loc="upper left", **place)
+
+
+def _flat_words(polytope: WrenchPolytope) -> str:
+    """Caption for at most one direction of force that requires torque."""
+    if polytope.borne.shape[1] > 2:
+        return "The structure bears forces\nin every direction here."
+    along = np.linalg.svd(polytope.borne.T)[2][-1]
+    along = along if along[np.argmax(np.abs(along))] > 0 else -along
+    reach = polytope.vertices @ along
+    return (
+        "The structure bears forces in two directions here.\n"
+        f"Along the third, {_words(along)}: {number(reach.min())} to {number(reach.max())} N"
+    )
+
+
+def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    every = (_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True))
+    polygons = [face for face in every if len(face) >= 3]
+    look: dict[str, Any] = {"facecolor": style.SKY, "edgecolor": style.LINE, "linewidth": 0.8, "alpha": 0.22}
+    faces = Poly3DCollection(polygons, zorder=1, **look)
+    faces.set_label(_POLYTOPE)
+    axis.add_collection3d(faces)
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
+    ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
+    axis.plot_wireframe(
+        shell[..., 0], shell[..., 1], shell[..., 2], color=style.AMBER, linewidth=0.6, rstride=2, cstride=2, zorder=2,
+        label=_ELLIPSOID,
+    )  # fmt: skip
+    points = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, reach = (low + high) / 2, 0.5 * (high - low).max()
+    for k, letter in enumerate("xyz"):
+        getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
+        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=style.SMALL, labelpad=7 if letter == "y" else 3)
+    axis.tick_params(labelsize=7, pad=1)
+    axis.tick_params(axis="z", pad=4)
+    axis.set_box_aspect((1, 1, 1))
+
+
+def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
+    """Corners (k, 3) in the plane n · x = b, in order around it."""
+    on = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
+    if len(on) < 3:
+        return on
+    spokes = on - on.mean(axis=0)
+    first = spokes[0] / np.linalg.norm(spokes[0])
+    return on[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))]
+
+
+def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
+    """Draw the forces of a planar robot in its plane."""
+    first, second = _plane(polytope)
+    corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
+    spokes = corners - corners.mean(axis=0)
+    ring = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
+    axis.fill(*ring.T, facecolor=style.SKY, edgecolor=style.LINE, alpha=0.35, label=_POLYTOPE)
+    turn = np.linspace(0, 2 * np.pi, 181)
+    round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    reach = ellipsoid.reach(round_)
+    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=style.AMBER, label=_ELLIPSOID)
+    axis.set_aspect("equal", "datalim")
+    axis.margins(0.12)
+    axis.set_xlabel(f"force along {_words(first)} [N]")
+    axis.set_ylabel(f"force along {_words(second)} [N]")
+
+
+def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
+    """Two unit vectors across the borne direction: the nearest base axis first, upwards second."""
+    n = polytope.borne[:, 0]
+    flat = np.eye(3) - np.outer(n, n)
+    first = flat[0] if np.linalg.norm(flat[0]) > 0.5 else flat[1]
+    first = first / np.linalg.norm(first)
+    second = np.cross(n, first)
+    return first, second if second[np.argmax(np.abs(second))] > 0 else -second
+
+
+def _words(direction: Array) -> str:
+    k = int(np.argmax(np.abs(direction)))
+    if abs(direction[k]) > 1 - 1e-9:
+        return "xyz"[k]
+    return f"({', '.join(number(x, 2, decimals=3) for x in direction)})"
+
+
+def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
+    """Draw the weakest force, up to the shaded nearest facet; a white outline separates it from the ellipsoid."""
+    from matplotlib.patheffects import Normal, Stroke
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    n = tip / np.linalg.norm(tip)
+    nearest = _face(polytope, n, float(n @ tip))
+    if len(nearest) >= 3:
+        look: dict[str, Any] = {"facecolor": style.POINTED, "edgecolor": style.POINTED, "linewidth": 1.2, "alpha": 0.25}
+        axis.add_collection3d(Poly3DCollection([nearest], zorder=3, **look))
+    rim = [Stroke(linewidth=6, foreground="white"), Normal()]
+    axis.plot(*([0, x] for x in tip), color=style.POINTED, linewidth=3, label=label, zorder=10, path_effects=rim)
+    for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.POINTED, 9)):
+        axis.plot(*([x] for x in place), "o", color=colour, markersize=size, markeredgecolor="white", zorder=11)
+
+
+def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
+    """Draw the weakest force, up to the nearest side, which is drawn thick."""
+    first, second = _plane(polytope)
+    n = tip / np.linalg.norm(tip)
+    on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
+    axis.plot(on @ first, on @ second, color=style.POINTED, linewidth=2.5, alpha=0.5, zorder=9)
+    axis.plot([0, tip @ first], [0, tip @ second], color=style.POINTED, linewidth=3, label=label, zorder=10)
+    axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor="white", zorder=11)
+    axis.plot(tip @ first, tip @ second, "o", color=style.POINTED, markersize=8, markeredgecolor="white", zorder=11)
+
+
+def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
+    from matplotlib.patches import Patch
+
+    rows = np.arange(len(found.joint_names))
+    driven = np.where(found.limits > 0, found.limits, np.inf)  # a limit of zero has no share to draw
+    alone, full = found.unloaded / driven, found.torques / driven
+    over = over_limit(np.abs(full))
+    colours = np.where(over, style.OVER, np.where(rows == int(found.joint), style.NEAR, style.SKY)).tolist()
+    axis.barh(rows, full, color=colours, height=0.62)
+    axis.barh(rows, alone, color=style.LINE, height=0.22)
+    axis.axvline(0, color=style.AXIS, linewidth=0.7)
+    reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
+    for side in (-1, 1):
+        axis.axvline(side, **style.LIMIT)
+        axis.axvspan(side, 2 * side * reach, color=style.OVER, alpha=0.08, linewidth=0)
+    axis.set_xlim(-reach, reach)
+    axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])
+    axis.set_ylim(max(len(rows), 4) - 0.5, -0.5)
+    axis.set_xlabel("torque as a share of its limit")
+    axis.grid(visible=False, axis="y")
+    style.titles(axis, "Holding torques")
+    legend = {
+        "robot as it is" if carried else "robot alone": style.LINE,
+        "with the payload": style.SKY,
+        "at its limit": style.NEAR,
+    }
+    if over.any():
+        legend["over its limit"] = style.OVER
+    patches = [Patch(color=colour, label=label) for label, colour in legend.items()]
+    axis.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3)
+
+
+complete(globals())

@@ -1,0 +1,316 @@
+"""Plots of the torque report: joint torques with limits, contributions of the worst joint, motors in speed–torque regions."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from ...core.numbers import deviation, number, percent_of_limit, seconds
+from ...core.typing import Array
+from ...mechanics.joints.units import torque_word
+from ...mechanics.model.limits import margin, over_limit
+from ...motion.load_case import cause_label
+from ...reports.motors import MotorUse
+from ...reports.statistics import INTERVAL
+from ...reports.torque_report import ZERO, JointTorque, TorqueReport
+from ...sizing.choice import SizedJoint, Sizing
+from ...sizing.drives import hot_motor
+from . import style
+
+_SEEN = 0.02
+"""Minimum width of a visible interval, as a share of the curve's range."""
+_LEAST = 0.1
+"""Minimum range of a joint's axis on either side, as a share of its limit, so that small torques look small."""
+_SHOWN_FROM = 0.3  # share above which limits are drawn to scale; below, they would flatten the curve
+
+
+def plot_report(report: TorqueReport, path: str | Path) -> None:
+    """Plot a torque report: torques over time, and their contributions.
+
+    Parameters
+    ----------
+    report : TorqueReport
+    path : str or Path; the suffix selects the format (.png, .pdf, .svg)
+    """
+    count = len(report.joints)
+    rows, columns = style.panel_grid(count)
+    height = 1.95 * rows + 0.3
+    width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
+    with style.figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
+        if report.noisy:
+            _draw_key(upper, report)
+        for k, axis in enumerate(style.panels(upper, count, sharex=True)):
+            _draw_joint(axis, report, k, last=k + columns >= count)
+        if report.worst is not None:
+            _draw_split(lower.subplots(), report, report.worst)
+        style.save(drawn, path)
+
+
+def report_title(report: TorqueReport) -> str:
+    """Title of a torque report in one line: robot, motion and loads.
+
+    Parameters
+    ----------
+    report : TorqueReport
+
+    Returns
+    -------
+    text : str
+    """
+    carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
+    parts = [report.robot, Path(report.trajectory).stem]
+    parts += [f"payload {carried}"] if carried else []
+    parts += [f"wrench on {', '.join(report.load.wrenches)}"] if report.load.wrenches else []
+    parts += [] if report.load.friction else ["without friction"]
+    return " · ".join(parts)
+
+
+def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
+    """Time and curves with nan inserted in every step longer than ``threshold``, to break lines there."""
+    if len(time) < 3 or not math.isfinite(threshold):
+        return [time, *curves]
+    steps = np.diff(time)
+    usual = float(np.median(steps))  # bins contain several rows, so their step is longer
+    at = np.flatnonzero(steps > max(threshold, usual + threshold if usual > threshold / 2 else 0.0, 1.5 * usual)) + 1
+    return [np.insert(time, at, time[at - 1]), *(np.insert(x, at, np.nan) for x in curves)]
+
+
+def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -> None:
+    joint = report.joints[k]
+    colour = style.OVER if over_limit(joint.share) else style.LINE
+    axis.axhline(0, color=style.QUIET, linewidth=0.6)
+    if report.derived is not None:  # pale, and clipped if it would flatten the main curve
+        _draw_band(axis, report, report.derived.envelope, k, style.PALE, 1)
+    time, least, greatest = _draw_band(axis, report, report.envelope, k, style.LINE, 3)
+    if report.band is not None:
+        time, low, high = _broken(report.band[0], report.gaps.threshold, *(x[:, k] for x in report.band[1:]))
+        axis.fill_between(time, low, high, color=style.SKY, alpha=0.35, linewidth=0, zorder=2)
+    half = INTERVAL * report.reach(joint) if report.noisy else 0.0
+    if half > _SEEN * float(np.nanmax(greatest) - np.nanmin(least)):
+        axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
+    bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
+    _frame_limits(axis, joint, bottom, top, most=report.scale)
+    peak = 0.0 if report.is_zero(joint.peak) else joint.peak
+    axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor="white", zorder=5)
+    late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
+    axis.annotate(
+        report.label(joint.peak),
+        (joint.time, joint.peak),
+        xytext=(-5 if late else 5, 4 if up else -4),
+        textcoords="offset points",
+        ha="right" if late else "left",
+        va="bottom" if up else "top",
+        color=colour,
+        fontsize=style.SMALL,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
+    )
+    limit = f"{percent_of_limit(joint.share)} of {number(joint.limit)} " if math.isfinite(joint.limit) else ""
+    style.titles(axis, joint.joint, limit + joint.unit, style.OVER if over_limit(joint.share) else style.QUIET)
+    axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL)
+    axis.margins(x=0)
+    if last:
+        axis.tick_params(labelbottom=True)
+        axis.set_xlabel("time [s]", color=style.QUIET, fontsize=style.SMALL)
+
+
+def _draw_key(figure_: Any, report: TorqueReport) -> None:
+    """Draw the legend of a noisy log."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    key: list[Any] = [
+        Line2D([], [], color=style.LINE, label="less noise"),
+        Patch(color=style.SKY, alpha=0.35, linewidth=0, label="95 % of single torques"),
+        Line2D([], [], color=style.LINE, marker="|", markersize=8, linestyle="none", label="95 % interval of the peak"),
+    ]
+    key += [Patch(color=style.PALE, label="raw")] if report.derived is not None else []
+    figure_.legend(handles=key, loc="outside upper right", ncols=4)
+
+
+def _draw_band(
+    axis: style.Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
+) -> tuple[Array, Array, Array]:
+    """Draw a joint's torque as a band between the minimum and maximum of each bin of rows; returns the drawn arrays."""
+    size = ZERO * report.scale
+    edges = (np.where(np.abs(x[:, k]) <= size, 0.0, x[:, k]) for x in envelope[1:])
+    time, least, greatest = _broken(envelope[0], report.gaps.threshold, *edges)
+    axis.fill_between(time, least, greatest, color=colour, linewidth=0, zorder=order)
+    for edge in (least, greatest):  # a band of zero width shows as a line
+        axis.plot(time, edge, color=colour, linewidth=1.0, zorder=order)
+    return time, least, greatest
+
+
+def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float, *, most: float) -> None:
+    """Set the displayed torque range: the curve with room for its label, and limits on the sides that come near them.
+
+    A range below a tenth of the limit on either side is widened to that, or to ``most`` if that is less.
+    """
+    span = max(high, 0.0) - min(low, 0.0) or 1.0
+    bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
+    for side, extreme in ((-1, -low), (1, high)):
+        if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
+            continue
+        bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
+        axis.axhline(side * joint.limit, **style.LIMIT)
+        axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=style.OVER, alpha=0.08, linewidth=0)
+    if math.isfinite(joint.limit):
+        least = min(_LEAST * joint.limit, most)
+        bottom, top = min(bottom, -least), max(top, least)
+    axis.set_ylim(bottom, top)
+
+
+def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
+    joint, states = report.joints[k], report.around
+    terms = {name: report.load.at_drives(values)[:, k] for name, values in report.load.terms(states).items()}
+    time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
+    large = {
+        name: x for name, x in zip(terms, parts, strict=True) if np.nanmax(np.abs(x), initial=0.0) > ZERO * report.scale
+    }
+    _, below, above = style.stack(axis, time, ((cause_label(name), style.CAUSES[name], x) for name, x in large.items()))
+    axis.plot(time, np.sum(parts, axis=0), color="black", linewidth=1.3, label="total")
+    axis.axhline(0, color=style.AXIS, linewidth=0.7)
+    axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
+    _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=report.scale)
+    whole = len(states) == report.rows
+    part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
+    what = "no torque to give" if report.is_zero(joint.largest) else "contributions to its torque"
+    doubt = f" ± {deviation(report.reach(joint))}" if report.noisy else ""
+    peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {seconds(joint.time)} s"
+    style.titles(axis, f"{joint.joint}: {what}{part}", peak)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel(torque_word(joint.unit))
+    axis.margins(x=0)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="medium")
+
+
+# ── Operating points of motors. Modern Robotics figure 8.10
+
+_ABREAST = 3
+
+
+def plot_motors(report: TorqueReport, path: str | Path) -> Path:
+    """Plot the motors' loads, one panel each.
+
+    Parameters
+    ----------
+    report : TorqueReport
+    path : str or Path; the suffix selects the format (.png, .pdf, .svg)
+
+    Returns
+    -------
+    path : Path of the written file
+    """
+    motors, title = report.motors, f"{report_title(report)} · motors"
+    rows, columns = style.panel_grid(len(motors), _ABREAST)
+    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--plot motors)") as drawn:
+        axes = style.panels(drawn, len(motors), _ABREAST)
+        keys: dict[str, Any] = {}
+        for k, (axis, motor) in enumerate(zip(axes, motors, strict=True)):
+            points = _draw(axis, motor, (report.begin, report.end))
+            keys |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+            if k + columns >= len(motors):
+                axis.set_xlabel("speed [rad/s]", fontsize=style.SMALL)
+            if k % columns == 0:
+                axis.set_ylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+        drawn.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
+        drawn.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
+        return style.save(drawn, path)
+
+
+def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
+    """Plot a sizing: the cycle of each motor in its speed–torque region, with the winding temperature below.
+
+    Parameters
+    ----------
+    sizing : Sizing
+    path : str or Path; the suffix selects the format (.png, .pdf, .svg)
+
+    Returns
+    -------
+    path : Path of the written file
+    """
+    joints = list(sizing.joints.values())
+    rows, columns = style.panel_grid(len(joints), _ABREAST)
+    width, height = 3.6 * columns + 0.6, 2.7 * rows + 0.8
+    with style.figure(width, height + 2.6, "Motors over the cycle", "Drawing the drives (--plot)") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 2.5]))
+        axes = style.panels(upper, len(joints), _ABREAST)
+        keys: dict[str, Any] = {}
+        for k, (axis, one) in enumerate(zip(axes, joints, strict=True)):
+            points = _draw(axis, _use_of(sizing, one), (0.0, float(one.cycle.time[-1])))
+            keys |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+            axis.set_xlabel("speed [rad/s]" if k + columns >= len(joints) else "", fontsize=style.SMALL)
+            axis.set_ylabel("torque at the rotor [N m]" if k % columns == 0 else "", fontsize=style.SMALL)
+        upper.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
+        upper.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
+        _draw_temperatures(lower.subplots(), joints)
+        return style.save(drawn, path)
+
+
+def _use_of(sizing: Sizing, one: SizedJoint) -> MotorUse:
+    """Motor of a sized joint in the form of the motor report."""
+    motor = hot_motor(sizing.catalog.motors[one.drive[0]].motor, sizing.problem.ambient)
+    limited = tuple(d for d in one.motor.demands if math.isfinite(d.limit))
+    heat = motor.resistance * one.motor.rms_current**2
+    power = float(one.motor.power.max())
+    time = np.linspace(0.0, one.cycle.time[-1], 2 * len(one.cycle.time))  # uniform in time, for time averages
+    speed, torque = (np.interp(time, one.cycle.time, x) for x in (one.motor.speed, one.motor.torque))
+    return MotorUse(one.joint, motor, limited, power, heat, time, speed, torque)
+
+
+def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
+    """Draw winding temperatures over one period of the repeated cycle."""
+    warm = [one for one in joints if one.motor.temperature.size and np.isfinite(one.motor.temperature).all()]
+    for k, one in enumerate(warm):
+        heated = one.motor.temperature[:, 0]
+        time = np.linspace(0.0, 1.0, len(heated)) * one.cycle.time[-1]
+        if len(heated) == len(one.cycle.time):
+            time = one.cycle.time
+        axis.plot(time, heated, color=style.SERIES[k % len(style.SERIES)], label=one.joint)
+    axis.set_xlabel("time in the cycle [s]")
+    axis.set_ylabel("winding [°C]")
+    if warm:
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    else:
+        style.titles(axis, "no thermal data")
+
+
+def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
+    """Draw the capability of a motor, and the motion as points coloured by time; returns the points."""
+    motor, speed, torque = use.motor, use.speed, use.torque
+    edge, seen = min(motor.voltage / motor.torque_constant, motor.speed), float(np.abs(speed).max(initial=0.0))
+    top = 1.05 * max(seen, edge if math.isfinite(edge) else 1.5 * seen) or 1.0
+    w = np.linspace(-top, top, 401)
+    bounds = [motor.torque_constant * x for x in (motor.current_continuous, motor.current_peak) if math.isfinite(x)]
+    reach = 1.1 * max([*bounds, float(np.abs(torque).max(initial=0.0))]) or 1.0
+    spells = ((motor.current_peak, style.SHORT, "intermittent"), (motor.current_continuous, style.LONG, "continuous"))
+    for current, colour, name in spells:
+        high = np.clip(motor.greatest_torque(w, current), -reach, reach)
+        low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
+        axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0)
+        axis.text(
+            0.97 * w[np.argmax(high > low)], 0.96 * high.max(), name, va="top", fontsize=style.SMALL, color=style.AXIS
+        )
+    most, least = motor.greatest_torque(speed), motor.greatest_torque(-speed)
+    within = np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))
+    time: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": span[0], "vmax": span[1]}
+    points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, rasterized=True, **time)
+    if not within.all():
+        axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
+    rms = math.sqrt(float(np.mean(torque**2)))
+    for side in (rms, -rms):
+        label = "rms torque, either way" if side is rms else None
+        axis.axhline(side, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
+    axis.axhline(0, color=style.QUIET, linewidth=0.6)
+    axis.axvline(0, color=style.QUIET, linewidth=0.6)
+    axis.set_xlim(-top, top)
+    axis.set_ylim(-reach, reach)
+    axis.locator_params(axis="x", nbins=5)
+    d = use.tightest
+    used = f"{d.what} {percent_of_limit(d.share)}" if d.share else ""
+    style.titles(axis, use.joint, used, style.OVER if use.too_small else style.QUIET)
+    return points
