@@ -95,7 +95,8 @@ if _typing.TYPE_CHECKING:
     from .diagnosis.report import doctor as doctor
     from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
     from .mechanics.bodies.rigid_body import RigidBody as RigidBody
-    from .mechanics.lie import se3, so3
+    from .mechanics.lie import se3 as se3
+    from .mechanics.lie import so3 as so3
     from .mechanics.lie.adjoint import Ad as Ad
     from .mechanics.lie.adjoint import ad as ad
     from .mechanics.lie.twist_wrench import Pose as Pose

@@ -25,9 +25,9 @@ from twistwrench.robot.quantities import QUANTITIES
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
-    "export", "joints", "mechanics.model.actuators", "mechanics.model.builder", "mechanics.model.edit", "mechanics.model.limits", "motion", "viz.plots.explanation",
+    "robot.export", "mechanics.joints", "mechanics.model.actuators", "mechanics.model.builder", "mechanics.model.edit", "mechanics.model.limits", "motion", "viz.plots.explanation",
     "viz.plots.motion", "viz.plots.payload", "viz.plots.simulation", "viz.plots.style", "viz.plots.torques", "reports", "mechanics.lie.axis",
-    "mechanics.lie.twist_wrench", "core.verdict", "verify",
+    "mechanics.lie.twist_wrench", "core.verdict", "testing.verify",
 )  # fmt: skip
 """Modules that are imported by their own path, beside those of ``dir(twistwrench)``."""
 
@@ -232,8 +232,8 @@ def problems_of(name, value):
 # ── the rules ──
 
 WITHOUT_EXAMPLE = {
-    "convert.": "takes a model of another library's, which need not be installed",
-    "joints.": "asked by the library, each with symbols or a batch of its own; docs/adding.md shows them at work",
+    "robot.convert.": "takes a model of another library's, which need not be installed",
+    "mechanics.joints.": "asked by the library, each with symbols or a batch of its own; docs/adding.md shows them at work",
     "viz.plots.torques.": "takes a report, which the command makes of a file",
     "simulation.torque_laws.": "called with symbols while a rollout is traced",
     "reports.drawn_motion.read_motion": "takes a file that is open, as the command view has it",
@@ -269,11 +269,11 @@ def test_every_public_function_shows_an_example():
 
 def test_the_walk_reaches_what_users_call():
     """It finds names of every kind: inherited methods, functions that a class takes over, results that no module lists."""
-    found = {name.partition(".")[0] + "." + value.__qualname__ for name, value in FUNCTIONS.items()}
+    found = {value.__module__.split(".")[1] + "." + value.__qualname__ for name, value in FUNCTIONS.items()}
     assert {
-        "bodies.box", "export.export_c", "lie.exp", "motion.Motion.at", "robot.QuantityMethods.inverse_dynamics", "robot.load",
+        "mechanics.box", "robot.export_c", "mechanics.exp", "motion.Motion.at", "robot.QuantityMethods.inverse_dynamics", "robot.load",
         "robot.Explanation.table", "robot.SharedMethods.simulate", "robot.TaskSpaceMethods.task_inertia",
-        "simulation.SimulationResult.to_csv", "statics.WrenchPolytope.contains", "verify.verify",
+        "simulation.SimulationResult.to_csv", "statics.WrenchPolytope.contains", "testing.verify",
     } <= found  # fmt: skip
 
 

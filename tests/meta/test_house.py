@@ -260,5 +260,5 @@ def test_components_of_twists_and_wrenches_are_named_in_one_module():
 
 def test_places_of_joints_are_asked_of_the_body():
     assert not lines_with(
-        r"slice\(\w+\.[qv]_index|\[[^\[]*\b[qv]_index : \w+\.[qv]_index \+", but=("mechanics/model/mechanics/model.py",)
+        r"slice\(\w+\.[qv]_index|\[[^\[]*\b[qv]_index : \w+\.[qv]_index \+", but=("mechanics/model/model.py",)
     )

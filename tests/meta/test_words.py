@@ -71,7 +71,7 @@ def literals() -> list[tuple[str, str, bool]]:
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():
                 text = " ".join(re.sub(r"``.*?``", "x", node.value).split())
                 found.append((f"{path.relative_to(SOURCE)}:{node.lineno}", text, id(node) in documented))
-    for name, entry in tomllib.loads((SOURCE / "log_checks" / "doubts.toml").read_text("utf-8")).items():
+    for name, entry in tomllib.loads((SOURCE / "core" / "doubts.toml").read_text("utf-8")).items():
         texts = (" ".join(entry[part].split()) for part in {"sentence", "remedy"} & entry.keys())
         found += [(f"doubts.toml: {name}", re.sub(r"{.*?}", "x", text), False) for text in texts]
     return found

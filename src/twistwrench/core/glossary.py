@@ -74,7 +74,6 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "r": "(..., 3) array_like, the body's point in {b} [m]",
     },
     "control": {"t": "float [s]"},
-    "convert": {"model": "the other library's model of the same robot"},
     "diagnosis": {"report": "DoctorReport"},
     "identification": {
         "base": "BaseParameters",
@@ -161,13 +160,14 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "limits": "Limits, optional; velocity limits help to distinguish a jump from a fast motion",
         "model": "Model",
     },
-    "plotting": {
+    "plots": {
         "joints": "sequence of str, joints to draw; none: all",
         "motion": "DrawnMotion",
         "path": "str or Path; the suffix sets the kind (.png, .pdf, .svg)",
         "report": "TorqueReport",
     },
     "robot": {
+        "model": "the other library's model of the same robot",
         "every": "int, keep every n-th state",
         "joint_names": "sequence of n str, optional",
         "weights": "(nv,) array_like, w",

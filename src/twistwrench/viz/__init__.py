@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from .plots.motion import Energies, energies, plot_phase, plot_power, plot_split
 
 _PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
-"""Names of ``plotting.motion``, imported at first use because that module imports this package."""
+"""Names of ``viz.plots.motion``, imported at first use because that module imports this package."""
 
 
 def __getattr__(name: str) -> object:
     if name in _PLOTS:
-        return getattr(importlib.import_module("..plotting.motion", __name__), name)
+        return getattr(importlib.import_module(".plots.motion", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,7 +8,7 @@ from .joint import ChartEntry, Fixed, Joint, Slider
 from .multi_dof import Ball, Floating, Planar
 from .screw_joint import Continuous, Helical, Prismatic, Revolute, RotorJoint
 
-__all__ = ["ChartEntry", "Fixed", "Floating", "JOINT_TYPES", "Joint", "Planar", "RotorJoint", "Slider"]
+__all__ = ["JOINT_TYPES", "ChartEntry", "Fixed", "Floating", "Joint", "Planar", "RotorJoint", "Slider"]
 
 JOINT_TYPES: Mapping[str, type[Joint]] = {
     joint.kind: joint for joint in (Revolute, Continuous, Prismatic, Helical, Planar, Floating, Ball)

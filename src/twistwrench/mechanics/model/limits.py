@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.typing import Array
 
-__all__ = ["FASTEST_TURN", "Limits", "TOLERANCE", "known_velocities", "margin", "over_limit"]
+__all__ = ["FASTEST_TURN", "TOLERANCE", "Limits", "known_velocities", "margin", "over_limit"]
 
 TOLERANCE = 1e-6
 """Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
