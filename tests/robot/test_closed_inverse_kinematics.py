@@ -155,7 +155,9 @@ def test_what_cannot_be_meant_is_refused(platform, asked, error, told):
 def test_a_start_that_is_not_found_is_asked_for(monkeypatch):
     arm = tw.robots.planar_3r()
     held = arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5))
-    monkeypatch.setattr("twistwrench.robot.constraints.STARTS", 1)  # the stretched arm alone, which leads nowhere
+    monkeypatch.setattr(
+        "twistwrench.robot.constraints.closures.STARTS", 1
+    )  # the stretched arm alone, which leads nowhere
     T = arm.forward_kinematics(held.consistent([-0.6, 0.2, 2.2]), "link2")
     with pytest.raises(tw.ConstraintError, match="Give q0"):
         held.inverse_kinematics(T, "link2")

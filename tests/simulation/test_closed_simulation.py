@@ -289,7 +289,7 @@ def test_holding_torques_hold(linkage, start):
 
 def test_closing_begins_at_configurations_that_the_model_knows(monkeypatch):
     """With no random starts: the stretched arm alone, the neutral one, finds nothing."""
-    monkeypatch.setattr("twistwrench.robot.constraints.STARTS", 1)
+    monkeypatch.setattr("twistwrench.robot.constraints.closures.STARTS", 1)
     arm = tw.robots.planar_3r()
     asked = {"frame_a": "ground", "frame_b": arm.tip, "rows": "vx vz", "pose": along(1.5)}
     with pytest.raises(tw.ConstraintError, match="from 1 starts"):

@@ -30,7 +30,7 @@ from ..mechanics.lie import se3, so3
 from ..mechanics.lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
-from ..robot.closed_robot import ClosedRobot
+from ..robot.constraints.closed_robot import ClosedRobot
 from .references import Motion, Reference, gain, joint_motion, one_state, pose_motion, require_driven, set_gains
 
 KINDS = ("world_aligned", "body")
@@ -281,7 +281,7 @@ class Impedance(TaskLaw):
 #     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
 #
 # so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, for any output of the motion law along A. As λ in
-# :mod:`twistwrench.robot.closed_robot`, λ_d is exerted by the robot on its constraints.
+# :mod:`twistwrench.robot.constraints.closed_robot`, λ_d is exerted by the robot on its constraints.
 
 Law = Callable[[float, Array, Array], ArrayLike]
 

@@ -21,13 +21,13 @@ from ..mechanics.algorithms.loop_closure import LoopRows
 from ..mechanics.algorithms.newton_step import NewtonStep
 from ..mechanics.model.assembly import random_configuration
 from ..mechanics.model.model import Model
-from .constraints import CLOSED, gap_units, some_configurations
+from .constraints.closures import CLOSED, gap_units, some_configurations
 from .engine import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .closed_robot import ClosedRobot
+    from .constraints.closed_robot import ClosedRobot
 
 STEPS = 60
 """Largest number of steps from one start."""

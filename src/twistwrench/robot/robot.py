@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
     from ..viz.page import ShownPage
-    from .closed_robot import ClosedRobot
+    from .constraints.closed_robot import ClosedRobot
     from .explanation import Explanation
     from .ik import IKResult
 
@@ -109,7 +109,7 @@ class Robot(
         return Robot(model)
 
     def _closed(self) -> ClosedRobot:
-        from .closed_robot import ClosedRobot
+        from .constraints.closed_robot import ClosedRobot
 
         return ClosedRobot(self)
 

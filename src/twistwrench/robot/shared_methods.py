@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..simulation import Event, JointStops, Plane
     from ..simulation.torque_laws import TorqueLaw
     from ..statics.clearance import Clearance
-    from .closed_robot import ClosedRobot
+    from .constraints.closed_robot import ClosedRobot
     from .export.request import Quantities
     from .ik import IKResult
     from .ik_search import LoopClosureSolver
@@ -218,7 +218,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         >>> arm.close("ground", "tip", rows="vz").close("ground", "tip", rows="wy").row_names
         ('ground–tip vz', 'ground–tip #2 wy')
         """
-        from .constraints import closure
+        from .constraints.closures import closure
 
         return self._closed()._with(closure(self._open().model, frame_a, frame_b, rows, pose), near, redundant)
 
@@ -256,7 +256,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         >>> tw.robots.floating_box().constrain("box", "vy").constrain("box", "vz").row_names
         ('box vy', 'box #2 vz')
         """
-        from .constraints import rolling
+        from .constraints.closures import rolling
 
         return self._closed()._with(rolling(self._open().model, frame, rows, kind), near, redundant)
 

@@ -26,8 +26,8 @@ from ..mechanics.algorithms.kinematics import add
 from ..mechanics.algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import moves_joints
-from ..robot import constraints as checks
-from ..robot.constraints import CLOSED, gap_units
+from ..robot.constraints import closures as checks
+from ..robot.constraints.closures import CLOSED, gap_units
 from ..robot.engine import compiled
 from .adaptive import Stepper
 from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
@@ -39,7 +39,7 @@ from .rollout_inputs import Inputs, cleaned
 from .schemes import ADAPTIVE, Scheme
 
 if TYPE_CHECKING:
-    from ..robot.closed_robot import ClosedRobot
+    from ..robot.constraints.closed_robot import ClosedRobot
 
 WIDEST, FASTEST, OPEN, PIVOT, GOOD = range(5)
 """Loop-closure state passed between steps with q and dq: largest gap [rad or m] and gap rate before projection, largest

@@ -20,7 +20,7 @@ from ..core.quadrature import probe_spacing
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import NONE_GIVEN
-from ..robot import constraints as checks
+from ..robot.constraints import closures as checks
 from .adaptive import Stepper, TrialSteps, run_adaptive
 from .callback_steps import CallbackSteps, use_block
 from .closed import CLOSED_METHODS, ClosedScheme, ClosedSimulation, ClosedStepper, ClosedSteps, ClosedSystem, Loops
@@ -45,7 +45,7 @@ from .schemes import ADAPTIVE, Scheme, SemiImplicit, scheme_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.closed_robot import ClosedRobot
+    from ..robot.constraints.closed_robot import ClosedRobot
 
 _MOST = 10**8
 

@@ -31,7 +31,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
-from ..robot.closed_robot import ClosedRobot
+from ..robot.constraints.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot
 from ..shapes.visuals import Colour
 from .colours import force_scale, mass_scale

@@ -14,14 +14,14 @@ from ..mechanics.algorithms.constraints import GROUND, Closure, independent_cons
 from ..mechanics.lie import se3
 from ..mechanics.model.model import BASE, Frame, Model
 from ..robot import Robot
-from ..robot.constraints import driven, joints, named_motors, some_configurations
+from ..robot.constraints.closures import driven, joints, named_motors, some_configurations
 from ..shapes.visuals import read_visuals
 from ..statics.contacts import Contact, pyramid_facets
 from ..statics.torque_limits import effort_limits
 from .starting_pose import clear_of_stops, starting_pose
 
 if TYPE_CHECKING:
-    from ..robot.closed_robot import ClosedRobot
+    from ..robot.constraints.closed_robot import ClosedRobot
     from .scene import Scene
 
 FRICTION = 0.6

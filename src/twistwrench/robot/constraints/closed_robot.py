@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments, third_party
-from ..core.errors import KernelError, ValueRangeError
-from ..core.glossary import complete
-from ..core.numbers import printed
-from ..core.typing import Array
-from ..mechanics.algorithms.constraints import (
+from ...core import arguments, third_party
+from ...core.errors import KernelError, ValueRangeError
+from ...core.glossary import complete
+from ...core.numbers import printed
+from ...core.typing import Array
+from ...mechanics.algorithms.constraints import (
     Closure,
     ConstrainedDerivatives,
     ConstrainedMotion,
@@ -33,21 +33,21 @@ from ..mechanics.algorithms.constraints import (
     constrained_derivatives,
     with_gaps,
 )
-from ..mechanics.algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
-from ..mechanics.lie.labelled import TWIST
-from . import constraints as checks
-from .arguments import Wrenches, finite_states
-from .constraints import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes
-from .programs import KernelOptions, options_of
-from .robot import Robot
-from .shared_methods import ClosedMethod, SharedMethods
-from .task_space_methods import ActuationMethods
+from ...mechanics.algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
+from ...mechanics.lie.labelled import TWIST
+from ..arguments import Wrenches, finite_states
+from ..programs import KernelOptions, options_of
+from ..robot import Robot
+from ..shared_methods import ClosedMethod, SharedMethods
+from ..task_space_methods import ActuationMethods
+from . import closures as checks
+from .closures import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes
 
 if TYPE_CHECKING:
-    from ..simulation.closed import ClosedRollout, ClosedSimulation
-    from ..viz.page import ShownPage
-    from .explanation import Explanation
-    from .ik_search import LoopClosureSolver
+    from ...simulation.closed import ClosedRollout, ClosedSimulation
+    from ...viz.page import ShownPage
+    from ..explanation import Explanation
+    from ..ik_search import LoopClosureSolver
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,7 +149,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return closed
 
     def _searched_loops(self) -> LoopClosureSolver:
-        from .ik_search import LoopClosureSolver
+        from ..ik_search import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
         found: LoopClosureSolver = self.robot.engine.cached(key, lambda: LoopClosureSolver(self))
@@ -159,12 +159,12 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return {"constraints": self._independent_constraints} if "constraints" in options_of(name) else {}
 
     def _simulated(self, *start: Any, **given: Any) -> ClosedSimulation:
-        from ..simulation.preparation import simulate_closed
+        from ...simulation.preparation import simulate_closed
 
         return simulate_closed(self, *start, **given)
 
     def _rolled_out(self, *start: Any, **given: Any) -> ClosedRollout:
-        from ..simulation.closed import rollout_closed
+        from ...simulation.closed import rollout_closed
 
         return rollout_closed(self, *start, **given)
 
@@ -524,7 +524,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
         >>> held.show(actuated=["joint1"])  # doctest: +SKIP
         """
-        from ..viz.page import show
+        from ...viz.page import show
 
         return show(self, q=q, actuated=actuated, wrench_on_robot=wrench_on_robot, embed=embed, control=control)
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments, third_party
-from ..core.errors import ConstraintError, ConstraintWarning, UnknownNameError
-from ..core.glossary import complete
-from ..core.numbers import printed
-from ..core.typing import Array
-from ..mechanics.algorithms.constraints import (
+from ...core import arguments, third_party
+from ...core.errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ...core.glossary import complete
+from ...core.numbers import printed
+from ...core.typing import Array
+from ...mechanics.algorithms.constraints import (
     SINGULAR,
     UNBALANCED,
     Closure,
@@ -29,18 +29,18 @@ from ..mechanics.algorithms.constraints import (
     row_names,
     with_gaps,
 )
-from ..mechanics.algorithms.kinematics import KINDS
-from ..mechanics.algorithms.loop_closure import ConstraintProjector, through, usual_sizes
-from ..mechanics.algorithms.operational_space import row_numbers
-from ..mechanics.joints import Planar
-from ..mechanics.lie.labelled import TWIST
-from ..mechanics.model.couplings import refuse_couplings
-from ..mechanics.model.model import BASE, Body, Model
-from .arguments import Rows, finite_states
+from ...mechanics.algorithms.kinematics import KINDS
+from ...mechanics.algorithms.loop_closure import ConstraintProjector, through, usual_sizes
+from ...mechanics.algorithms.operational_space import row_numbers
+from ...mechanics.joints import Planar
+from ...mechanics.lie.labelled import TWIST
+from ...mechanics.model.couplings import refuse_couplings
+from ...mechanics.model.model import BASE, Body, Model
+from ..arguments import Rows, finite_states
 
 if TYPE_CHECKING:
+    from ..robot import Robot
     from .closed_robot import ClosedRobot
-    from .robot import Robot
 
 
 @dataclass(frozen=True, eq=False, repr=False)

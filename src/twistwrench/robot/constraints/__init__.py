@@ -1,0 +1,1 @@
+"""Loops and other velocity constraints of a robot."""
