@@ -18,10 +18,10 @@ import numpy as np
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from twistwrench.robot.constraints.closed_robot import ClosedRobot
 
 import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.robot.constraints.closed_robot import ClosedRobot
 from twistwrench.simulation.closed import ClosedSimulation
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"

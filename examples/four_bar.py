@@ -18,10 +18,10 @@ import numpy as np
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from twistwrench.robot.constraints.closed_robot import ClosedRobot
 
 import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.robot.constraints.closed_robot import ClosedRobot
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
 LENGTHS = {"crank": 0.3, "coupler": 0.8, "rocker": 0.6}  # m; the ground's is 0.7

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
-from twistwrench.robot.constraints.closed_robot import ClosedRobot
 
 import twistwrench as tw
 from twistwrench.mechanics.joints import JOINT_TYPES
+from twistwrench.robot.constraints.closed_robot import ClosedRobot
 from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import QuantityMethods

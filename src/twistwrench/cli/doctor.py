@@ -82,7 +82,7 @@ def doctor_command(given: Given) -> ExitCode:
         repaired = report.write(given.out, overwrite=given.overwrite)
         click.echo(f"wrote {given.out}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}")
     if given.plot is not None:
-        from ..viz.plots.identification import links_drawn, plot_diagnosis
+        from ..viz.plots.diagnosis import links_drawn, plot_diagnosis
 
         if links_drawn(report):
             click.echo(f"wrote {plot_diagnosis(report, given.plot)}")
@@ -104,7 +104,7 @@ def write_doctor_report(
 ) -> None:
     """Write the files of --html and --report, with links coloured by finding and inertias before and after repair."""
     from ..viz.page import findings_scene
-    from ..viz.plots.identification import links_drawn, plot_diagnosis
+    from ..viz.plots.diagnosis import links_drawn, plot_diagnosis
 
     pictures, scene = [], findings_scene(report)
     link = write_viewer(given, scene.robot, scene=scene)

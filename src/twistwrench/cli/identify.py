@@ -22,6 +22,8 @@ from ..core.verdict import ExitCode, Verdict, Word
 from ..formats.actuators import actuator_content, read_log_side
 from ..identification.parameters import PARAMETER_UNITS, group_units
 from ..identification.payload import motor_side, read_motion
+from ..identification.pictures import identification_pictures
+from ..identification.report import bodies_view, identification_view
 from ..identification.write import OF_COUPLED_MOTORS
 from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import with_couplings
@@ -29,7 +31,6 @@ from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
 from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..robot import Robot
-from ..viz.plots.identification import bodies_view, identification_pictures, identification_view
 from . import shared
 from .main import Given, note, option
 from .report import REPORT, MarkedJoint, robot_picture, write_report

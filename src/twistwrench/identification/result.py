@@ -277,7 +277,7 @@ class IdentifiedRobot:
         ValueRangeError
             The file cannot be written.
         """
-        from ..viz.plots.identification import plot_identification
+        from .pictures import plot_identification
 
         return plot_identification(self, path)
 
@@ -296,7 +296,8 @@ class IdentifiedRobot:
             The file cannot be written.
         """
         from ..reports.page import ReportPage
-        from ..viz.plots.identification import bodies_view, identification_pictures, identification_view
+        from .pictures import identification_pictures
+        from .report import bodies_view, identification_view
 
         target, blocks = as_path(path), list(identification_view(self))
         pictures, details = identification_pictures(self), list(bodies_view(self))

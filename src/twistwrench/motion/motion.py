@@ -29,17 +29,17 @@ from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
 from .contradictions import Contradictions
 from .coordinates import Coordinates, joint_rates
+from .doors import MotionDoors
 from .plausibility import Instant, RecordedSteps, origin_of
 from .smoothing import FEWEST, continuous, spline_rates, states_between
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..viz.page import ShownPage
     from .motion_log import MotionLog
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion:
+class Motion(MotionDoors):
     """States of one robot at increasing times.
 
     Parameters
@@ -430,52 +430,6 @@ class Motion:
         check.add(self.time, self.q, self.dq, self.ddq, np.asarray(tau, float))
         return check.violations()
 
-    def plot(self, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
-        """Plot velocities and torques relative to their limits.
-
-        Parameters
-        ----------
-        path : str or Path; the suffix determines the format (.png, .pdf, .svg)
-
-        Returns
-        -------
-        path : Path of the written file
-
-        Raises
-        ------
-        MissingExtraError
-            matplotlib is not installed.
-        ValueRangeError
-            The file cannot be written.
-        """
-        from ..viz.plots.motion import plot_motion
-
-        return plot_motion(self, path, bounds, friction=friction)
-
-    def show(self, robot: Robot | None = None, *, embed: bool = False, control: str | None = None) -> ShownPage:
-        """Show a page of the motion: in a notebook below the cell, otherwise in the browser.
-
-        Parameters
-        ----------
-        robot : Robot, optional, with the same coordinates; default: the motion's robot
-        embed, control : as for :func:`twistwrench.viz.write_page`
-
-        Returns
-        -------
-        page : ShownPage
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> t = np.linspace(0, 1, 21)
-        >>> tw.Motion(t, np.sin(t)[:, None], robot=tw.robots.pendulum()).show()  # doctest: +SKIP
-        """
-        from ..reports.drawn_motion import motion_of
-        from ..viz.page import show
-
-        motion = self if robot is None else self.with_robot(robot)
-        return show(motion.robot, motion=motion_of(motion.robot, motion), embed=embed, control=control)
-
     # ── as columns ──
 
     def columns(self, *, degrees: bool = False) -> dict[str, Array]:
@@ -523,42 +477,6 @@ class Motion:
         with csv_table(path, columns) as table:
             table.numbers(np.column_stack(list(columns.values())))
         return path
-
-    def to_mcap(self, path: str | Path) -> Path:
-        """Write an MCAP recording of ROS 2, for Foxglove and ``twistwrench torques``.
-
-        Returns
-        -------
-        path : Path of the written file
-
-        Raises
-        ------
-        MissingExtraError, ValueRangeError
-            mcap-ros2-support is not installed, the file cannot be written, or times are negative.
-        """
-        from ..reports.recording import Recording, write_mcap
-
-        return write_mcap(path, Recording.from_motion(self))
-
-    def to_rerun(self, path: str | Path, robot: Robot | None = None) -> Path:
-        """Write an .rrd file for rerun: the moving robot, and a curve for each joint.
-
-        Parameters
-        ----------
-        robot : Robot, optional, with the same coordinates; default: the motion's robot
-
-        Returns
-        -------
-        path : Path of the written file
-
-        Raises
-        ------
-        MissingExtraError, ValueRangeError
-            rerun-sdk is not installed, the file cannot be written, or times are negative.
-        """
-        from ..reports.recording import Recording, write_rerun
-
-        return write_rerun(path, Recording.from_motion(self if robot is None else self.with_robot(robot)))
 
     def to_pandas(self) -> Any:
         """Data frame with the time [s] as index and a column for each entry.

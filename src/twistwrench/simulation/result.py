@@ -14,6 +14,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, residual
 from ..core.typing import Array
 from ..robot.task_space_methods import require_robot
+from .doors import ResultDoors
 from .events import Happening
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulationResult:
+class SimulationResult(ResultDoors):
     """Simulated motion of n states, the first at time 0. Printing it shows the reason of its end and the drift.
 
     Examples
@@ -198,17 +199,6 @@ class SimulationResult:
         from .result_files import read
 
         return read(path)
-
-    def plot(self, path: str | Path) -> Path:
-        """Plot of joints, energies and drift; the suffix sets the kind (.png, .pdf, .svg).
-
-        Returns
-        -------
-        path : Path of the file written
-        """
-        from ..viz.plots.simulation import plot_simulation
-
-        return plot_simulation(self, path)
 
 
 def _largest(x: Array) -> float:

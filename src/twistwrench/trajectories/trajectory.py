@@ -20,6 +20,7 @@ from ..mechanics.model.limits import TOLERANCE, Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
+from .doors import TrajectoryDoors
 from .paths import JointPath, configuration, joint_line, require_path, spline
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ class Scaling(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(TrajectoryDoors):
     """Trajectory q(t) = q(s(t)) of one robot, with exact derivatives."""
 
     robot: Robot
@@ -234,21 +235,6 @@ class Trajectory:
         time,joint1,joint2,joint1.vel,joint2.vel,joint1.acc,joint2.acc
         """
         return self.sample(dt).to_csv(path, degrees=degrees)
-
-    def plot(self, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
-        """Plot motion and torques as shares of their limits, with the phase plane of a fastest motion; .png, .pdf or .svg.
-
-        Examples
-        --------
-        >>> import tempfile, twistwrench as tw
-        >>> moving = move(tw.robots.ur5(), [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     moving.plot(f"{folder}/move.svg").name
-        'move.svg'
-        """
-        from ..viz.plots.simulation import plot_trajectory
-
-        return plot_trajectory(self, path, bounds, friction=friction)
 
 
 def move(

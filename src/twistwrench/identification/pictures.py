@@ -1,103 +1,24 @@
-"""Plots of diagnosis and identification: inertia ellipsoids, friction, residuals, parameter groups."""
+"""Pictures of an identification: torques, residuals, friction, groups of parameters and bodies."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ...core.colours import Style
-from ...core.errors import ValueRangeError
-from ...core.numbers import estimate, number, percent, plus_minus
-from ...core.text import listed
-from ...core.typing import Array
-from ...mechanics.bodies.inertia import SpatialInertia
-from ...mechanics.bodies.mesh import hull_faces
-from ...mechanics.joints.units import heading_unit, unit_of, units_of
-from ...motion.coordinates import Coordinates
-from ...reports.blocks import Block, Line, Table, numbers, verdict, words
-from ...reports.page import Picture
-from ..scene import equal_inertia_ellipsoid
-from . import style
+from ..core.numbers import number, percent
+from ..mechanics.joints.units import unit_of, units_of
+from ..motion.coordinates import Coordinates
+from ..reports.page import Picture
+from ..viz.plots import style
+from ..viz.plots.diagnosis import VIEWS, draw_inertias
 
 if TYPE_CHECKING:
-    from ...diagnosis import DoctorReport
-    from ...identification import IdentifiedRobot
-
-_MOST = 6
-"""Maximum number of links in a picture, worst findings first."""
-VIEWS = ((0, 1), (0, 2), (1, 2))
-"""Pairs of link axes in the plane of each of the three views."""
-
-
-def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
-    """Draw the links with inertias repaired by the doctor: shapes, and inertia ellipsoids before and after."""
-    pairs = links_drawn(report)
-    if not pairs:
-        raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
-    height = 2.5 * len(pairs) + 0.9
-    with style.figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
-        grid = drawn.subplots(len(pairs), 3, squeeze=False)
-        for row, (link, check, after) in zip(grid, pairs, strict=True):
-            described, before = report.subject.robot.links.get(link), report.subject.robot.model.link_inertias[link]
-            # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
-            inertias = [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")]
-            for axes, view in zip(row, VIEWS, strict=True):
-                for k, shape in enumerate(described.shapes.solids if described is not None else ()):
-                    outline = _outline(shape.points[:, list(view)])
-                    axes.fill(*outline.T, color=style.PALE, zorder=1, label=None if k else "shapes")
-                draw_inertias(axes, inertias, view)
-            row[0].set_title(f"{link}: {check}", loc="left")
-        grid[0][2].legend(loc="upper right")
-        return style.save(drawn, path)
-
-
-def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
-    """Links with an inertia effectively changed by a finding, each with the check's name and the new inertia."""
-    found: dict[str, tuple[str, SpatialInertia]] = {}
-    for finding in report.findings:
-        if finding.repair is not None and finding.effect.inertia_joint:
-            for link, inertia in finding.repair.inertias.items():
-                found.setdefault(link, (finding.check, inertia))
-    return [(link, check, inertia) for link, (check, inertia) in found.items()][:_MOST]
-
-
-def draw_inertias(
-    axes: style.Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]
-) -> None:
-    """Draw outlines and centres of mass of uniform ellipsoids: tuples of inertia, colour, dashes and name.
-
-    ``view`` holds the link axes in the picture plane.
-    """
-    for inertia, colour, dashes, name in inertias:
-        for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
-            outline = _outline(solid.vertices[:, list(view)])
-            x, y = np.concatenate([outline, outline[:1]]).T
-            axes.plot(x, y, color=colour, linestyle=dashes, linewidth=1.4, label=name, zorder=3)
-        axes.plot(*inertia.com[list(view)], "+", color=colour, zorder=4)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL)
-    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL)
-    axes.tick_params(labelsize=style.SMALL, colors=style.QUIET)
-
-
-def _outline(points: Array) -> Array:
-    """Convex hull (n, 2) of points, in order."""
-    edges = hull_faces(points)
-    if edges is None:
-        return points
-    used = np.unique(edges)
-    middle = points[used].mean(axis=0)
-    around = points[used] - middle
-    return np.asarray(points[used][np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
-
-
-# ── Friction, residuals and bodies on given axes
+    from .result import IdentifiedRobot
 
 _BAND, _FAR = 1.96, 4.0
 """Standard deviations: half-width of a 95 % band, and threshold of marked residuals."""
@@ -331,94 +252,3 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.set_ylabel("% left, held out")
     axes.set_ylim(bottom=0)
     axes.legend()
-
-
-# ── Blocks of the report
-
-_KINDS = {"test": "in the logs of --test", "five-fold": "in 5-fold cross-validation over time"}
-_MOST_NAMES = 5
-
-
-def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
-    """Verdict and its basis; with essential groups if ``essential``."""
-    joints = [f"{name} {percent(share, 3)}" for name, share in found.held_out.joints.items() if math.isfinite(share)]
-    left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
-    poor = f"{len(found.poorly_determined)} of {int((~found.base.held).sum())} parameter groups poorly determined."
-    yield verdict(found.verdict.word, f": {left} ({listed(joints, _MOST_NAMES)}). {poor}")
-    yield from (Line((f"• {doubt.sentence}", Style.OVER if doubt.refuses else "")) for doubt in found.doubts)
-    yield from found.notes
-    yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
-    yield Table(
-        "Unexplained share of the torques, in rows held out",
-        words("joint", found.held_out.joints),
-        numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
-        numbers(
-            "size", found.sigma, unit=heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
-        ),
-    )
-    if (payload := found.payload) is not None:
-        com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
-        mass = plus_minus(payload.mass, payload.mass_deviation)
-        yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
-        if payload.unidentifiable:
-            yield f"not determined by the torques, taken from the file: {', '.join(payload.unidentifiable)}"
-    yield _groups_table(found)
-    if any(".mc" in name.split(" ")[0] for name in found.groups):
-        yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
-    if found.base.held.any():
-        yield f"{int(found.base.held.sum())} parameters were held at known values"
-    if listed_groups := found.poorly_determined:
-        names = listed((name.split(" ")[0] for name in listed_groups), _MOST_NAMES, "; ")
-        yield f"Poorly determined, standard deviation above 30 %: {names}"
-    if essential:
-        yield _essential(found)
-    if found.undetermined:
-        yield "Not determined by this log:"
-        yield from (f"• {sentence}" for sentence in found.undetermined.values())
-
-
-def _groups_table(found: IdentifiedRobot) -> Table:
-    free = ~found.base.held
-    values, deviations = found.values[free], found.standard_deviations[free]
-    pairs = list(map(estimate, values, deviations))
-    low, high = found.interval()[free].T
-    units = [unit.replace("^2", "²") for unit, kept in zip(found.units, free, strict=True) if kept]
-    column = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
-    return Table(
-        f"{int(free.sum())} groups of parameters",
-        words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
-        words("unit", units, fold=False),
-        column("value", [Line(text, value=x) for (text, _), x in zip(pairs, values, strict=True)]),
-        column("deviation", [Line(text, value=x) for (_, text), x in zip(pairs, deviations, strict=True)]),
-        column("95 % from", low),
-        column("to", high),
-        column("file", found.prior.mean[free]),
-    )
-
-
-def _essential(found: IdentifiedRobot) -> str:
-    one = found.essential
-    names = "; ".join(
-        f"{name.split(' ')[0]} {number(value)}" for name, value in zip(one.names, one.values, strict=True)
-    )
-    return (
-        f"{len(one.names)} essential groups of {int((~found.base.held).sum())} predict rows held out to "
-        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): {names}"
-    )
-
-
-def bodies_view(found: IdentifiedRobot) -> Iterator[Block]:
-    """Physically consistent bodies compared with the file's, and their prediction error."""
-    consistent, unknown = found.consistent, found.base.unknown
-    yield (
-        f"Weight of the prior γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} unexplained in 5-fold "
-        f"cross-validation, weighted; by the file's own bodies with friction {percent(consistent.of_file, 3)}."
-    )
-    pairs = [(unknown.model.bodies[i], consistent.inertias[i]) for i in unknown.bodies]
-    yield Table(
-        "Physically consistent bodies",
-        words("link", [body.link for body, _ in pairs]),
-        numbers("mass", [float(G.mass) for _, G in pairs], unit="kg"),
-        numbers("in the file", [float(body.inertia.mass) for body, _ in pairs], unit="kg"),
-        words("centre of mass [m]", [", ".join(number(x) for x in G.com) for _, G in pairs]),
-    )
