@@ -339,11 +339,11 @@ def test_an_urdf_file_runs_no_commands(tmp_path, run):
     for load in (tw.load, tw.doctor, lambda p: tw.load(p.read_text())):
         with pytest.raises(tw.RobotFileError, match="unexpanded xacro"):
             load(path)
-    with pytest.raises(tw.RobotFileError, match="lambda.* is not allowed"):
+    with pytest.raises(tw.RobotFileError, match=r"lambda.* is not allowed"):
         tw.load(path, xacro=True)
     assert run("info", path, "--xacro")[0] == 2
     path.rename(named := path.with_suffix(".xacro"))
-    with pytest.raises(tw.RobotFileError, match="lambda.* is not allowed"):
+    with pytest.raises(tw.RobotFileError, match=r"lambda.* is not allowed"):
         tw.load(named)
     assert not ran.exists()
 
