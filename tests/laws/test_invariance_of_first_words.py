@@ -411,7 +411,7 @@ def test_a_log_with_one_fault_has_no_wrong_word(one_fault, part, number):
     assert row["class"] in ("right", "doubt", "excluded") or not row["trace"], row
 
 
-@pytest.mark.parametrize("number", mostly_slow(range(24), every=7))
+@pytest.mark.parametrize("number", mostly_slow(range(24), every=14))
 def test_a_clean_log_has_no_false_doubt(one_fault, number):
     row = one_fault.score(log_of(one_fault, "clean", number))
     assert row["class"] == "right" or row["class"].startswith("doubt: "), row
