@@ -16,6 +16,7 @@ from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
+from ..motion.credible_values import placeholder_limits
 from ..motion.differentiation import Differentiation
 from ..motion.motion import Motion
 from ..motion.motion_log import MotionLog
@@ -93,7 +94,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         )
     robot, log = shared.open_motion(options, given, path)
     report = _analysed(options, given, robot, log, smoothing=given.smooth)
-    notes = remarks(notes_on_log(report))
+    notes = [*remarks(notes_on_log(report)), *remarks(_unused_limits(report))]
     if refused := contradictions(report):
         judged = Verdict.from_reasons(look_again=refused)
         show(*_spoken(judged), *notes)
@@ -142,6 +143,12 @@ def _judged(own: Verdict, report: TorqueReport) -> Verdict:
         own = Verdict.from_reasons(unsure=[f"{as_it_stands(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
     doubts = Verdict.from_reasons(unsure=[*rows, *(text for text in others if text not in rows)])
     return doubts.joined(own)
+
+
+def _unused_limits(report: TorqueReport) -> list[str]:
+    """Sentence on torque limits of the robot's file that are probably not those of motors: drives have ratings instead."""
+    found = placeholder_limits(report.load.robot, report.limits)
+    return [f"The robot's file has {found}. Drives are judged by their ratings, not by these."] if found else []
 
 
 def _analysed(
