@@ -259,7 +259,7 @@ LIMITED = {
     "ur5": lambda: bundled("ur5"),
     "panda": lambda: bundled("panda"),
     "tx40": lambda: shared("staubli_tx40.urdf"),
-    "xarm6": lambda: shared("ufactory_xarm6.urdf"),
+    "gen3 lite": lambda: shared("kinova_gen3_lite.urdf"),
 }
 """Robots with limits of all kinds."""
 CHANGES = {
@@ -273,7 +273,7 @@ CHANGES = {
     "N mm": {"effort": 1000.0},
     "degrees": {"lower": 57.3, "upper": 57.3, "velocity": 57.3},
     "positions in degrees": {"lower": 57.295779513, "upper": 57.295779513},
-    "slow": {"velocity": 0.05},
+    "slow": {"velocity": 0.3},  # a log faster than 3 times the limit of its file is doubted instead, and not by a table
     "no velocity": {"velocity": 1e6},
 }
 DOORS = [(robot, change) for robot in LIMITED for change in CHANGES]
@@ -309,7 +309,7 @@ def swinging_log(path: Path, robot: tw.Robot) -> Path:
 
 
 @pytest.mark.parametrize("change", ["N cm", *slow("kgf cm", "N m as kgf m", "N mm")])
-@pytest.mark.parametrize("name", ["ur5", *slow("arm", "camera head", "panda", "tx40", "xarm6")])
+@pytest.mark.parametrize("name", ["ur5", *slow("arm", "camera head", "panda", "tx40", "gen3 lite")])
 def test_efforts_that_are_a_multiple_of_the_files_are_not_ok(ask, tmp_path, name, change):
     """A table that can be compared with its file; a unit in its header confirms it."""
     text = LIMITED[name]()
@@ -376,7 +376,7 @@ def test_a_load_of_any_size_keeps_its_excess(ask, tmp_path, mass):
     assert ask(arm(), log, "--payload", f"{mass}")[0] == ("OK" if mass < 2.0 else "OVER LIMIT")
 
 
-@pytest.mark.parametrize("name", ["arm", *slow("camera head", "ur5", "panda", "tx40", "xarm6")])
+@pytest.mark.parametrize("name", ["arm", *slow("camera head", "ur5", "panda", "tx40", "gen3 lite")])
 def test_velocities_without_a_limit_are_named_through_every_door(ask, tmp_path, name):
     text = LIMITED[name]()
     log, bare = swinging_log(tmp_path / "log.csv", tw.load(text)), with_limits(text, {"velocity": None})
