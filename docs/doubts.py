@@ -70,7 +70,8 @@ _SEARCHED = "S >= 0.25 and t at 0.01 over the number of causes"
 _LEVELS = {"refuse": "LOOK AGAIN", "unsure": "UNSURE", "note": "note", "effect": "by effect"}
 _OTHER = (
     ("…: the arm's own weight takes at most … of …, and 25 to 83 % in real arms",
-     "The efforts of the robot file are probably not limits of its motors.", "[Give limits](limits.md) from the data sheet."),
+     "The efforts of the robot file, or of the table, are probably not limits of the motors.",
+     "[Give limits](limits.md) from the data sheet, with their unit in the header: `effort [N m]`."),
     ("noise is too large a part of the peak: …",
      "Half the 95 % interval of a peak exceeds half of it, or noise exceeds half of the raw peak.",
      "Log velocities and accelerations, or record a slower or longer motion."),
@@ -155,7 +156,8 @@ def _occurs(piece: str) -> bool:
 def _source() -> str:
     """Text of the modules that word verdicts, their string literals joined."""
     files = sorted((_SOURCES / "reports").glob("*.py")) + sorted((_SOURCES / "sizing").glob("*.py"))
-    text = " ".join(f.read_text("utf-8") for f in (*files, _SOURCES / "statics" / "clearance.py"))
+    others = _SOURCES / "motion" / "credible_values.py", _SOURCES / "statics" / "clearance.py"
+    text = " ".join(f.read_text("utf-8") for f in (*files, *others))
     return re.sub(r"\s+", " ", re.sub(r'"\s*f?"', "", re.sub(r"\{[^{}]*\}", "…", text)))
 
 

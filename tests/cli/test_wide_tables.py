@@ -66,6 +66,7 @@ def test_whole_numbers_of_numpy_stand_in_full_as_those_of_python():
         "sensor poses",
         "derive planar_2r",
         "convert panda panda.xml",
+        "size ur5 demo --catalog demo --masses-included --pause 0.8 --ambient 40",
     ],
 )
 def test_reports_keep_within_80_columns(words, tmp_path, monkeypatch):

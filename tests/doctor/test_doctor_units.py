@@ -76,15 +76,22 @@ def test_own_weight_warns_only_if_it_takes_a_multiple_of_the_effort():
 
 
 def test_limits_from_a_table_replace_missing_ones(tmp_path):
-    """Without efforts the doctor is UNSURE; a table of the user's clears that, and is not doubted as a placeholder."""
+    """Without efforts the doctor is UNSURE; a table clears that. Large efforts are a placeholder unless it has their unit."""
     text = re.sub(r' (effort|velocity)="[^"]*"', "", arm())
     (tmp_path / "arm.urdf").write_text(text)
-    (tmp_path / "limits.csv").write_text("joint,effort,velocity\nj1,9000,3\nj2,9000,3\nj3,9000,3\n")
+    (tmp_path / "limits.csv").write_text("joint,effort [N m],velocity\nj1,9000,3\nj2,9000,3\nj3,9000,3\n")
+    (tmp_path / "large.csv").write_text("joint,effort,velocity\nj1,9000,3\nj2,9000,3\nj3,9000,3\n")
     (tmp_path / "some.csv").write_text("joint,effort,velocity\nj1,40,3\nj2,40,3\n")
-    bare, whole, some = (
+    bare, whole, some, large = (
         CliRunner().invoke(main, ["doctor", str(tmp_path / "arm.urdf"), *flags])
-        for flags in ((), ("--limits", str(tmp_path / "limits.csv")), ("--limits", str(tmp_path / "some.csv")))
+        for flags in (
+            (),
+            ("--limits", str(tmp_path / "limits.csv")),
+            ("--limits", str(tmp_path / "some.csv")),
+            ("--limits", str(tmp_path / "large.csv")),
+        )
     )
+    assert large.exit_code == 1 and "stand for no limit" in " ".join(large.output.split())
     assert (bare.exit_code, whole.exit_code, some.exit_code) == (1, 0, 1)
     assert bare.output.startswith("UNSURE") and whole.output.startswith("OK: arm3, 0 errors, 0 warnings, 0 notes.")
     assert "joint 'j3'" in some.output and "'j1'" not in some.output

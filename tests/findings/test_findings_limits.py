@@ -17,7 +17,7 @@ from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.motion.load_case import arm_entries, placeholder_limits, weight_share
+from twistwrench.motion.credible_values import arm_entries, placeholder_limits, weight_share
 from twistwrench.reports.robot_summary import read_limits
 
 T = np.arange(0, 4, 0.01)
@@ -93,7 +93,8 @@ def test_finding_17_no_ok_unless_each_loaded_joint_has_a_limit(run, tmp_path, co
 def test_finding_17_a_thousand_kilograms_are_not_ok(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm((0, 0)))
     code, said = run("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload", 1000, "--csv", "out.csv")
-    assert code == 1 and said.startswith("UNSURE: no torque limit for 2 of 2 joints"), said
+    assert code == 1 and said.startswith("UNSURE: the payload of 1000 kg is more than 100 times as heavy"), said
+    assert "no torque limit for 2 of 2 joints" in said
     assert len((tmp_path / "out.csv").read_text().splitlines()) == 401
     assert re.search(r"shoulder -?\d+\.?\d* ", said)  # the table of peaks
 
@@ -288,12 +289,13 @@ def test_finding_22_limits_in_degrees_are_found(run, tmp_path, command):
     rows = "joint,lower,upper,velocity,effort\nshoulder,-180,180,300,30\nelbow,-180,180,300,10\n"
     (tmp_path / "limits.csv").write_text(rows)
     code, said = run(*COMMANDS[command], "--limits", "limits.csv")
-    assert code == 2 and "look like degrees: 180 for 'shoulder'" in said and "--degrees" in said, said
+    assert code == 1 and said.startswith("LOOK AGAIN"), said
+    assert "position look like degrees: 180 for 'shoulder'" in said and "upper [deg]" in said, said
     (tmp_path / "limits.csv").write_text(rows.replace("180", "3.14").replace("300", "5"))
     assert run(*COMMANDS[command], "--limits", "limits.csv")[0] == 0
     (tmp_path / "limits.csv").write_text(rows.replace("180", "inf"))
     code, said = run(*COMMANDS[command], "--limits", "limits.csv")
-    assert code == 2 and "velocity look like degrees: 300 for 'shoulder' is 47.7 turns a second" in said, said
+    assert code == 1 and "velocity look like degrees: 300 for 'shoulder' is 47.7 turns a second" in said, said
     (tmp_path / "limits.csv").write_text(rows.replace("180", "inf").replace("velocity", "velocity [rad/s]"))
     assert run(*COMMANDS[command], "--limits", "limits.csv")[0] == 0
 
@@ -388,7 +390,7 @@ def small(effort):
 
 
 @pytest.mark.parametrize("command", ["torques", "payload", "move"])
-def test_finding_19_placeholder_limits_are_doubted_unless_they_are_the_users(run, tmp_path, command):
+def test_finding_19_placeholder_limits_are_doubted_unless_their_unit_is_given(run, tmp_path, command):
     (tmp_path / "arm.urdf").write_text(small(35))
     table("small.csv", T, S, 0.3 + 0.5 * S, 0.2 * S, head="time,j1,j2,j3")
     given = {
@@ -405,7 +407,11 @@ def test_finding_19_placeholder_limits_are_doubted_unless_they_are_the_users(run
     )
     assert (
         run("info", "arm.urdf", "--csv", "limits.csv")[0] == 0
-    )  # as that says, and every row of it is the user's then
+    )  # as that says; its efforts are still those of the file
+    code, said = run(*given, "--limits", "limits.csv")
+    assert code == 1 and said.startswith("UNSURE: effort 35 on all 3 joints") and "'effort [N m]'" in said, said
+    table_of_file = (tmp_path / "limits.csv").read_text()
+    (tmp_path / "limits.csv").write_text(table_of_file.replace("effort", "effort [N m]"))
     assert run(*given, "--limits", "limits.csv")[0] == 0
     (tmp_path / "arm.urdf").write_text(small(2))  # 33 %
     assert run(*given)[0] == 0
@@ -469,9 +475,9 @@ def test_finding_19_the_own_weight_of_real_arms_takes_a_quarter_of_some_effort_a
     if not files:
         pytest.skip("example-robot-data is not installed")
     robot = tw.load(files[0], inertia="accept")
-    share = weight_share(robot, arm_entries(robot.model))
+    share = weight_share(robot, arm_entries(robot.model), robot.limits.effort)
     assert share == pytest.approx(SHARES[name], rel=0.05)  # over 2,000 random poses
-    assert bool(placeholder_limits(robot)) == (share < 0.15)
+    assert bool(placeholder_limits(robot, robot.limits)) == (share < 0.15)
 
 
 def test_finding_28_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_counted(run, tmp_path):
@@ -529,7 +535,7 @@ def test_in_python_a_robot_that_cannot_move_is_refused_too(tmp_path):
             robot, tw.trajectories.straight_path(np.eye(4), tw.se3.exp([0, 0, 0, 0, 0, 0.1])), []
         ),
     ):
-        with pytest.raises(tw.errors.ValueRangeError, match="needs a robot with moving joints"):
+        with pytest.raises(tw.core.errors.ValueRangeError, match="needs a robot with moving joints"):
             ask()
 
 

@@ -250,7 +250,7 @@ WRONG = [
     (velocities_in_degrees, "arm", "LOOK AGAIN"), (velocities_in_degrees, "panda", "LOOK AGAIN"),
     (newton_millimetres, "arm", "LOOK AGAIN"), (newton_millimetres, "ur5", "LOOK AGAIN"),
     (jump, "arm", "UNSURE or LOOK AGAIN"), (jump, "ur5", "UNSURE or LOOK AGAIN"),
-    (limits_in_degrees, "arm", "error"), (limits_in_degrees, "ur5", "error"),
+    (limits_in_degrees, "arm", "LOOK AGAIN"), (limits_in_degrees, "ur5", "LOOK AGAIN"),
     (unassigned, "ur5", "UNSURE or LOOK AGAIN"), (unassigned, "panda", "UNSURE or LOOK AGAIN"),
 ]  # fmt: skip
 

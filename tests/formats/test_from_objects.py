@@ -168,7 +168,37 @@ def test_to_pinocchio_says_that_products_of_velocities_are_lost(pinocchio):
         robot.to_pinocchio()
 
 
+def test_the_base_of_a_pinocchio_model_is_held_or_floats_as_asked(pinocchio):
+    """As for files: False holds the root where its joint puts it, True adds a joint where there is none."""
+    fixed = tw.load(tw.robots.path_of("quadruped"), floating_base=False)
+    free = tw.robots.quadruped()
+    q = np.tile([0.1, 0.7, -1.4], 4)
+    model = free.to_pinocchio()
+    model.referenceConfigurations["stand"] = np.concatenate([[0, 0, 0.3, 0, 0, 0, 1], q])
+    held, found = (tw.from_pinocchio(model, floating_base=asked) for asked in (False, None))
+    np.testing.assert_allclose(held.mass_matrix(q), fixed.mass_matrix(q), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(held.configurations["stand"], q)
+    assert (held.nv, found.nv, held.model.mounted, found.model.mounted) == (12, 18, True, False)
+    silent = fixed.to_pinocchio()
+    assert [tw.from_pinocchio(silent, floating_base=asked).model.mounted for asked in (None, False)] == [False, True]
+    assert tw.from_pinocchio(silent, floating_base=True).joint_names[0] == "root_joint"
+    assert tw.from_pinocchio(model, floating_base=True).joint_names == found.joint_names
+
+
 # ── MuJoCo ──
+
+
+def test_the_base_of_a_mujoco_model_is_held_or_floats_as_asked():
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
+    leg = '<body><joint name="hip" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.2"/></body>'
+    text = '<mujoco><worldbody><body name="hips" pos="1 0 2">{}<geom size="0.2"/>{}</body></worldbody></mujoco>'
+    free, silent = (mujoco.MjModel.from_xml_string(text.format(joint, leg)) for joint in ('<freejoint name="f"/>', ""))
+    held = tw.from_mujoco(free, floating_base=False)
+    assert (held.joint_names, held.model.mounted) == (("hip",), True)
+    np.testing.assert_allclose(held.forward_kinematics([0.3], "hips")[:3, 3], [1, 0, 2], atol=1e-15)
+    assert tw.from_mujoco(free).joint_names == tw.from_mujoco(free, floating_base=True).joint_names == ("f", "hip")
+    assert [tw.from_mujoco(silent, floating_base=asked).model.mounted for asked in (None, False)] == [False, True]
+    assert tw.from_mujoco(silent, floating_base=True).joint_names == ("root_joint", "hip")
 
 
 def test_armature_of_a_free_joint_is_that_of_mujoco():

@@ -11,6 +11,7 @@ from mjcf_random import random_mjcf
 from mjcf_texts import MESHES, TEXTS, arm
 from mujoco_models import differences, load_both, rates, to_theirs
 from places import SHARED
+from quick import mostly_slow
 from quiet_loading import load_quietly
 
 import twistwrench as tw
@@ -40,7 +41,7 @@ def test_a_small_model_means_what_mujoco_means(name):
     assert differences(robot, model, mujoco, tolerance=1e-8 if name in MESHES else 1e-9) == []
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", mostly_slow(range(12), 3))
 def test_a_random_model_means_what_mujoco_means(seed):
     """Everything at once; a few of the texts MuJoCo does not take, such as a position beside the ends of an axis."""
     text = random_mjcf(seed)

@@ -230,6 +230,8 @@ def test_what_nothing_holds_floats(stage):
     assert floating.nv == 8
     held = stage(text, floating_base=False)
     assert held.joint_names == ("elbow", "slide")
+    stated = {asked: stage(text, floating_base=asked).model.mounted for asked in (None, True, False)}
+    assert stated == {None: False, True: False, False: True}  # False states that something holds the base
     np.testing.assert_allclose(held.forward_kinematics([0, 0], "upper")[:3, 3], LINKS["upper"][4])
     assert stage(usd_text(), floating_base=True).joint_names == ("root_joint", "elbow", "slide")
     same_momenta = [

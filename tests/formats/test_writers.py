@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from mujoco_models import differences as mujoco_differences
 from pinocchio_models import same_torques
+from quick import mostly_slow
 from robot_files import FILES, NONE
 from written_robots import FORMS, again, arm, differences, written
 
@@ -44,7 +45,7 @@ def test_bundled_robots_are_the_same_again(bundled, name, form):
     assert not differences(robot, again(robot, form), without=without)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly_slow(range(8), 3))
 @pytest.mark.parametrize("form", FORMS)
 def test_random_trees_are_the_same_again(seed, form):
     robot = random_robot(seed, joints=8, floating_base=seed % 3 == 0, kinds=PLAIN)
@@ -102,7 +103,7 @@ def test_mujoco_compiles_what_is_written(bundled, name):
     assert not differences(robot, ours, without=("velocity",))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", mostly_slow(range(6), 3))
 def test_mujoco_compiles_random_trees(seed):
     """Ball joints and springs too; joints that follow are two there."""
     kinds = ("revolute", "continuous", "prismatic", "fixed", "ball")

@@ -117,6 +117,29 @@ class TestWithExtra:
         assert all(word in str(caught.value) for word in words), caught.value
         assert "\n" not in str(caught.value)
 
+    @pytest.mark.parametrize(
+        ("text", "reason"),
+        [
+            ("${1+}", "invalid syntax when evaluating expression '1+'"),
+            ("${1/0}", "division by zero when evaluating expression '1/0'"),
+            ("${dict(a=1)['b']}", "there is no 'b' when evaluating expression 'dict(a=1)['b']'"),
+            ("$(find nowhere)", "Package not found: nowhere"),
+            ("$(arg q)", "Undefined substitution argument q"),
+            (
+                "$(env HOME)",
+                "it reads the environment variable 'HOME'; declare an argument, <xacro:arg>, and give its value",
+            ),
+            ("${[x for x in (1,)]}", r"'[x for x in (1,)]' is not allowed in an expression of a robot file"),
+        ],
+    )
+    def test_a_reason_stands_once_and_without_names_of_classes(self, text, reason):
+        robot = f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="{text}"/></robot>'
+        with pytest.raises(tw.RobotFileError) as caught:
+            tw.load(robot, xacro=True)
+        said = str(caught.value)
+        assert said.startswith(f"the text given: xacro cannot expand it: {reason}") and said.count(reason) == 1
+        assert "Exception" not in said and "<class" not in said
+
     def test_lines_of_errors_are_said_to_be_those_of_the_expanded_text(self, arm):
         with pytest.raises(
             tw.RobotFileError, match=r"arm\.urdf\.xacro \(lines are those that xacro expands it to\).*heavy"
@@ -135,12 +158,15 @@ class TestWithExtra:
         code, said = run("info", arm, "--xacro", text)
         assert code == 2 and f"--xacro {text!r} is not ARG:=VALUE" in said, said
 
-    def test_the_doctor_examines_the_robot_and_says_so(self, arm):
+    def test_the_doctor_examines_the_robot_and_says_so(self, arm, run):
         assert tw.doctor(tw.load(arm)).findings is not None
         with pytest.raises(
             tw.RobotFileError, match=r"xacro files are not examined.*doctor\(twistwrench\.load\(path\)\)"
         ):
             tw.doctor(arm)
+        code, said = run("doctor", arm, "--only", "mirror")
+        assert said.startswith(("OK: ", "UNSURE: ", "LOOK AGAIN: ")), said
+        assert (code, said) == run("doctor", arm, "--only", "mirror", "--xacro")
         assert "drawn from its inertia" in read_visuals(tw.load(arm).model)[1][0]
 
 

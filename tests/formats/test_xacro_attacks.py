@@ -32,7 +32,7 @@ EXPRESSIONS = {
     # names and attributes of Python's objects
     "subclasses in a lambda": (
         f"(lambda: [c for c in {SUBCLASSES} if c.__name__=='_wrap_close'][0].__init__.__globals__['system']('id'))()",
-        "Lambda",
+        "lambda",
     ),
     "subclasses": (SUBCLASSES, "begins with '_'"),
     "a class": ("''.__class__", "begins with '_'"),
@@ -46,33 +46,33 @@ EXPRESSIONS = {
     "parent of a namespace": ("math.parent", "not allowed"),
     "root of a namespace": ("math.root['python']", "not allowed"),
     "an item with underscores": ("python['__builtins__']", "when evaluating"),
-    "frame of a generator": ("(x for x in [1]).gi_frame", "GeneratorExp"),
-    "code of a lambda": ("(lambda: 0).__code__", "Lambda"),
+    "frame of a generator": ("(x for x in [1]).gi_frame", "for x in"),
+    "code of a lambda": ("(lambda: 0).__code__", "lambda"),
     "mro of a type": ("str.mro()", "not allowed"),
     "attribute of an error": ("xacro.fatal.exc", "not allowed"),
     # syntax that evaluates later, binds names or loops
-    "lambda": ("(lambda: 1)()", "Lambda"),
-    "lambda as argument": ("list(map(lambda x: x, [1]))", "Lambda"),
-    "lambda as key": ("sorted([1, 2], key=lambda x: x.__class__)", "Lambda"),
-    "list comprehension": ("[x for x in range(3)]", "ListComp"),
-    "set comprehension": ("{x for x in range(3)}", "SetComp"),
-    "dictionary comprehension": ("dict({x: 1 for x in range(3)})", "DictComp"),
-    "generator": ("max(x for x in range(3))", "GeneratorExp"),
-    "walrus": ("[y := 1, y]", "NamedExpr"),
-    "await": ("await 1", "Await"),
-    "yield": ("(yield 1)", "Yield"),
-    "starred call": ("max(*[1, 2])", "Starred"),
-    "starred list": ("[*range(3)]", "Starred"),
-    "unpacked words": ("dict(**{'a': 1})", "Call"),
-    "unpacked dictionary": ("{**{'a': 1}}", "Dict"),
-    "bytes": ("b'x'", "Constant"),
+    "lambda": ("(lambda: 1)()", "lambda"),
+    "lambda as argument": ("list(map(lambda x: x, [1]))", "lambda"),
+    "lambda as key": ("sorted([1, 2], key=lambda x: x.__class__)", "lambda"),
+    "list comprehension": ("[x for x in range(3)]", "for x in"),
+    "set comprehension": ("{x for x in range(3)}", "for x in"),
+    "dictionary comprehension": ("dict({x: 1 for x in range(3)})", "for x in"),
+    "generator": ("max(x for x in range(3))", "for x in"),
+    "walrus": ("[y := 1, y]", ":= 1"),
+    "await": ("await 1", "'await 1' is"),
+    "yield": ("(yield 1)", "(yield 1)' is"),
+    "starred call": ("max(*[1, 2])", "'*"),
+    "starred list": ("[*range(3)]", "'*"),
+    "unpacked words": ("dict(**{'a': 1})", "dict(**{'a': 1})"),
+    "unpacked dictionary": ("{**{'a': 1}}", "{**{'a': 1}}\" is"),
+    "bytes": ("b'x'", "b'x'\" is"),
     "statement": ("import os", "when evaluating"),
     "assignment": ("a = 1", "when evaluating"),
     "two expressions": ("1; 2", "when evaluating"),
     "a newline and a statement": ("1\nimport os", "when evaluating"),
     # texts that format
-    "f-string": ("f'{1}'", "JoinedStr"),
-    "f-string with attributes": ("f'{len.__self__}'", "JoinedStr"),
+    "f-string": ("f'{1}'", "f'{"),
+    "f-string with attributes": ("f'{len.__self__}'", "f'{"),
     "format": ("'{0.__class__}'.format(1)", "not allowed"),
     "format of a mapping": ("'{a.__class__}'.format_map({'a': 1})", "not allowed"),
     "format of the class": ("str.format('{0.__class__}', 1)", "not allowed"),
@@ -120,7 +120,7 @@ SUBSTITUTIONS = {
     "eval of subclasses": (f"eval {SUBCLASSES}", "begins with"),
     "eval of a single underscore": ("eval str(1)._x", "begins with"),
     "eval of a method": ("eval str(1).format", "not allowed"),
-    "eval of a lambda": ("eval list(map(lambda x: x, [1]))", "Lambda"),
+    "eval of a lambda": ("eval list(map(lambda x: x, [1]))", "lambda"),
     "eval of an open": ("eval open('x')", "not defined"),
     "eval of a loader": ("eval __loader__", "begins with"),
     "eval of a power": ("eval 9**9**9", "power"),
@@ -339,11 +339,11 @@ def test_an_urdf_file_runs_no_commands(tmp_path, run):
     for load in (tw.load, tw.doctor, lambda p: tw.load(p.read_text())):
         with pytest.raises(tw.RobotFileError, match="unexpanded xacro"):
             load(path)
-    with pytest.raises(tw.RobotFileError, match="Lambda is not allowed"):
+    with pytest.raises(tw.RobotFileError, match=r"lambda.* is not allowed"):
         tw.load(path, xacro=True)
     assert run("info", path, "--xacro")[0] == 2
     path.rename(named := path.with_suffix(".xacro"))
-    with pytest.raises(tw.RobotFileError, match="Lambda is not allowed"):
+    with pytest.raises(tw.RobotFileError, match=r"lambda.* is not allowed"):
         tw.load(named)
     assert not ran.exists()
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench import SpatialInertia
@@ -164,7 +165,7 @@ def judged(arm, fault, seed):
     return ((low <= truth) & (truth <= high)), found, world
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", mostly_slow(FAULTS, 2))
 def test_a_robot_is_identified_beside_a_cause(arm, fault):
     held, found, world = judged(arm, fault, 1)
     (cause,) = found.settings.assumed

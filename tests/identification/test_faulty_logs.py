@@ -191,7 +191,7 @@ def says_the_cause(robot, name, seed=0):
     return row
 
 
-@pytest.mark.parametrize("name", mostly_slow(FEW + PARTLY, 2))
+@pytest.mark.parametrize("name", mostly_slow(FEW + PARTLY, 3))
 def test_the_cause_is_named_first_with_its_value(name):
     """An arm of three motors, with a joint that follows and a slide."""
     row = says_the_cause("geared", name, 1)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from identification_logs import known_log
 from numpy.testing import assert_allclose, assert_array_equal
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.core.estimation.least_squares import NormalEquations
@@ -252,7 +253,9 @@ def test_rows_that_nothing_explains_count_little(log, gathered):
     assert off["irls"] < 0.5 * off["wls"], off
 
 
-@pytest.mark.parametrize(("settings", "most"), [(FIXED, 0.2), ({"cutoff": 8.0}, 1.5)], ids=["fixed", "chosen"])
+@pytest.mark.parametrize(
+    ("settings", "most"), mostly_slow([(FIXED, 0.2), ({"cutoff": 8.0}, 1.5)], 2), ids=["fixed", "chosen"]
+)
 def test_a_log_gives_the_same_robot_on_both_sides_of_the_seam(log, gathered, monkeypatch, settings, most):
     """Held whole, and accumulated by chunk as logs beyond MOST_SAMPLES are: the same within what noise leaves open.
 

@@ -174,7 +174,7 @@ def test_torques_that_fit_exactly_at_rest_are_no_fault(noise):
     assert [doubt.kind for doubt in found.doubts] == ["unexciting"]
 
 
-@pytest.mark.parametrize("joint", [0, 3])
+@pytest.mark.parametrize("joint", mostly_slow([0, 3], 2))
 def test_a_torque_of_the_wrong_sign(joint):
     tau = LOG.motion.tau.copy()
     tau[:, joint] *= -1
@@ -218,7 +218,7 @@ def test_a_delay_that_the_caller_leaves_in_is_not_said_to_be_taken_off():
     assert "The fit has 0.000 s in its place: give --shift 0.0" in doubt.sentence
 
 
-@pytest.mark.parametrize("sides", [(-1.0, 1.0), (-np.inf, 1.0), (-1.0, np.inf)])
+@pytest.mark.parametrize("sides", mostly_slow([((-1.0, 1.0),), ((-np.inf, 1.0),), ((-1.0, np.inf),)], 3))
 def test_saturated_torques(sides):
     least, most = np.outer(sides, 0.6 * np.abs(LOG.motion.tau).max(axis=0))
     found = identify(ARM, LOG.changed(tau=np.clip(LOG.motion.tau, least, most)), **GIVEN)

@@ -76,6 +76,7 @@ def tx40(tmp_path, *options):
     return identified(tmp_path, robot, log, "--rate", 5000, "--actuators", tmp_path / "tx40.yaml", *options)
 
 
+@pytest.mark.slow
 def test_tx40_with_a_given_cutoff(tmp_path):
     """Two files of motors, joined row by row, wrist coupled. 10.0 to 12.1 % by a prototype, with settings seen or not."""
     found = tx40(tmp_path, "--cutoff", 100, "--out", tmp_path / "new.urdf", "--out-actuators", tmp_path / "new.yaml")

@@ -136,7 +136,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", mostly_slow(CASES, 3))
+@pytest.mark.parametrize("case", mostly_slow(CASES, 6))
 def test_mjcf_comes_back(case, tmp_path):
     """Of one file with what the format can do to inertias and to joints, by our reading and by MuJoCo's."""
     path, out = tmp_path / "arm.xml", tmp_path / "new.xml"
@@ -243,7 +243,7 @@ def sdf_model(case, name="arm"):
     return f'<model name="{name}">{parts}</model>'
 
 
-@pytest.mark.parametrize("case", mostly_slow(SDF_CASES, 3))
+@pytest.mark.parametrize("case", mostly_slow(SDF_CASES, 5))
 def test_sdf_comes_back(case, tmp_path):
     path, out = tmp_path / "arm.sdf", tmp_path / "new.sdf"
     path.write_text(f'<?xml version="1.0"?>\n<sdf version="1.9"><world name="w">{sdf_model(case)}</world></sdf>')
@@ -342,7 +342,9 @@ SLOW = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [*REAL, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize(
+    "name", [*mostly_slow(REAL, 3), *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+)
 def test_files_as_they_are_met_come_back(name, tmp_path):
     path = SHARED / "robots" / name
     if not path.is_file():

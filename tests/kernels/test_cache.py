@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.compiler.ir.tracer import trace
@@ -170,7 +171,7 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("damage", mostly_slow(DAMAGE, 2))
 def test_a_damaged_entry_is_rebuilt(place, damage):
     compiled(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()

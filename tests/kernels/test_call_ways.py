@@ -88,7 +88,7 @@ SHORT = [name for name in INPUTS if name not in ("forward_dynamics_derivatives",
 
 @pytest.mark.parametrize(
     ("robot", "name"),
-    mostly_slow([("panda", name) for name in INPUTS] + [("quadruped", name) for name in SHORT], 3),
+    mostly_slow([("panda", name) for name in INPUTS] + [("quadruped", name) for name in SHORT], 5),
     indirect=["robot"],
 )
 def test_single_batch_and_out_give_the_same_bits(robot, direct, name):

@@ -70,7 +70,7 @@ def test_where_the_system_does_not_say_which_processor_nothing_is_kept(asked, te
     assert asked(text)[1] == 1
 
 
-@pytest.mark.parametrize("kept", [b"", b"one line", b"1\n2\n3\n4\n5"])
+@pytest.mark.parametrize("kept", [b"", b"one line", b"1\n2\n3\n4\n5", b"1\n\xff\n3\n4"])
 def test_an_entry_of_another_form_is_made_again(asked, tmp_path, kept):
     first, _ = asked()
     (entry,) = (tmp_path / "cache").iterdir()

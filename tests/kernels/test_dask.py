@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench import robots
@@ -60,7 +61,7 @@ def check(lazy, expected, chunks):
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
-@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("name", mostly_slow(CALLS, 3))
 def test_results_are_lazy_and_of_the_same_bits(robot, states, name, kind):
     given = states.astype(kind)
     lazy = [da.from_array(x, chunks=(7, 2)) for x in given]  # the joints' axis in two chunks
@@ -138,7 +139,7 @@ def held(robot):
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", mostly_slow(CLOSED, 3))
 def test_closed_robots_too(held, name, kind):
     rng = np.random.default_rng(0)
     q = held.consistent(np.array([-0.6, 0.2, 2.2]) + 0.05 * rng.normal(size=(12, 3)))

@@ -79,7 +79,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
 # ── sections ──
 
 
-@pytest.mark.parametrize(("name", "quantity"), mostly_slow(KERNELS, 2))
+@pytest.mark.parametrize(("name", "quantity"), mostly_slow(KERNELS, 3))
 @pytest.mark.parametrize(("section", "on_stack"), [(50, 100_000), (170, 0)], ids=["short", "in memory"])
 def test_sections_change_no_bit(bundled, monkeypatch, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)

@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import pytest
 from places import ROOT
+from quick import mostly_slow
 from thread_calls import WAIT
 
 import twistwrench as tw
@@ -52,7 +53,7 @@ def test_the_environment_says_how_many(text, count):
     assert done.stdout == f"{count}\n", done.stderr
 
 
-@pytest.mark.parametrize("text", ["two", "0", "-1", "2.5", "1e3", "²", "9999"])
+@pytest.mark.parametrize("text", mostly_slow(["two", "0", "-1", "2.5", "1e3", "²", "9999"], 3))
 def test_an_environment_that_cannot_be_meant_is_an_error_at_the_first_call(text):
     code = """
 import twistwrench as tw

@@ -191,7 +191,9 @@ def test_its_equations_are_derived_and_checked():
     assert list(map(str, derived.q)) == ["alpha_1", "beta_1", "gamma_1"]
 
 
-@pytest.mark.parametrize("method", ["dopri5", "rk4", "semi_implicit", "variational"])
+@pytest.mark.parametrize(
+    "method", ["dopri5", "rk4", "semi_implicit", pytest.param("variational", marks=pytest.mark.slow)]
+)
 def test_a_free_top_keeps_its_energy_and_angular_momentum(method):
     """A body on a ball joint at its centre, without gravity: Euler's equations."""
     builder = random_builder(1, 1, ("ball",))

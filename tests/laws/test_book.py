@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
@@ -191,8 +192,9 @@ def test_gravity_torques_of_the_puma_560():
 # ── the book's own package ──
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-@pytest.mark.parametrize("at_com", [False, True], ids=["link frames", "frames at the centres of mass"])
+@pytest.mark.parametrize(
+    ("name", "at_com"), mostly_slow([("ur5", False), ("ur5", True), ("panda", False), ("panda", True)], 3)
+)
 def test_the_books_package_agrees_on_our_screws(name, at_com):
     """Its functions on our Slist, Mlist, Glist. 1e-9: its own recursion, whose matrix exponentials cut at 1e-6."""
     mr = pytest.importorskip("modern_robotics", reason="the book's package is not installed")

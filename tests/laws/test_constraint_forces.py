@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mechanisms import COUPLER, CRANK, LEGS, MASSES, ROCKER, closed_platform, four_bar
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.mechanics.model.model import BASE
@@ -56,7 +57,7 @@ def free_bars(q, dq, tau):
     return np.array([alpha[0], alpha[1] - alpha[0], alpha[2]]), -x[13:15], phi[2]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", mostly_slow(range(5), 3))
 def test_the_pin_of_a_four_bar_linkage_carries_what_its_free_bars_need(seed):
     rng = np.random.default_rng(seed)
     closed = four_bar().close("rocker_pin", "coupler_pin", "vx vz")
@@ -126,7 +127,7 @@ def free_bodies(robot, q, dq, tau, loops):
     return ddq, x[12 * n :].reshape(-1, 3)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", mostly_slow(range(3), 3))
 def test_the_ball_joints_of_a_platform_carry_what_its_free_bodies_need(seed):
     rng = np.random.default_rng(seed)
     closed, q = closed_platform()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from places import ROOT
+from places import ROOT, SHARED
 from quick import mostly_slow
 from ros_logs import write_mcap
 from scipy.interpolate import CubicSpline
@@ -216,6 +216,178 @@ def test_a_velocity_limit_has_one_word_by_file_and_by_table(ask, tmp_path, veloc
     assert by_file[0] == by_table[0], (by_file[1], by_table[1])
 
 
+# Every door to one limit: the robot's file, a table beside a file without it, and a table beside the file with it.
+
+
+def with_limits(text: str, changed: dict[str, float | None]) -> str:
+    """A URDF with the limits of some kinds times a factor, or without them for None."""
+    for kind, factor in changed.items():
+        value = "" if factor is None else r' {}="{:.12g}"'
+        pattern = re.compile(rf'(<limit\b[^>]*?)\s{kind}="([^"]*)"')
+        text = pattern.sub(lambda m: m[1] + value.format(kind, (factor or 1.0) * float(m[2])), text)  # noqa: B023
+    return text
+
+
+def limits_table(path: Path, robot: tw.Robot, kinds) -> Path:
+    """Table of the limits of some kinds that a robot has."""
+    rows = zip(robot.joint_names, *(getattr(robot.limits, kind) for kind in kinds), strict=True)
+    lines = [",".join(["joint", *kinds]), *(",".join(map(str, row)) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    return path
+
+
+def camera_head() -> str:
+    """URDF of a head that pans and tilts, of which the tilt bears little weight."""
+    one = re.sub(r"<link name=\"link3\".*?</joint>", "", arm(efforts=(2.0, 4.0, 1.0)), flags=re.DOTALL)
+    return one.replace('xyz="0.15 0 0', 'xyz="0.03 0 0')
+
+
+def bundled(name: str) -> str:
+    return tw.robots.path_of(name).read_text("utf-8")
+
+
+def shared(name: str) -> str:
+    file = SHARED / "robots" / name
+    if not file.exists():
+        pytest.skip("the shared robots are not here")
+    return re.sub(r"<(visual|collision)>.*?</\1>", "", file.read_text("utf-8"), flags=re.DOTALL)
+
+
+LIMITED = {
+    "arm": arm,
+    "camera head": camera_head,
+    "ur5": lambda: bundled("ur5"),
+    "panda": lambda: bundled("panda"),
+    "tx40": lambda: shared("staubli_tx40.urdf"),
+    "gen3 lite": lambda: shared("kinova_gen3_lite.urdf"),
+}
+"""Robots with limits of all kinds."""
+CHANGES = {
+    "a hundredth": {"effort": 0.01},
+    "N m as kgf m": {"effort": 1 / 9.81},
+    "a fifth": {"effort": 0.2},
+    "five times": {"effort": 5.0},
+    "a gear of eight": {"effort": 8.0},
+    "kgf cm": {"effort": 10.2},
+    "N cm": {"effort": 100.0},
+    "N mm": {"effort": 1000.0},
+    "degrees": {"lower": 57.3, "upper": 57.3, "velocity": 57.3},
+    "positions in degrees": {"lower": 57.295779513, "upper": 57.295779513},
+    "slow": {"velocity": 0.3},  # a log faster than 3 times the limit of its file is doubted instead, and not by a table
+    "no velocity": {"velocity": 1e6},
+}
+DOORS = [(robot, change) for robot in LIMITED for change in CHANGES]
+SHORT_FORM = [("arm", "five times"), ("arm", "degrees"), ("camera head", "N cm"), ("ur5", "a gear of eight")]
+
+
+@pytest.mark.parametrize(
+    ("name", "change"), [*SHORT_FORM, *(pytest.param(*door, marks=SLOW) for door in DOORS if door not in SHORT_FORM)]
+)
+def test_a_limit_has_one_word_through_every_door(ask, tmp_path, name, change):
+    """The file that has the number; the file without it, or with it, and a table of it."""
+    text, kinds = LIMITED[name](), CHANGES[change]
+    scaled, without = (with_limits(text, made) for made in (kinds, dict.fromkeys(kinds)))
+    robot = tw.load(scaled)
+    table = limits_table(tmp_path / "limits.csv", robot, kinds)
+    log = swinging_log(tmp_path / "log.csv", tw.load(text))
+    said = {
+        "file": ask(scaled, log),
+        "table beside a file without": ask(without, log, "--limits", table),
+        "table beside the file": ask(scaled, log, "--limits", table),
+    }
+    assert len({word for word, *_ in said.values()}) == 1, {door: line for door, (_, line, _) in said.items()}
+
+
+def swinging_log(path: Path, robot: tw.Robot) -> Path:
+    """A slow motion of all joints about the middle of their ranges."""
+    t, lower, upper = np.arange(0, 4, 0.01), robot.limits.lower, robot.limits.upper
+    ends = np.stack([np.maximum(lower, -1.0), np.minimum(upper, 1.0)])
+    middle = np.clip(0.0, ends.min(axis=0), ends.max(axis=0)) + 0.25 * (lower > 0.0) - 0.25 * (upper < 0.0)
+    size = np.minimum(0.3, 0.4 * (upper - lower))
+    q = middle + size * np.sin(np.outer(t, np.linspace(0.6, 1.4, robot.nv)) + np.arange(robot.nv))
+    return write_log(path, t, np.clip(q, lower + 0.01, upper - 0.01), names=robot.joint_names)
+
+
+@pytest.mark.parametrize("change", ["N cm", *slow("kgf cm", "N m as kgf m", "N mm")])
+@pytest.mark.parametrize("name", ["ur5", *slow("arm", "camera head", "panda", "tx40", "gen3 lite")])
+def test_efforts_that_are_a_multiple_of_the_files_are_not_ok(ask, tmp_path, name, change):
+    """A table that can be compared with its file; a unit in its header confirms it."""
+    text = LIMITED[name]()
+    table = limits_table(tmp_path / "limits.csv", tw.load(with_limits(text, CHANGES[change])), ["effort"])
+    log = swinging_log(tmp_path / "log.csv", tw.load(text))
+    word, line, _ = ask(text, log, "--limits", table)
+    assert word == "UNSURE", line
+    table.write_text(table.read_text("utf-8").replace("effort", "effort [N m]"), "utf-8")
+    assert ask(text, log, "--limits", table)[0] in ("OK", "OVER LIMIT")
+
+
+@pytest.mark.parametrize("command", ["payload", *slow("move", "doctor")])
+@pytest.mark.parametrize("change", ["five times", "degrees", *slow("a hundredth", "N mm", "no velocity")])
+def test_commands_have_one_word_for_a_limit_through_every_door(run, tmp_path, command, change):
+    text, kinds = arm(), CHANGES[change]
+    scaled, without = (with_limits(text, made) for made in (kinds, dict.fromkeys(kinds)))
+    table = limits_table(tmp_path / "limits.csv", tw.load(scaled), kinds)
+    rest = {"move": ["--from=0.1,0.4,0.5", "--to=0.5,0.6,0.8"], "payload": ["--at", "0.2,0.4,0.5"], "doctor": []}[
+        command
+    ]
+    words = {}
+    for door, file, options in (
+        ("file", scaled, []),
+        ("without", without, ["--limits", table]),
+        ("beside", scaled, ["--limits", table]),
+    ):
+        (tmp_path / f"{door}.urdf").write_text(file, "utf-8")
+        _, said = run(command, tmp_path / f"{door}.urdf", *rest, *options)
+        words[door] = re.search(r"^(OK|UNSURE|OVER LIMIT|LOOK AGAIN|STOPPED)", said, re.MULTILINE)[0]
+    assert len(set(words.values())) == 1, words
+
+
+def test_violations_are_those_of_the_limits_wherever_they_stand():
+    """In Python, limits of the robot and the argument ``bounds``."""
+    t = np.arange(0, 4, 0.01)
+    for change in ({"effort": 0.2}, {"velocity": 0.05}, {"effort": 5.0}):
+        scaled = tw.load(with_limits(arm(), change))
+        own = tw.Motion(t, *FINE(t), robot=scaled).violations()
+        given = tw.Motion(t, *FINE(t), robot=tw.load(arm())).violations(scaled.limits)
+        assert [str(v) for v in own] == [str(v) for v in given]
+
+
+@pytest.mark.parametrize("mass", [1e7, *slow(1e4, 1e6)])
+def test_a_load_that_no_robot_carries_is_not_ok_where_no_torque_depends_on_it(ask, run, tmp_path, mass):
+    """On the axis of the only joint that is loaded; by ``torques`` and by the tool of ``payload``."""
+    t = np.arange(0, 4, 0.01)
+    q = np.outer(0.5 * np.sin(t), np.ones(3))
+    text = arm(efforts=(20.0, 24.0, 24.0)).replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
+    log = write_log(tmp_path / "log.csv", t, q)
+    (tmp_path / "arm.urdf").write_text(text, "utf-8")
+    load = f"{mass:.0f},0,0,0@base"
+    assert ask(text, log, "--payload", load)[0] == "UNSURE"
+    still = write_log(tmp_path / "still.csv", t, 0.0 * q)
+    word, line, _ = ask(text, still, "--payload", f"{mass:.0f}")
+    assert word == "UNSURE" and "times as heavy as all moving links" in line
+    assert run("payload", tmp_path / "arm.urdf", "--tool", f"{mass:.0f}")[1].startswith("UNSURE")
+
+
+@pytest.mark.parametrize("mass", [1.0, 30.0, 1000.0])
+def test_a_load_of_any_size_keeps_its_excess(ask, tmp_path, mass):
+    """A doubt about a load is never a way out of OVER LIMIT."""
+    t = np.arange(0, 4, 0.01)
+    log = write_log(tmp_path / "log.csv", t, *FINE(t))
+    assert ask(arm(), log, "--payload", f"{mass}")[0] == ("OK" if mass < 2.0 else "OVER LIMIT")
+
+
+@pytest.mark.parametrize("name", ["arm", *slow("camera head", "ur5", "panda", "tx40", "gen3 lite")])
+def test_velocities_without_a_limit_are_named_through_every_door(ask, tmp_path, name):
+    text = LIMITED[name]()
+    log, bare = swinging_log(tmp_path / "log.csv", tw.load(text)), with_limits(text, {"velocity": None})
+    names = tw.load(text).joint_names
+    lines = ["joint,velocity", *(f"{joint},inf" for joint in names)]
+    (tmp_path / "limits.csv").write_text("\n".join(lines) + "\n", "utf-8")
+    by_file, by_table = ask(bare, log), ask(text, log, "--limits", tmp_path / "limits.csv")
+    assert by_file[:2] == by_table[:2]
+    assert by_file[0] != "OK" or "no velocity limit is known" in by_file[1]
+
+
 @pytest.mark.parametrize("mass", [3.0, *slow(0.5, 30.0)])
 def test_a_load_has_one_word_by_option_and_in_the_file(ask, tmp_path, mass):
     t = np.arange(0, 4, 0.01)
@@ -411,7 +583,7 @@ def test_a_log_with_one_fault_has_no_wrong_word(one_fault, part, number):
     assert row["class"] in ("right", "doubt", "excluded") or not row["trace"], row
 
 
-@pytest.mark.parametrize("number", mostly_slow(range(24), every=7))
+@pytest.mark.parametrize("number", mostly_slow(range(24), every=14))
 def test_a_clean_log_has_no_false_doubt(one_fault, number):
     row = one_fault.score(log_of(one_fault, "clean", number))
     assert row["class"] == "right" or row["class"].startswith("doubt: "), row

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from chains import chain
+from quick import mostly_slow
 from random_trees import DIFFERENCES, ONE_DEGREE, ROUNDING, driven, frames
 
 import twistwrench as tw
@@ -32,7 +33,7 @@ pytest_plugins = ("random_tree_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 
 WRONG = 1e-3
-SEEDS = range(6)
+SEEDS = mostly_slow(range(6), 2)
 
 
 def hold(truth, right, wrong, rtol, what):
@@ -208,7 +209,7 @@ def test_the_closed_form_and_its_factors(seed):
 # ── 8.5 ──
 
 
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", mostly_slow(SEEDS[:3], 3))
 def test_motion_that_is_integrated_gains_the_work_of_its_torques(seed):
     """B7: along a motion under J'F and torques, E grows by ∫ (τ + J'F_on)·θ̇ dt. A wrong sign of F shows here too."""
     from scipy.integrate import solve_ivp

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
+from source_trees import syntax_tree
 
 import twistwrench as tw
 from twistwrench.mechanics.joints import JOINT_TYPES
@@ -30,7 +31,7 @@ def named(path):
 
 
 def trees():
-    return ((named(path), ast.parse(path.read_text(encoding="utf-8"))) for path in FILES)
+    return ((named(path), syntax_tree(path)) for path in FILES)
 
 
 def test_nothing_reaches_inside_a_robot():

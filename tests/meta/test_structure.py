@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from source_trees import syntax_tree
 
 import twistwrench as tw
 
@@ -51,11 +52,6 @@ def named(path: Path) -> str:
     return path.relative_to(SOURCE).as_posix()
 
 
-@cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
 def docstrings(module: ast.Module) -> list[ast.Constant]:
     """Strings that stand alone as statements."""
     alone = (node.value for node in ast.walk(module) if isinstance(node, ast.Expr))
@@ -73,7 +69,7 @@ def test_methods_know_the_type_of_self():
     untyped = [
         f"{named(path)}:{node.lineno}"
         for path in FILES
-        for node in ast.walk(tree(path))
+        for node in ast.walk(syntax_tree(path))
         if isinstance(node, FUNCTION)
         for a in node.args.posonlyargs + node.args.args
         if a.arg == "self" and a.annotation and ast.unparse(a.annotation) == "Any"
@@ -82,7 +78,7 @@ def test_methods_know_the_type_of_self():
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun():
-    docs = [doc.value for path in FILES for doc in docstrings(tree(path))]
+    docs = [doc.value for path in FILES for doc in docstrings(syntax_tree(path))]
     others = [doc for doc in docs if doc.strip().split()[:1] and doc.strip().split()[0].strip(":,.;") in FIRST_WORDS]
     assert len(others) <= FIRST * len(docs)
 
@@ -98,7 +94,7 @@ def test_a_function_fits_a_screen():
     long = {
         f"{named(path)}:{node.name}": lines_of(node)
         for path in FILES
-        for node in ast.walk(tree(path))
+        for node in ast.walk(syntax_tree(path))
         if isinstance(node, FUNCTION) and lines_of(node) > SCREEN
     }
     new = {name: size for name, size in long.items() if name not in LONG_FUNCTIONS}
@@ -132,9 +128,9 @@ def vague_names() -> set[str]:
     """Functions named by one participle, and numeric constants named by one adjective or adverb."""
     found = set()
     for path in FILES:
-        names = {node.name for node in ast.walk(tree(path)) if isinstance(node, FUNCTION)}
+        names = {node.name for node in ast.walk(syntax_tree(path)) if isinstance(node, FUNCTION)}
         found |= {n for n in names if PARTICIPLE.fullmatch(n) and n.strip("_") not in NOT_PARTICIPLES}
-        found |= {name for name in constants(tree(path)) if ADJECTIVE.fullmatch(name)}
+        found |= {name for name in constants(syntax_tree(path)) if ADJECTIVE.fullmatch(name)}
     return found
 
 
@@ -181,7 +177,7 @@ def imported(path: Path) -> frozenset[str]:
             elif isinstance(node, (ast.Try, ast.ClassDef)):
                 visit(node.body)
 
-    visit(tree(path).body)
+    visit(syntax_tree(path).body)
     return frozenset(found - {named(path)})
 
 
@@ -219,7 +215,7 @@ def test_no_private_wrapper_with_one_caller():
     found = {
         f"{named(path)}:{node.name}"
         for path in FILES
-        for node in tree(path).body
+        for node in syntax_tree(path).body
         if isinstance(node, ast.FunctionDef) and node.name.startswith("_") and not node.decorator_list
         if passes_on(node) and texts.count(f"{node.name}(") <= 2
     }

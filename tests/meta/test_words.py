@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import click
 import pytest
 from places import ROOT
+from source_trees import syntax_tree
 
 from twistwrench.cli.main import main
 
@@ -65,7 +66,7 @@ def literals() -> list[tuple[str, str, bool]]:
     """Place, text, and True for a docstring: each text with a space in the source, parts of f-strings and doubts too."""
     found = []
     for path in sorted(SOURCE.rglob("*.py")):
-        tree = ast.parse(path.read_text("utf-8"))
+        tree = syntax_tree(path)
         documented = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():

@@ -68,6 +68,19 @@ def test_a_rotor_inertia_is_that_of_another_actuator_file():
     compare(robot, other, **{f"{joint}__rotor_inertia": x for joint, x in numbers.items()})
 
 
+def test_the_link_that_holds_a_rotor_loses_its_inertia_in_the_links_own_axes():
+    """Each joint of a panda is turned about x in its parent link and shifted: the rotor's axis is another there."""
+    panda = tw.robots.panda()
+    names = ("panda_joint2", "panda_joint4", "panda_joint6")
+    turning = [body.placement[:3, :3] for body in panda.model.bodies if body.joint.name in names]
+    assert all(abs(R[2, 2]) < 0.5 for R in turning)
+    weighed = {name: {"ratio": 50 + 10 * k, "rotor": {"inertia": "2 kg cm^2"}} for k, name in enumerate(names)}
+    numbers = {name: 3e-3 + 1e-3 * k for k, name in enumerate(names)}
+    other = panda.with_actuators({"actuators": edited(weighed, **numbers)})
+    robot = panda.with_actuators({"actuators": weighed})
+    compare(robot, other, **{f"{joint}__rotor_inertia": x for joint, x in numbers.items()})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rotors_of_random_robots_may_vary(seed):

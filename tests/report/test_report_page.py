@@ -72,7 +72,10 @@ def run(*arguments: object, code: int | None = None) -> str:
     return result.output
 
 
-@pytest.fixture(scope="module", params=list(COMMANDS))
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.slow) if name == "identify" else name for name in COMMANDS],
+)
 def report(request, tmp_path_factory):
     """Name of a command, its output, and its page."""
     path = tmp_path_factory.mktemp("report") / "report.html"

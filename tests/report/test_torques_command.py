@@ -107,7 +107,7 @@ def test_the_verdict_and_the_limits_of_the_page_are_in_degrees_if_asked(run, tmp
     q *= 250.0 / np.gradient(q, t).max()
     table = np.column_stack([t, q, 0 * q])
     np.savetxt(tmp_path / "m.csv", table, delimiter=",", header="time,joint1 [deg],joint2 [deg]", comments="")
-    (tmp_path / "limits.csv").write_text("joint,effort,velocity\njoint1,1e4,180\njoint2,1e4,180\n")
+    (tmp_path / "limits.csv").write_text("joint,effort,velocity\njoint1,900,180\njoint2,900,180\n")
     code, output = run(
         "torques", "planar_2r", "--trajectory", tmp_path / "m.csv", "--limits", tmp_path / "limits.csv", "--degrees",
         "--report", tmp_path / "page.html",
@@ -392,7 +392,7 @@ def test_what_is_nearly_at_a_limit_or_just_beyond_is_not_said_to_be_at_it(
     path = write_positions(tmp_path / "still.csv", arm, np.arange(50) * 0.01, np.zeros((50, 2)))
     limit = np.abs(arm.gravity_forces(np.zeros(2)))[0] / share
     limits = tmp_path / "limits.csv"
-    limits.write_text(f"joint,effort\n{arm.joint_names[0]},{float(limit)!r}\n{arm.joint_names[1]},1e4\n")
+    limits.write_text(f"joint,effort\n{arm.joint_names[0]},{float(limit)!r}\n{arm.joint_names[1]},900\n")
     found, text = run("torques", "planar_2r", "--trajectory", path, "--limits", limits)
     assert found == code, text
     shown = re.findall(r"[\d.]+ %", re.sub(r"gravity[\s,]+\d+ %", "", text))

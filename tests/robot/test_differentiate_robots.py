@@ -64,7 +64,7 @@ BY_Q = [
 ]
 
 
-@pytest.mark.parametrize("name", ["floating base", "planar", "driven"])
+@pytest.mark.parametrize("name", ["floating base", pytest.param("planar", marks=pytest.mark.slow), "driven"])
 @pytest.mark.parametrize("quantity", mostly_slow(BY_Q, 2))
 def test_of_any_quantity_by_differences(quantity, name):
     robot = tree(name)

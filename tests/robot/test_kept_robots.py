@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.mechanics.model.assembly import DEFAULT_SNAP
@@ -134,7 +135,7 @@ def test_a_file_that_includes_others_is_read_again_whatever_it_is_called(file, p
     assert found[0] == found[1] != found[2]
 
 
-@pytest.mark.parametrize(("options", "nv"), [(", gravity=[0, 0, -1.62]", 2), (", lock={'b': 0.5}", 1)])
+@pytest.mark.parametrize(("options", "nv"), mostly_slow([(", gravity=[0, 0, -1.62]", 2), (", lock={'b': 0.5}", 1)], 2))
 def test_other_options_are_another_robot(file, place, options, nv):
     torque(file, place)
     made, found = (torque(file, place, options=options, nv=nv) for _ in range(2))
@@ -194,7 +195,7 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("damage", mostly_slow(DAMAGE, 2))
 def test_damaged_entries_are_made_again(file, place, damage):
     first = torque(file, place)[0]
     for entry in place.iterdir():
@@ -321,7 +322,7 @@ def test_a_robot_is_known_whatever_was_imported_before(file, place):
     assert python(code, place).split()[3] == "False"
 
 
-@pytest.mark.parametrize("name", ["text", "mjcf"])
+@pytest.mark.parametrize("name", mostly_slow(["text", "mjcf"], 2))
 def test_what_is_no_plain_urdf_file_is_read_each_time(tmp_path, place, name):
     if name == "text":
         code = f"import sys, twistwrench as tw; tw.load({ARM!r}); print('twistwrench.mechanics.model.builder' in sys.modules)"

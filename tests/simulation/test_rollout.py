@@ -126,7 +126,7 @@ SERVED = [(name, law) for name in ROBOTS for law in LAWS if law != "computed" or
 
 
 @pytest.mark.parametrize("method", ("semi_implicit", "rk4"))
-@pytest.mark.parametrize(("name", "law"), mostly_slow(SERVED, 2))
+@pytest.mark.parametrize(("name", "law"), mostly_slow(SERVED, 3))
 def test_a_rollout_takes_the_steps_of_a_plain_loop(name, law, method):
     robot, size = robot_named(name), 5
     law = law_of(law, robot, np.random.default_rng(2))

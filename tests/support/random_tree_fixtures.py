@@ -18,12 +18,12 @@ def on_numpy():
         yield
 
 
-@pytest.fixture(params=[*mostly_slow(list(TREES)[:12], 2), *list(TREES)[12:]])
+@pytest.fixture(params=[*mostly_slow(list(TREES)[:12], 4), *list(TREES)[12:]])
 def robot(request):
     return tree(request.param)
 
 
-@pytest.fixture(params=SIMPLE_TREES)
+@pytest.fixture(params=mostly_slow(SIMPLE_TREES, 2))
 def simple_robot(request):
     """A robot whose velocities are the rates of its coordinates."""
     return tree(request.param)

@@ -12,6 +12,7 @@ from ..core.errors import ValueRangeError
 from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
+from ..formats.xacro import ENDING as XACRO_ENDING
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.torque_verdict import base_doubts
 from ..robot import Robot, load
@@ -62,6 +63,8 @@ def doctor_command(given: Given) -> ExitCode:
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
     found, arguments = robot_source(given.source), xacro_arguments(given.xacro)
+    if arguments is None and Path(given.source).suffix.lower() == XACRO_ENDING:
+        arguments = {}  # expanded as by every command
     files = {"ROBOT": given.source if Path(given.source).is_file() else None, "--limits": given.limits}
     given.check_files(files)
     report = doctor(

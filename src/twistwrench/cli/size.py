@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -15,6 +17,7 @@ from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
 from ..mechanics.model.limits import over_limit
+from ..motion.credible_values import placeholder_limits
 from ..motion.differentiation import Differentiation
 from ..motion.motion import Motion
 from ..motion.motion_log import MotionLog
@@ -91,7 +94,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         )
     robot, log = shared.open_motion(options, given, path)
     report = _analysed(options, given, robot, log, smoothing=given.smooth)
-    notes = remarks(notes_on_log(report))
+    notes = [*remarks(notes_on_log(report)), *remarks(_unused_limits(report))]
     if refused := contradictions(report):
         judged = Verdict.from_reasons(look_again=refused)
         show(*_spoken(judged), *notes)
@@ -140,6 +143,12 @@ def _judged(own: Verdict, report: TorqueReport) -> Verdict:
         own = Verdict.from_reasons(unsure=[f"{as_it_stands(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
     doubts = Verdict.from_reasons(unsure=[*rows, *(text for text in others if text not in rows)])
     return doubts.joined(own)
+
+
+def _unused_limits(report: TorqueReport) -> list[str]:
+    """Sentence on torque limits of the robot's file that are probably not those of motors: drives have ratings instead."""
+    found = placeholder_limits(report.load.robot, report.limits)
+    return [f"The robot's file has {found}. Drives are judged by their ratings, not by these."] if found else []
 
 
 def _analysed(
@@ -199,19 +208,26 @@ def size_view(found: Sizing, judged: Verdict, *, ambient: float) -> Iterator[Blo
     yield Line(("Electronics, iron losses and bearing moments of gears are not counted.", Style.QUIET))
 
 
+_NAME = 9
+"""Least width of a joint's name in narrow terminals; names are folded at their separators."""
+_CURRENT = 4
+"""Decimals of a current; smaller ones are rounding errors of joints at rest."""
+
+
 def drives_table(found: Sizing, ambient: float) -> Table:
     """Table with one row per joint; limits are shown behind the values."""
     joints = list(found.joints.values())
+    names = [j.joint for j in joints]
     warm = [j.motor.temperature[:, 0].max() if j.motor.temperature.size else math.nan for j in joints]
     return Table(
         f"Drives at {number(ambient)} degC",
-        words("joint", [j.joint for j in joints], fold=False),
+        words("joint", names, fold=False, narrow=replace(words("joint", names), min_width=_NAME)),
         words("motor", [j.drive[0] for j in joints]),
         words("gear", [j.drive[1] for j in joints]) if any(j.drive[1] != DIRECT for j in joints) else None,
         _rated("mean", joints, "average torque", "N m"),
         _rated("peak", joints, "peak torque", "N m"),
         _rated("input", joints, "input speed", "rpm"),
-        numbers("rms", [j.motor.rms_current for j in joints], _figure, "A"),
+        numbers("rms", [j.motor.rms_current for j in joints], partial(number, digits=_DIGITS, decimals=_CURRENT), "A"),
         numbers("winding", warm, _figure, "degC"),
         numbers("J ratio", [j.motor.inertia_ratio for j in joints], _figure),
         numbers("used", [j.tightest[1].share for j in joints], share_cell),
@@ -223,16 +239,17 @@ def _figure(value: float) -> str:
 
 
 def _rated(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
-    """Column of a gear figure with its limits; exceeded limits are red."""
+    """Column of a gear figure with its limits, which stand below it in narrow terminals; exceeded limits are red."""
     demands = [next((d for d in j.gear.demands if d.what == what), None) for j in joints]
     limits = [math.inf if d is None else d.limit for d in demands]
-    return numbers(name, map(_cell, demands), unit=unit, limits=limits)
+    column = numbers(name, map(_cell, demands), unit=unit, limits=limits)
+    return replace(column, narrow=numbers(name, map(partial(_cell, between="\n/ "), demands), unit=unit, limits=limits))
 
 
-def _cell(demand: Demand | None) -> Line | str:
+def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
     if demand is None:
         return number(None)
-    limit = f" / {_figure(demand.limit)}" if math.isfinite(demand.limit) else ""
+    limit = f"{between}{_figure(demand.limit)}" if math.isfinite(demand.limit) else ""
     red = Style.OVER if over_limit(demand.share) else ""
     return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
 

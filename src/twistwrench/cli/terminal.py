@@ -126,13 +126,13 @@ class TerminalTable(table.Table):
         for text in texts:
             text.no_wrap = column.whole or None
         if column.whole:
-            needs = [cell_len(text.plain) for text in texts]
+            needs = [cell_len(line) for text in texts for line in text.plain.split("\n")]
         else:
             needs = [min(cell_len(part), _LEAST) for text in texts for part in text.plain.split()]
-        if not column.words:
-            needs += [
-                max(map(cell_len, column.head.split()), default=0) if column.min_width is None else column.min_width
-            ]
+        if column.min_width is not None:
+            needs.append(column.min_width)
+        elif not column.words:
+            needs.append(max(map(cell_len, column.head.split()), default=0))
         self.add_column(
             Text(column.head),
             justify="left" if column.words else "right",

@@ -12,11 +12,10 @@ from ..core.numbers import in_file, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
-from ..mechanics.model.limits import margin
-from ..motion.credible_values import credible_limits
-from ..motion.load_case import arm_entries, limits_remedy, placeholder_limits
+from ..mechanics.model.limits import StatedLimits, margin
+from ..motion.credible_values import arm_entries, credible_limits, placeholder_limits
+from ..motion.load_case import limits_remedy
 from ..motion.plausibility import BY_WEIGHT
-from ..reports.robot_summary import StatedLimits
 from ..robot import Robot
 from . import mass_checks as masses
 from . import tensor_checks as tensors
@@ -122,10 +121,7 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Effort limits that are probably placeholders: far above the torques due to weight."""
-    limits = robot.model.limits
-    if isinstance(limits, StatedLimits) and limits.stated.all():  # limits that the user gave are not doubted
-        return
-    if said := placeholder_limits(Robot(robot.model)):
+    if said := placeholder_limits(Robot(robot.model), robot.model.limits):
         yield Finding(
             "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, said,
             repair=FileRepair("advice", f"take the efforts from the data sheet, or {limits_remedy(robot.model.source)}"),

@@ -15,7 +15,7 @@ from ..core.text import bounded_message
 from ..mechanics.model.assembly import DEFAULT_SNAP
 from ..mechanics.model.model import Model
 from .source import bytes_of, is_text, read_robot_text
-from .xacro import EXPAND, expand_xacro, is_marked, xacro_arguments, xacro_in
+from .xacro import ENDING, EXPAND, expand_xacro, is_marked, xacro_arguments, xacro_in
 from .xml import MOST_BODIES, Element, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
@@ -152,7 +152,7 @@ def _expanded(
     Raises RobotFileError for xacro in other files.
     """
     path = None if is_text(source) else Path(source)
-    found, ending = xacro_in(text, root), path is not None and path.suffix.lower() == ".xacro"
+    found, ending = xacro_in(text, root), path is not None and path.suffix.lower() == ENDING
     if ending or (arguments is not None and is_marked(text)):
         return expand_xacro(text, path, arguments or {}, folders, found)
     if found:

@@ -36,8 +36,10 @@ _BODY, _WRAP_JOINT = 1, 1
 _FLAGS = ("gravity", "spring", "damper", "passive", "equality", "frictionloss", "constraint")
 
 
-def read_mujoco_model(model: Any) -> ModelBuilder:
-    """Builder with the bodies, joints, sites and keyframes of an ``mjModel``.
+def read_mujoco_model(model: Any, floating_base: bool | None = None) -> tuple[ModelBuilder, bool]:
+    """Builder with the bodies, joints, sites and keyframes of an ``mjModel``, and True if its root link floats besides.
+
+    ``floating_base`` as for MJCF files.
 
     Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of an ``mjModel``.
     """
@@ -47,9 +49,11 @@ def read_mujoco_model(model: Any) -> ModelBuilder:
         raise ModelError(
             f"this is not a model of MuJoCo's: {type(model).__name__} lacks an attribute ({problem})."
         ) from None
-    builder, _ = read_mjcf(file.root)
+    builder, floating = read_mjcf(file.root, floating_base=floating_base)
     builder.remark(*file.notes)
-    return builder
+    if floating_base is False:
+        builder.mount()
+    return builder, floating
 
 
 class _File:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,8 @@ from .writers.written import Losses, configurations_of, drive_of, moved, screw_o
 
 UNIVERSE = "universe"
 _PREFIX = "JointModel"
-_WHOLE = {"FreeFlyer": "floating", "Spherical": "ball", "Planar": "planar"}
+_FREE = "FreeFlyer"
+_WHOLE = {_FREE: "floating", "Spherical": "ball", "Planar": "planar"}
 """Joints with several velocities that become one joint."""
 _ROWS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
 """Joints that become several joints of one degree."""
@@ -42,33 +43,53 @@ class _Step:
     nv: int
 
 
-def read_pinocchio_model(model: Any) -> ModelBuilder:
-    """Builder with the joints, inertias and frames of a ``pinocchio.Model``.
+def read_pinocchio_model(model: Any, floating_base: bool | None = None) -> tuple[ModelBuilder, bool]:
+    """Builder with the joints, inertias and frames of a ``pinocchio.Model``, and True if its root link floats besides.
+
+    ``floating_base`` None follows the model; True keeps free joints to the universe, or lets the root link float where there
+    is none; False fixes the bodies of these joints where the identity of the joint puts them.
 
     Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of a model, and for unsupported joints.
     """
     try:
-        return _filled(model)
+        held = _free_roots(model)
+        builder = _filled(model, held if floating_base is False else set())
     except AttributeError as problem:
         raise ModelError(
             f"this is not a model of Pinocchio's: {type(model).__name__} lacks an attribute ({problem})."
         ) from None
+    if floating_base is False:
+        builder.mount()
+    return builder, bool(floating_base) and not held
 
 
-def _filled(model: Any) -> ModelBuilder:
+def _free_roots(model: Any) -> set[int]:
+    """Indices of the free joints to the universe."""
+    roots = (j for j in range(1, model.njoints) if int(model.parents[j]) == 0)
+    return {j for j in roots if str(model.joints[j].shortname()).removeprefix(_PREFIX) == _FREE}
+
+
+def _filled(model: Any, held: Set[int]) -> ModelBuilder:
+    """Builder of a model whose joints ``held`` are fixed."""
     names = list(model.names)
     builder = ModelBuilder(str(model.name) or "robot")
     builder.gravity = np.array(model.gravity.linear, float).tolist()
     links = _links(model)
     builder.add_link(links[0], _inertia(model.inertias[0]))
     for j in range(1, model.njoints):
-        _add_joint(builder, model, j, names, links)
+        if j in held:
+            builder.add_link(links[j], _inertia(model.inertias[j]))
+            builder.add_joint(
+                names[j], "fixed", links[0], links[j], placement=np.array(model.jointPlacements[j].homogeneous)
+            )
+        else:
+            _add_joint(builder, model, j, names, links)
     _add_frames(builder, model, links)
     configurations = getattr(model, "referenceConfigurations", ())
     for item in configurations:
         q = np.array(item.data(), float)
         if q.shape == (model.nq,):
-            _add_configuration(builder, str(item.key()), q, model, names)
+            _add_configuration(builder, str(item.key()), q, model, names, held)
     return builder
 
 
@@ -194,11 +215,13 @@ def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None
             builder.add_site(name, link, T)
 
 
-def _add_configuration(builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str]) -> None:
+def _add_configuration(
+    builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str], held: Set[int]
+) -> None:
     from ..mechanics.joints import JOINT_TYPES
 
     positions: dict[str, Array] = {}
-    for j in range(1, model.njoints):
+    for j in sorted(set(range(1, model.njoints)) - held):
         at, steps = int(model.joints[j].idx_q), list(_steps(model.joints[j], names[j]))
         for k, step in enumerate(steps):
             mine = q[at : at + step.nq]

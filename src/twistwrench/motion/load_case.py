@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..core.doubts import Doubt
 from ..core.errors import UnknownNameError, ValueRangeError
-from ..core.numbers import number, percent, printed, quantity, rounded_down, seconds
+from ..core.numbers import number, printed, quantity, rounded_down, seconds
 from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
@@ -24,12 +24,12 @@ from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.units import unit_of, units_of
 from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
-from ..mechanics.model.limits import Limits, known_velocities
+from ..mechanics.model.limits import Limits, StatedLimits, known_velocities
 from ..mechanics.model.model import BASE, Model
-from ..reports.robot_summary import StatedLimits, parse_numbers
+from ..reports.robot_summary import parse_numbers
 from ..reports.sentences import sentence
 from .coordinates import Coordinates
-from .credible_values import credible_load
+from .credible_values import credible_load, driven_entries, placeholder_limits
 from .differentiation import MotionSamples
 
 if TYPE_CHECKING:
@@ -59,32 +59,8 @@ def limits_remedy(robot: str = "ROBOT") -> str:
 
 
 _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
+_OF_TABLE = "if the efforts of the table are right, name their unit in its header, 'effort [N m]'"
 _LISTED = 6
-_POSES, _USUAL = 2000, 0.15
-"""Number of random poses, and gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
-_NO_WEIGHT = 1e-6
-"""Gravity torque over effort of turning joints whose axes are vertical: rounding."""
-_LARGE, _LIGHT = 1000.0, 50.0
-"""Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
-_CHAIN, _FINGER = 3, 4
-"""Minimum number of joints of an arm before it branches, and maximum number of joints in series of a finger."""
-_SETS = {
-    "UR10": (330.0, 330.0, 150.0, 54.0, 54.0, 54.0),
-    "UR5": (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
-    "UR3": (56.0, 56.0, 28.0, 12.0, 12.0, 12.0),
-    "Panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
-    "iiwa 14": (320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
-}
-"""Efforts [N m] of arms that are often copied into files of other arms."""
-
-
-def driven_entries(model: Model) -> Array:
-    """Entries of τ, (nv,) of bool, driven by an actuator: none of floating joints; for elastic joints the motor's entry."""
-    found = np.zeros(model.nv, bool)
-    springs = {a.joint for name, a in model.actuators.items() if name != a.joint}
-    for body in model.leaders:
-        found[body.places[1]] = body.joint.driven and body.joint.name not in springs
-    return found
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
@@ -110,10 +86,18 @@ def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
     return [name for name, none in zip(model.velocity_names, driven_entries(model) & unknown, strict=True) if none]
 
 
+def placeholder_doubt(robot: Robot, limits: Limits) -> str:
+    """Sentence on torque limits that are probably not those of motors, with its remedy; empty if none."""
+    if not (found := placeholder_limits(robot, limits)):
+        return ""
+    typed = isinstance(limits, StatedLimits) and limits.stated.any()
+    return f"{found}; {_OF_TABLE if typed else limits_remedy(robot.model.source)}"
+
+
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
     """Reasons why torque limits cannot be judged, sentences without a full stop.
 
-    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given by the user are not doubted.
+    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given with their unit are not doubted.
     """
     sentences, model = [], robot.model
     if missing := unlimited(model, limits.effort, peaks):
@@ -125,74 +109,10 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
             _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else limits_remedy(model.source)
         )
         sentences.append(sentence("unlimited", joints=joints, remedy=remedy))
-    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
-    if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
-        sentences.append(f"{placeholders}; {limits_remedy(model.source)}")
+    unconfirmed = loaded_entries(model, peaks) & ~limits.has_unit("effort")
+    if unconfirmed.any() and (doubt := placeholder_doubt(robot, limits)):
+        sentences.append(doubt)
     return sentences
-
-
-def placeholder_limits(robot: Robot) -> str:
-    """Sentence, without a full stop, on efforts of the robot file that are probably not motor limits; empty if none.
-
-    Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
-    joints of a light robot have 1000 N m or more. If no turning joint bears weight, as in a SCARA, the weight measures nothing.
-    Joints with actuators are left out: their limits come from the user.
-    """
-    model = robot.model
-    driven = driven_entries(model)
-    if not driven.any() or model.actuators or model.couplings:
-        return ""
-    effort = model.limits.effort
-    large = driven & np.isfinite(effort) & (effort >= _LARGE)
-    if 2 * large.sum() >= driven.sum() and model.moving_mass < _LIGHT:
-        return (
-            f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
-            f"{number(model.moving_mass)} kg, which stand for no limit"
-        )
-    chain = arm_entries(model)
-    if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
-        return ""
-    share = weight_share(robot, chain)
-    turning = [k for k in chain if Coordinates.from_model(model).angular_velocity[k]]
-    if not 0 < share < _USUAL or not turning or weight_share(robot, turning) < _NO_WEIGHT:
-        return ""
-    least, most = float(effort[chain].min()), float(effort[chain].max())
-    what = (
-        f"effort {number(most)} on all {len(chain)} joints"
-        if least == most
-        else f"efforts of {number(least)} to {number(most)}"
-    )
-    copied = [name for name, known in _SETS.items() if tuple(effort[chain].tolist()) == known]
-    return (
-        f"{what}{f', which are those of the {copied[0]}' if copied else ''}: the arm's own weight takes at most "
-        f"{percent(share, 2)} of {'it' if least == most else 'them'}, and 25 to 83 % in real arms"
-    )
-
-
-def weight_share(robot: Robot, entries: list[int]) -> float:
-    """Largest ratio of gravity torque to effort over some entries of τ, at the worst of random poses."""
-    q = robot.random_configuration(np.random.default_rng(0), _POSES)
-    weight = np.abs(np.asarray(robot.gravity_forces(q)))[:, entries].max(axis=0)
-    return float((weight / robot.limits.effort[entries]).max())
-
-
-def arm_entries(model: Model) -> list[int]:
-    """Entries of dq of an arm on a fixed base, from the base to its first branch into fingers; empty for other robots."""
-    moving = [k for k, b in enumerate(model.bodies) if b.joint.moves_body]
-    below = {k: [i for i in moving if model.bodies[i].parent == k] for k in [BASE, *moving]}
-
-    def depth(k: int) -> int:
-        return 1 + max(map(depth, below[k]), default=0)
-
-    found, at = [], BASE
-    while len(below[at]) == 1:
-        [at] = below[at]
-        body = model.bodies[at]
-        if body.joint.nv != 1:
-            return []
-        if not body.follows:
-            found.append(body.v_index)
-    return found if all(depth(k) <= _FINGER for k in below[at]) else []
 
 
 # ── Payload and wrenches, and the split of torques into causes

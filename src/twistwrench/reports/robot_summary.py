@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,7 +20,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.model.couplings import coupled_entries, joint_effort, refuse_coupled
-from ..mechanics.model.limits import Limits
+from ..mechanics.model.limits import Limits, StatedLimits
 from ..mechanics.model.model import BASE, Body, Model
 from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
@@ -258,18 +258,8 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
     "nan": math.nan
 }
 """Words for numbers."""
-_TURNS, _FAST, _ENDLESS, _FAR = 4 * math.pi, 20.0, 1e4, 3.0
-"""rad and rad/s from which numbers may be degrees; numbers that stand for no limit; multiple of the robot's own limit."""
 _PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
 """Quantities of the kinds of limits, for their units; jerk is one by itself."""
-
-
-@dataclass(frozen=True, eq=False)
-class StatedLimits(Limits):
-    """Limits, some of them given by the user."""
-
-    stated: Array = field(kw_only=True)
-    """(nv,) of bool: joints with an effort given by the user."""
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
@@ -289,10 +279,7 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
     joints = Coordinates.from_model(model)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
-    stated, without_unit = (
-        np.zeros(model.nv, bool),
-        {kind: np.zeros(model.nv) for kind in ("lower", "upper", "velocity")},
-    )
+    stated, with_unit = np.zeros(model.nv, bool), np.zeros((len(_KINDS), model.nv), bool)
     for line, cells in rows:
         row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
         if row.get("leader"):
@@ -313,8 +300,7 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
             part = _PARTS.get(kind, kind)
             of_head = _factor(units[kind], part, turns, f"{where}, column {kind!r}") if kind in units else None
             found[kind][k] = value * (of_head or (1.0 if kind == "effort" else angle))
-            if kind in without_unit and of_head is None and angle == 1.0 and math.isfinite(value):
-                without_unit[kind][k] = abs(value)
+            with_unit[_KINDS.index(kind), k] = of_head is not None
         if "acceleration" in values and "deceleration" not in values:
             found["deceleration"][k] = found["acceleration"][k]
         if found["lower"][k] > found["upper"][k]:
@@ -322,29 +308,7 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
                 f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
                 f"{printed(found['upper'][k])}. Swap them."
             )
-    positions = np.maximum(without_unit["lower"], without_unit["upper"])
-    own = np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
-    _check_radians(path, positions, "position", own, _TURNS, model)
-    _check_radians(path, without_unit["velocity"], "velocity", model.limits.velocity, _FAST, model)
-    return StatedLimits(**found, stated=stated)
-
-
-def _check_radians(path: Path, sizes: Array, what: str, own: Array, usual: float, model: Model) -> None:
-    """Raise ValueRangeError if limits of turning joints are degrees: more than half exceed usual and the robot's own limits.
-
-    ``sizes`` (nv,) are the largest magnitudes of the file in radians without a unit in the head; zero if not given.
-    """
-    sizes = sizes * Coordinates.from_model(model).angular_velocity
-    far = (sizes > usual) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
-    if not 2 * int(far.sum()) > int((sizes > 0).sum()):
-        return
-    k = int(np.argmax(far))
-    head, per, a_second = ("velocity", "/s", " a second") if what == "velocity" else ("lower", "", "")
-    raise ValueRangeError(
-        f"{path}: the limits of {what} look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
-        f"{printed(sizes[k] / math.tau, 3)} turns{a_second} in radians. Add --degrees, or name the unit in the header "
-        f"('{head} [deg{per}]' or '{head} [rad{per}]') or in a column 'unit'; inf stands for no limit."
-    )
+    return StatedLimits(**found, stated=stated, with_unit=with_unit)
 
 
 def _factor(unit: str, part: str, turns: bool, where: str) -> float:

@@ -16,10 +16,10 @@ from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import TOLERANCE
 from ..motion import load_case
 from ..motion.coordinates import Coordinates
+from ..motion.credible_values import driven_entries
 from ..motion.load_case import LoadCase, Payload, PayloadMargin, cause_label
 from ..motion.motion_log import ASKED
 from .blocks import Line, verdict
-from .robot_summary import StatedLimits
 from .sentences import SENTENCES, sentence
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
@@ -179,7 +179,6 @@ def verdict_data(
         assumed_words(assumptions(model, p, held=held, friction=load.friction, unjudged=limits, mass="{mass}"))
         for p in ((), (carried,))
     ]
-    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)
     velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)
     data = {
@@ -193,12 +192,14 @@ def verdict_data(
             "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
             "near": NEAR_LIMIT, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
-        "driven": load_case.driven_entries(model).tolist(),
+        "driven": driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],
         "force": _force_at_base(model),
         "lookAgain": list(refused) if report is None else contradictions(report),
         "doubts": {"first": base_doubts(model), "before": before, "after": after},
-        "placeholders": {"words": load_case.placeholder_limits(load.robot), "stated": stated.tolist()},
+        "placeholders": {
+            "words": load_case.placeholder_doubt(load.robot, limits), "confirmed": limits.has_unit("effort").tolist(),
+        },
         "assumed": {"empty": assumed[0], "loaded": assumed[1], "tip": model.tip},
         "velocities": velocities.tolist(),
         "turns": coordinates.angular_velocity.tolist(),

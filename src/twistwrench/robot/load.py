@@ -264,7 +264,7 @@ def from_dh(
 # ── Robots from models of other libraries, read by their attributes
 
 
-def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
+def from_mujoco(model: Any, *, floating_base: bool | None = None, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a model compiled by MuJoCo.
 
     For MJCF features that :func:`load` does not support, such as ``replicate`` and ``attach``:
@@ -275,6 +275,8 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     Parameters
     ----------
     model : mujoco.MjModel; its attributes are read, nothing is imported
+    floating_base : bool, optional, as for :func:`load`: True adds a free joint if there is none, False fixes floating bodies
+        in place; None: as in the model
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Warns
@@ -291,10 +293,11 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     """
     from ..formats.mujoco_model import read_mujoco_model
 
-    return Robot(read_mujoco_model(model).build(**options))
+    builder, floating = read_mujoco_model(model, floating_base)
+    return Robot(builder.build(floating_base=floating, **options))
 
 
-def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
+def from_pinocchio(model: Any, *, floating_base: bool | None = None, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a Pinocchio model.
 
     Reads joints, inertias, limits, friction, armature, gravity and reference configurations. Body frames become links;
@@ -305,6 +308,8 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     Parameters
     ----------
     model : pinocchio.Model; its attributes are read, nothing is imported
+    floating_base : bool, optional, as for :func:`load`: True adds a free joint if there is none, False fixes floating bodies
+        in place; None: as in the model
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Examples
@@ -316,7 +321,8 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     """
     from ..formats.pinocchio_model import read_pinocchio_model
 
-    return Robot(read_pinocchio_model(model).build(**options))
+    builder, floating = read_pinocchio_model(model, floating_base)
+    return Robot(builder.build(floating_base=floating, **options))
 
 
 # ── Saving

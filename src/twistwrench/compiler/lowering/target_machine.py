@@ -60,12 +60,20 @@ def _cached_facts() -> CompilerFacts:
     if about is None:
         return _llvm_facts()
     key = object_cache.digest("compiler", *_llvmlite(), about).hex()
-    words = (object_cache.load(key) or b"").decode().split("\n")
-    if len(words) == len(CompilerFacts._fields):
-        return CompilerFacts(*words)
+    if (kept := _facts_in(object_cache.load(key) or b"")) is not None:
+        return kept
     found = _llvm_facts()
     object_cache.store(key, "\n".join(found).encode())
     return found
+
+
+def _facts_in(entry: bytes) -> CompilerFacts | None:
+    """Properties in an entry of the cache; None for an entry of another form."""
+    try:
+        words = entry.decode().split("\n")
+    except UnicodeDecodeError:
+        return None
+    return CompilerFacts(*words) if len(words) == len(CompilerFacts._fields) else None
 
 
 def _llvmlite() -> list[str]:

@@ -16,6 +16,8 @@ from ..xml import Element, parse
 
 __all__ = ["EXPAND", "expand_xacro", "is_marked", "xacro_arguments", "xacro_in"]
 
+ENDING = ".xacro"
+"""Ending of files that are expanded without a request."""
 EXPAND = "`xacro file.xacro > robot.urdf`"
 """Command for expanding a xacro file."""
 SECONDS = 20.0

@@ -77,17 +77,30 @@ def _audited() -> Bounds:
 
 
 def reason_of(problem: BaseException) -> str:
-    """Text of an error in one line, which begins with its kind unless it is a refusal."""
-    inner: Any = problem
-    while getattr(inner, "exc", None) is not None:  # the cause of an error of xacro, whose text holds it
-        inner = inner.exc
+    """Text of an error in one line: the cause, and the places in which it occurred, each once."""
+    chain: list[Any] = [problem]
+    while getattr(chain[-1], "exc", None) is not None:  # the cause of an error of xacro, whose text holds it
+        chain.append(chain[-1].exc)
+    inner = chain[-1]
     if isinstance(inner, RecursionError):
         return "its macros, elements or expressions are nested too deeply"
     if isinstance(inner, MemoryError):
         return "it needs more memory than is allowed"
-    text = " ".join(str(problem).split()).rstrip(".")
-    text = text if isinstance(inner, Refused) else f"{type(problem).__name__}: {text}"
+    messages = [str(error.args[0]) for error in chain[:-1] if error.args and error.args[0]]
+    plain = [message for message in messages if not message.startswith("<class")]  # that repeats the cause
+    suffixes = [str(error.suffix) for error in reversed(chain) if getattr(error, "suffix", None)]
+    parts = [*plain, _cause(inner), *suffixes]
+    text = " ".join(" ".join(dict.fromkeys(parts)).split()).rstrip(".")
     return f"{text[:300]}{'…' * (len(text) > 300)}"
+
+
+def _cause(inner: Any) -> str:
+    """Text of the innermost error without the names of Python's classes."""
+    if isinstance(inner, SyntaxError):
+        return str(inner.msg)
+    if isinstance(inner, KeyError):
+        return f"there is no {str(inner.args[0])!r}" if inner.args else "a name is missing"
+    return str(inner.args[0] if hasattr(inner, "suffix") and inner.args else inner) or "an expression fails"
 
 
 class Arguments(dict[str, str]):

@@ -139,7 +139,7 @@ class _Evaluator:
             return self._allowed(owner[name])
         if any(isinstance(owner, kind) and name in methods for kind, methods in _METHODS.items()):
             return getattr(owner, name)
-        raise Refused(f"{name} of {type(owner).__name__} is not allowed in an expression of a robot file. {_ALLOWED}")
+        raise Refused(f"the attribute {name[:40]!r} is not allowed in an expression of a robot file. {_ALLOWED}")
 
     def _called(self, function: Any, args: list[Any], given: Mapping[str, Any]) -> Any:
         name = getattr(function, "__name__", "")
@@ -199,4 +199,4 @@ def _check_growth(op: ast.operator, a: Any, b: Any) -> None:
 
 
 def _refuse(node: ast.AST) -> Any:
-    raise Refused(f"{type(node).__name__} is not allowed in an expression of a robot file. {_ALLOWED}")
+    raise Refused(f"{ast.unparse(node)[:40]!r} is not allowed in an expression of a robot file. {_ALLOWED}")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from ...core.typing import Array
 
-__all__ = ["FASTEST_TURN", "TOLERANCE", "Limits", "known_velocities", "margin", "over_limit"]
+__all__ = ["FASTEST_TURN", "TOLERANCE", "Limits", "StatedLimits", "known_velocities", "margin", "over_limit"]
 
 TOLERANCE = 1e-6
 """Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
@@ -142,6 +142,24 @@ class Limits:
         x, most = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - most) | (x > self.upper + most))
 
+    def has_unit(self, kind: str) -> Array:
+        """True for each joint whose limit of a kind was given with its unit; for no joint if the limits are those of a file.
+
+        Parameters
+        ----------
+        kind : str, such as ``"effort"``
+
+        Returns
+        -------
+        found : (nv,) array of bool
+
+        Examples
+        --------
+        >>> Limits(*np.ones((4, 2))).has_unit("effort").tolist()
+        [False, False]
+        """
+        return np.zeros(np.shape(getattr(self, kind)), bool)
+
     def acceleration_at(self, dq: Array, ddq: Array) -> Array:
         """Acceleration limit at a state: the deceleration limit if a joint slows down; at rest the larger of the two.
 
@@ -164,6 +182,35 @@ class Limits:
         still = speed <= TOLERANCE * speed.max(initial=0.0, axis=tuple(range(speed.ndim - 1)))
         larger = np.maximum(self.acceleration, self.deceleration)
         return np.where(still, larger, np.where(dq * ddq < 0, self.deceleration, self.acceleration))
+
+
+@dataclass(frozen=True, eq=False)
+class StatedLimits(Limits):
+    """Limits, some of them given by the user."""
+
+    stated: Array = field(kw_only=True)
+    """(nv,) of bool: joints with an effort given by the user."""
+    with_unit: Array = field(kw_only=True)
+    """(kinds, nv) of bool, in the order of the fields of :class:`Limits`: limits that the user gave with their unit."""
+
+    def has_unit(self, kind: str) -> Array:
+        """True for each joint whose limit of a kind was given with its unit, so that the unit is not doubted.
+
+        Parameters
+        ----------
+        kind : str, such as ``"effort"``
+
+        Returns
+        -------
+        found : (nv,) array of bool
+
+        Examples
+        --------
+        >>> limits = StatedLimits(*np.ones((4, 1)), stated=np.array([True]), with_unit=np.eye(7, 1, -3, dtype=bool))
+        >>> limits.has_unit("effort").tolist(), limits.has_unit("velocity").tolist()
+        ([True], [False])
+        """
+        return np.asarray(self.with_unit[[f.name for f in fields(Limits)].index(kind)])
 
 
 # ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4

@@ -75,7 +75,7 @@ class Verdict {
     const named = missing.length === count ? "" : ` (${listed(missing, 6)})`;
     const which = count > 1 ? this.say("some", { count: missing.length, all: count, named }) : this.say("one", { joint: missing[0] });
     if (missing.length) said.push(this.say("unlimited", { joints: which, remedy: words.remedy }));
-    if (placeholders.words && loaded.some((on, k) => on && !placeholders.stated[k])) said.push(`${placeholders.words}; ${words.remedy}`);
+    if (placeholders.words && loaded.some((on, k) => on && !placeholders.confirmed[k])) said.push(placeholders.words);
     return said;
   }
 
