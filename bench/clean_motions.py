@@ -353,7 +353,7 @@ def main() -> None:
                 robot = robot_of(name)
                 written(robot, style, how, seed, path)
                 report = reported(robot, path)
-            except tw.errors.TwistWrenchError as problem:
+            except tw.TwistWrenchError as problem:
                 print(f"{name:20s} {style:10s} {how.name:32s} ERROR {problem}"[:180], flush=True)
                 continue
             found = alarms(report)

@@ -169,9 +169,9 @@ def test_real_literals_have_digits_on_both_sides_of_the_point():
         text = real_literal(value)
         assert re.fullmatch(rf"{REAL}|\(-{REAL}\)", text) and float(text.strip("()")) == value
     assert real_literal(0.1, "float") == "0.1"
-    with pytest.raises(tw.core.errors.KernelError, match="not a finite"):
+    with pytest.raises(tw.KernelError, match="not a finite"):
         real_literal(np.inf)
-    with pytest.raises(tw.core.errors.KernelError, match="precision='double'"):
+    with pytest.raises(tw.KernelError, match="precision='double'"):
         real_literal(1e60, "float")
 
 

@@ -535,7 +535,7 @@ def test_in_python_a_robot_that_cannot_move_is_refused_too(tmp_path):
             robot, tw.trajectories.straight_path(np.eye(4), tw.se3.exp([0, 0, 0, 0, 0, 0.1])), []
         ),
     ):
-        with pytest.raises(tw.core.errors.ValueRangeError, match="needs a robot with moving joints"):
+        with pytest.raises(tw.ValueRangeError, match="needs a robot with moving joints"):
             ask()
 
 

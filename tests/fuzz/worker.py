@@ -221,7 +221,7 @@ def read(job: dict[str, Any], guard: Guard, seconds: float) -> dict[str, Any]:
     _limit(0)
     taken = time.process_time() - began
     problems += guard.found[:3]
-    texts = [text, *(str(w.message) for w in said if issubclass(w.category, (tw.ModelWarning, tw.core.errors.CacheWarning)))]
+    texts = [text, *(str(w.message) for w in said if issubclass(w.category, (tw.ModelWarning, tw.CacheWarning)))]
     problems += [wrong for each in texts if ended != "fault" and (wrong := _unreadable(each))]
     problems += ["a text of a file outside is in the message"] if any("SECRET" in each for each in texts) else []
     peak = _memory_now() if linux else 0
