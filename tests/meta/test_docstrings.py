@@ -232,6 +232,7 @@ def problems_of(name, value):
 # ── the rules ──
 
 WITHOUT_EXAMPLE = {
+    "modern_robotics.": "the book's names: docs/modern-robotics.md shows them at work, tests/book_package runs the book's examples",
     "robot.convert.": "takes a model of another library's, which need not be installed",
     "mechanics.joints.": "asked by the library, each with symbols or a batch of its own; docs/adding.md shows them at work",
     "viz.plots.torques.": "takes a report, which the command makes of a file",

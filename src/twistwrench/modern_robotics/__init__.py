@@ -7,108 +7,740 @@ content. Functions of vectors or matrices accept leading batch shapes, unless th
 
 Intended differences: rotations near zero and π are accurate, invalid input raises errors of :mod:`twistwrench.core.errors`,
 and results are always floating-point. ``docs/modern-robotics.md`` lists every function.
+
+A declaration under :func:`.named` or :func:`.of_chain` is a row of a table; :mod:`.names` describes them.
 """
 
-from .chains import (
-    CartesianTrajectory,
-    CubicTimeScaling,
-    FKinBody,
-    FKinSpace,
-    IKinBody,
-    IKinSpace,
-    JacobianBody,
-    JacobianSpace,
-    JointTrajectory,
-    QuinticTimeScaling,
-    ScrewTrajectory,
-)
-from .dynamics import (
-    ComputedTorque,
-    EndEffectorForces,
-    EulerStep,
-    ForwardDynamics,
-    ForwardDynamicsTrajectory,
-    GravityForces,
-    InverseDynamics,
-    InverseDynamicsTrajectory,
-    MassMatrix,
-    SimulateControl,
-    VelQuadraticForces,
-)
-from .matrices import (
-    Adjoint,
-    AxisAng3,
-    AxisAng6,
-    DistanceToSE3,
-    DistanceToSO3,
-    MatrixExp3,
-    MatrixExp6,
-    MatrixLog3,
-    MatrixLog6,
-    NearZero,
-    Normalize,
-    ProjectToSE3,
-    ProjectToSO3,
-    RotInv,
-    RpToTrans,
-    ScrewToAxis,
-    TestIfSE3,
-    TestIfSO3,
-    TransInv,
-    TransToRp,
-    VecTose3,
-    VecToso3,
-    ad,
-    se3ToVec,
-    so3ToVec,
-)
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import MissingExtraError, ShapeError, ValueRangeError
+from ..core.glossary import complete
+from ..core.typing import Array, JointTorques, Poses, Rotations, Twists
+from ..mechanics.algorithms.time_scalings import PosePath, cubic_share, quintic_share
+from ..mechanics.lie import se3, so3
+from ..mechanics.lie.adjoint import Ad
+from .names import Chain, chain_of, named, of_chain, pose, real, rotation, screws_of, skew, twist_matrix
 
 __all__ = [
-    "Adjoint",
-    "AxisAng3",
-    "AxisAng6",
-    "CartesianTrajectory",
-    "ComputedTorque",
-    "CubicTimeScaling",
-    "DistanceToSE3",
-    "DistanceToSO3",
-    "EndEffectorForces",
-    "EulerStep",
-    "FKinBody",
-    "FKinSpace",
-    "ForwardDynamics",
-    "ForwardDynamicsTrajectory",
-    "GravityForces",
-    "IKinBody",
-    "IKinSpace",
-    "InverseDynamics",
-    "InverseDynamicsTrajectory",
-    "JacobianBody",
-    "JacobianSpace",
-    "JointTrajectory",
-    "MassMatrix",
-    "MatrixExp3",
-    "MatrixExp6",
-    "MatrixLog3",
-    "MatrixLog6",
-    "NearZero",
-    "Normalize",
-    "ProjectToSE3",
-    "ProjectToSO3",
-    "QuinticTimeScaling",
-    "RotInv",
-    "RpToTrans",
-    "ScrewToAxis",
-    "ScrewTrajectory",
-    "SimulateControl",
-    "TestIfSE3",
-    "TestIfSO3",
-    "TransInv",
-    "TransToRp",
-    "VecTose3",
-    "VecToso3",
-    "VelQuadraticForces",
-    "ad",
-    "se3ToVec",
-    "so3ToVec",
-]
+    "Adjoint", "AxisAng3", "AxisAng6", "CartesianTrajectory", "ComputedTorque", "CubicTimeScaling", "DistanceToSE3",
+    "DistanceToSO3", "EndEffectorForces", "EulerStep", "FKinBody", "FKinSpace", "ForwardDynamics", "ForwardDynamicsTrajectory",
+    "GravityForces", "IKinBody", "IKinSpace", "InverseDynamics", "InverseDynamicsTrajectory", "JacobianBody", "JacobianSpace",
+    "JointTrajectory", "MassMatrix", "MatrixExp3", "MatrixExp6", "MatrixLog3", "MatrixLog6", "NearZero", "Normalize",
+    "ProjectToSE3", "ProjectToSO3", "QuinticTimeScaling", "RotInv", "RpToTrans", "ScrewToAxis", "ScrewTrajectory",
+    "SimulateControl", "TestIfSE3", "TestIfSO3", "TransInv", "TransToRp", "VecTose3", "VecToso3", "VelQuadraticForces", "ad",
+    "se3ToVec", "so3ToVec",
+]  # fmt: skip
+
+FAR = 1e9
+"""Distance returned for a matrix with non-positive determinant."""
+STEPS = 20
+"""Maximum number of Newton steps of inverse kinematics, as in the book's package."""
+
+# ── Chapter 3: rotations
+
+
+@named(lambda R: np.swapaxes(R, -1, -2).copy(), "section 3.2.1", "", real(3, 3))
+def RotInv(R: ArrayLike) -> Rotations:
+    """Inverse of a rotation, its transpose R'."""
+
+
+@named(so3.hat, "eq. 3.30", "so3mat : (..., 3, 3) array", real(3))
+def VecToso3(omg: ArrayLike) -> Array:
+    """Skew-symmetric matrix [omg] of a vector."""
+
+
+@named(so3.vee, "eq. 3.30", "omg : (..., 3) array", skew)
+def so3ToVec(so3mat: ArrayLike) -> Array:
+    """Vector of a skew-symmetric matrix."""
+
+
+def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
+    """Axis and angle of exponential coordinates of a rotation; both zero for the zero rotation (MR section 3.2.3.3).
+
+    Returns
+    -------
+    omghat : (..., 3) array, unit axis
+    theta : (...) array, angle [rad]
+    """
+    w = arguments.real(expc3, "expc3", 3)
+    theta = _length(w)
+    return _over(w, theta), theta
+
+
+@named(lambda W: so3.exp(so3.vee(W)), "eq. 3.51", "", skew)
+def MatrixExp3(so3mat: ArrayLike) -> Rotations:
+    """Matrix exponential of so(3): the rotation exp([omg] theta), at every angle."""
+
+
+def _signed(R: Array, w: Array) -> Array:
+    """Logarithm w of R; for a half turn, the one with a positive last non-negligible entry, as in the book's package."""
+    if w.ndim == 1 and R[0, 1] != R[1, 0]:  # not a half turn
+        return w
+    if np.any(half := np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)):
+        x, y, z = np.moveaxis(np.where(np.abs(w) > 1e-3 * np.pi, w, 0.0), -1, 0)
+        last = np.where(z != 0, z, np.where(y != 0, y, x))
+        w = np.where((half & (last < 0))[..., None], -w, w)
+    return w
+
+
+@named(lambda R: so3.hat(_signed(R, so3.log(R))), "eq. 3.53, 3.54", "so3mat : (..., 3, 3) array [rad]", rotation)
+def MatrixLog3(R: ArrayLike) -> Array:
+    """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π; R with few digits is replaced by the nearest rotation."""
+
+
+# ── Chapter 3: rigid motions
+
+
+@named(se3.pose, "section 3.3.1", "", real(3, 3), real(3))
+def RpToTrans(R: ArrayLike, p: ArrayLike) -> Poses:
+    """Homogeneous matrix of a rotation and a position."""
+
+
+def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
+    """Rotation and position of a homogeneous matrix (MR section 3.3.1).
+
+    Returns
+    -------
+    R : (..., 3, 3) array
+    p : (..., 3) array [m]
+    """
+    T = arguments.real(T, "T", 4, 4)
+    return T[..., :3, :3].copy(), T[..., :3, 3].copy()
+
+
+def _inverse(T: Array) -> Array:
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    return se3.pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
+
+
+@named(_inverse, "eq. 3.64", "", pose)
+def TransInv(T: ArrayLike) -> Poses:
+    """Inverse of a pose, by transposing the rotation; T with few digits is replaced by the nearest pose."""
+
+
+@named(se3.hat, "eq. 3.71", "se3mat : (..., 4, 4) array", real(6))
+def VecTose3(V: ArrayLike) -> Array:
+    """Matrix [V] of a twist."""
+
+
+@named(se3.vee, "eq. 3.71", "", twist_matrix)
+def se3ToVec(se3mat: ArrayLike) -> Twists:
+    """Twist (omega, v) of a matrix [V]."""
+
+
+def _adjoint(T: Array) -> Array:
+    R = T[..., :3, :3]
+    return _lower(R, so3.hat(T[..., :3, 3]) @ R)
+
+
+def _lower(diagonal: Array, below: Array) -> Array:
+    out = np.zeros((*diagonal.shape[:-2], 6, 6), diagonal.dtype)
+    out[..., :3, :3] = out[..., 3:, 3:] = diagonal
+    out[..., 3:, :3] = below
+    return out
+
+
+@named(_adjoint, "eq. 3.83", "AdT : (..., 6, 6) array", real(4, 4))
+def Adjoint(T: ArrayLike) -> Array:
+    """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without forming it."""
+
+
+@named(lambda V: _lower(so3.hat(V[..., :3]), so3.hat(V[..., 3:])), "definition 8.5", "adV : (..., 6, 6) array", real(6))
+def ad(V: ArrayLike) -> Array:
+    """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]]."""
+
+
+def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Twists:
+    """Screw axis (s, q × s + h s) through a point along a unit vector, which is not normalised (MR section 3.3.2.2).
+
+    Parameters
+    ----------
+    q : (..., 3) array_like, point on the axis [m]
+    s : (..., 3) array_like, unit vector along it
+    h : (...) array_like, pitch [m/rad]
+
+    Returns
+    -------
+    S : (..., 6) array
+    """
+    q, s, h = arguments.real(q, "q", 3), arguments.real(s, "s", 3), arguments.real(h, "h")
+    if h.ndim or q.shape != s.shape:
+        q, s, h = arguments.together(q=q, s=s, h=h[..., None])
+    return np.concatenate([s, so3.cross(q, s) + h * s], axis=-1)
+
+
+def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
+    """Screw axis and distance along it of exponential coordinates S theta (MR eq. 3.87).
+
+    The angular part of S has unit length, or, if it is zero, the linear part. Zero input gives a zero axis.
+
+    Returns
+    -------
+    S : (..., 6) array, screw axis
+    theta : (...) array, distance along it [rad, or m if the angular part of S is zero]
+    """
+    V = arguments.real(expc6, "expc6", 6)
+    turn = _length(V[..., :3])
+    theta = np.where(turn > 0, turn, _length(V[..., 3:]))[()]
+    return _over(V, theta), theta
+
+
+def _length(v: Array) -> Any:
+    """Norm |v| without underflow or overflow of the squares; (..., n) → (...)."""
+    if v.ndim == 1:
+        return v.dtype.type(math.hypot(*v.tolist()))
+    largest = np.abs(v).max(axis=-1, keepdims=True)
+    safe = np.where(largest > 0, largest, 1.0)
+    return (safe[..., 0] * np.linalg.norm(v / safe, axis=-1))[()]
+
+
+def _over(v: Array, theta: Any) -> Array:
+    return np.asarray(v / np.where(theta > 0, theta, 1.0)[..., None])
+
+
+@named(lambda X: se3.exp(se3.vee(X)), "eq. 3.88", "", twist_matrix)
+def MatrixExp6(se3mat: ArrayLike) -> Poses:
+    """Matrix exponential of se(3): the pose exp([S] theta), at every angle."""
+
+
+def _twist(T: Array) -> Array:
+    """Logarithm of a pose T, with that of a half turn as in :func:`_signed`."""
+    V = se3.log(T)
+    turn = V[..., :3]
+    if (w := _signed(T[..., :3, :3], turn)) is not turn:
+        V = np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
+    return V
+
+
+@named(lambda T: se3.hat(_twist(T)), "eq. 3.91, 3.92", "se3mat : (..., 4, 4) array", pose)
+def MatrixLog6(T: ArrayLike) -> Array:
+    """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π; T with few digits is replaced by the nearest pose."""
+
+
+# ── Chapter 3: tests and projections
+
+
+def NearZero(z: ArrayLike) -> Any:
+    """True if a number is near zero: |z| < 1e-6, a threshold that this package does not use (MR section 3.2).
+
+    Parameters
+    ----------
+    z : (...) array_like
+
+    Returns
+    -------
+    near : (...) array of bool
+    """
+    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6
+
+
+def Normalize(V: ArrayLike) -> Array:
+    """Unit vector V / |V| (MR section 3.2).
+
+    Parameters
+    ----------
+    V : (..., n) array_like
+
+    Returns
+    -------
+    unit : (..., n) array
+    """
+    V = np.atleast_1d(arguments.real(V, "V"))
+    if V.ndim == 1 and 0.0 < (length := math.hypot(*V.tolist())) < math.inf:
+        return V / V.dtype.type(length)
+    largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
+    if not np.all(largest > 0):
+        raise ValueRangeError("V is zero, or not a number, so it has no direction. Give a vector with a nonzero entry.")
+    V = V / largest  # scale first, to avoid underflow and overflow of the squares
+    return np.asarray(V / np.linalg.norm(V, axis=-1, keepdims=True))
+
+
+@named(lambda R: so3.project(R, np.inf), "section 3.2", "", real(3, 3))
+def ProjectToSO3(mat: ArrayLike) -> Rotations:
+    """Nearest rotation to a matrix in the Frobenius norm, at any distance."""
+
+
+def _nearest_pose(T: Array) -> Array:
+    return se3.pose(so3.project(T[..., :3, :3], np.inf), T[..., :3, 3])
+
+
+@named(_nearest_pose, "section 3.3", "", real(4, 4))
+def ProjectToSE3(mat: ArrayLike) -> Poses:
+    """Nearest pose to a matrix: the nearest rotation, the unchanged position, and the last row replaced."""
+
+
+def _distance(R: Array, row: Array | None = None) -> Any:
+    off = np.swapaxes(R, -1, -2) @ R - np.eye(3)
+    square = np.sum(off * off, axis=(-1, -2)) + (0.0 if row is None else np.sum(row * row, axis=-1))
+    return np.where(np.linalg.det(R) > 0, np.sqrt(square), FAR)[()]
+
+
+def _pose_distance(T: Array) -> Any:
+    return _distance(T[..., :3, :3], T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+@named(_distance, "section 3.2", "distance : (...) array, 1e9 if the determinant is not positive", real(3, 3))
+def DistanceToSO3(mat: ArrayLike) -> Any:
+    """Distance of a 3×3 matrix to SO(3): |mat' mat - 1| in the Frobenius norm."""
+
+
+@named(_pose_distance, "section 3.3", "distance : (...) array, 1e9 if the determinant is not positive", real(4, 4))
+def DistanceToSE3(mat: ArrayLike) -> Any:
+    """Distance of a 4×4 matrix to SE(3): that of its upper left block to SO(3), with the error of the last row."""
+
+
+@named(lambda R: _distance(R) < 1e-3, "section 3.2", "answer : (...) array of bool", real(3, 3))
+def TestIfSO3(mat: ArrayLike) -> Any:
+    """True if a matrix is a rotation: distance to SO(3) below 1e-3."""
+
+
+@named(lambda T: _pose_distance(T) < 1e-3, "section 3.3", "answer : (...) array of bool", real(4, 4))
+def TestIfSE3(mat: ArrayLike) -> Any:
+    """True if a matrix is a pose: distance to SE(3) below 1e-3."""
+
+
+# ── Chapters 4 to 6: forward kinematics, Jacobians, inverse kinematics
+
+
+def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Poses:
+    """Forward kinematics by body screws: M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose (MR eq. 4.16).
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+    """
+    chain = screws_of(Blist, "Blist")
+    return arguments.one(M, "M", 4, 4) @ chain.run("pose", thetalist=chain.joints(thetalist, "thetalist"))
+
+
+def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Poses:
+    """Forward kinematics by space screws: exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose (MR eq. 4.14).
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+    """
+    chain = screws_of(Slist, "Slist")
+    return chain.run("pose", thetalist=chain.joints(thetalist, "thetalist")) @ arguments.one(M, "M", 4, 4)
+
+
+@of_chain("body_jacobian", "eq. 5.18", "J : (..., 6, n) array, angular rows first")
+def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """Body Jacobian J_b with V_b = J_b dtheta, in the end-effector's frame."""
+
+
+@of_chain("space_jacobian", "eq. 5.11", "J : (..., 6, n) array, angular rows first")
+def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """Space Jacobian J_s with V_s = J_s dtheta, in the space frame."""
+
+
+def IKinBody(
+    Blist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """Inverse kinematics by body screws: Newton–Raphson with the pseudoinverse, 20 steps at most (MR section 6.2.2).
+
+    Returns
+    -------
+    thetalist : (n,) array
+    success : bool, True if they reach the pose
+    """
+    return _newton("IKinBody", Blist, M, T, thetalist0, eomg, ev)
+
+
+def IKinSpace(
+    Slist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """Inverse kinematics by space screws, otherwise as :func:`IKinBody` (MR section 6.2.2).
+
+    Returns
+    -------
+    thetalist : (n,) array
+    success : bool, True if they reach the pose
+    """
+    return _newton("IKinSpace", Slist, M, T, thetalist0, eomg, ev)
+
+
+def _newton(
+    caller: str, screws: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """Iterate theta := theta + J⁺ V until the twist error V, in the frame of the screws, is small."""
+    space, guess = caller == "IKinSpace", f"{caller}: thetalist0"
+    chain = screws_of(screws, "Slist" if space else "Blist")
+    jacobian, forward = chain.kernel("space_jacobian" if space else "body_jacobian"), chain.kernel("pose")
+    M, T = _finite_pose(M, f"{caller}: M"), _finite_pose(T, f"{caller}: T")
+    theta = arguments.finite(arguments.one(thetalist0, guess, chain.n), guess, chain.n)
+    eomg, ev = _bound(eomg, f"{caller}: eomg"), _bound(ev, f"{caller}: ev")
+
+    def left(theta: Array) -> Array:
+        T_sb = forward(theta) @ M if space else M @ forward(theta)
+        V_b = _twist(se3.inverse(T_sb) @ T)
+        return Ad(T_sb) @ V_b if space else V_b
+
+    def there(V: Array) -> bool:
+        return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
+
+    V = left(theta)
+    for _ in range(STEPS):
+        if there(V):
+            break
+        theta = theta + np.linalg.pinv(jacobian(theta)) @ V
+        V = left(theta)
+    return theta, there(V)
+
+
+def _finite_pose(T: ArrayLike, name: str) -> Array:
+    return pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
+
+
+def _bound(x: float, name: str) -> float:
+    if not (bound := arguments.number(x, name)) >= 0:
+        raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
+    return bound
+
+
+# ── Chapter 8: dynamics
+
+
+@of_chain("inverse_dynamics", "eq. 8.50 to 8.54", "")
+def InverseDynamics(
+    thetalist: ArrayLike, dthetalist: ArrayLike, ddthetalist: ArrayLike, g: ArrayLike, Ftip: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+) -> JointTorques:  # fmt: skip
+    """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip."""
+
+
+@of_chain("mass_matrix", "eq. 8.57", "M : (..., n, n) array [kg m², sliding joints: kg]")
+def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
+    """Mass matrix M(theta), exactly symmetric, by composite inertias."""
+
+
+@of_chain("coriolis_forces", "eq. 8.9, 8.10", "")
+def VelQuadraticForces(
+    thetalist: ArrayLike, dthetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
+) -> JointTorques:
+    """Coriolis and centripetal forces c(theta, dtheta)."""
+
+
+@of_chain("gravity_forces", "section 8.3", "")
+def GravityForces(
+    thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
+) -> JointTorques:
+    """Gravity forces g(theta), the torques that hold the chain against gravity."""
+
+
+@of_chain("wrench_torques", "eq. 5.26", "")
+def EndEffectorForces(
+    thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
+) -> JointTorques:
+    """Joint torques J_b' F_tip of the wrench applied by the end-effector, without other terms."""
+
+
+@of_chain("forward_dynamics", "section 8.5", "ddtheta : (..., n) array, joint accelerations")
+def ForwardDynamics(
+    thetalist: ArrayLike, dthetalist: ArrayLike, taulist: ArrayLike, g: ArrayLike, Ftip: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+) -> Array:  # fmt: skip
+    """Forward dynamics: ddtheta that solves M ddtheta = τ - c - g(theta) - J' F_tip, M factored."""
+
+
+def EulerStep(
+    thetalist: ArrayLike, dthetalist: ArrayLike, ddthetalist: ArrayLike, dt: ArrayLike
+) -> tuple[Array, Array]:
+    """Euler integration step: theta + dt dtheta and dtheta + dt ddtheta (MR section 8.5).
+
+    Returns
+    -------
+    theta : (..., n) array
+    dtheta : (..., n) array
+    """
+    q, dq = arguments.real(thetalist, "thetalist"), arguments.real(dthetalist, "dthetalist")
+    ddq, step = arguments.real(ddthetalist, "ddthetalist"), arguments.real(dt, "dt")
+    step = step[..., None] if step.ndim else step
+    try:
+        return q + step * dq, dq + step * ddq
+    except ValueError:
+        raise arguments.mismatch(thetalist=q, dthetalist=dq, ddthetalist=ddq, dt=step) from None
+
+
+def InverseDynamicsTrajectory(
+    thetamat: ArrayLike, dthetamat: ArrayLike, ddthetamat: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+) -> Array:  # fmt: skip
+    """Inverse dynamics along a motion, all rows in one call: the torques of :func:`InverseDynamics` (MR eq. 8.50 to 8.54).
+
+    Returns
+    -------
+    taumat : (N, n) array [N m, sliding joints: N]
+    """
+    chain = chain_of(Mlist, Glist, Slist)
+    motion = _motion(chain, thetamat=thetamat, dthetamat=dthetamat, ddthetamat=ddthetamat)
+    F, gravity = _tip_wrenches(Ftipmat, len(motion["thetamat"])), arguments.real(g, "g", 3)
+    return chain.run("inverse_dynamics", **motion, Ftipmat=F, g=gravity)
+
+
+def ForwardDynamicsTrajectory(
+    thetalist: ArrayLike, dthetalist: ArrayLike, taumat: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike, dt: float, intRes: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Forward dynamics along rows of torques, each held for ``dt``, by Euler steps; one motion per call (MR section 8.5).
+
+    Parameters
+    ----------
+    taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row is not used
+
+    Returns
+    -------
+    thetamat : (N, n) array, joint angles; the first row is the initial state
+    dthetamat : (N, n) array, joint rates
+    """
+    chain = chain_of(Mlist, Glist, Slist)
+    q, dq = _start(chain, thetalist, dthetalist)
+    tau, gravity, dt = _rows(chain, taumat, "taumat"), arguments.one(g, "g", 3), arguments.number(dt, "dt")
+    F, steps = _tip_wrenches(Ftipmat, len(tau)), arguments.whole(intRes, "intRes")
+    thetamat, dthetamat = np.empty(tau.shape), np.empty(tau.shape)
+    thetamat[0], dthetamat[0] = q, dq
+    for i in range(len(tau) - 1):
+        q, dq = _euler(chain, q, dq, tau[i], gravity, F[i], dt, steps)
+        thetamat[i + 1], dthetamat[i + 1] = q, dq
+    return thetamat, dthetamat
+
+
+def _euler(
+    chain: Chain, q: Array, dq: Array, tau: Array, g: Array, F: Array, dt: float, steps: int
+) -> tuple[Array, Array]:
+    """State after ``steps`` Euler steps over the total time dt, under constant torques."""
+    step = dt / steps
+    for _ in range(steps):
+        ddq = chain.kernel("forward_dynamics")(q, dq, tau, F, g)
+        q, dq = q + step * dq, dq + step * ddq
+    return q, dq
+
+
+def _start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Array, Array]:
+    """Initial state of a simulation: one state, real numbers."""
+    q, dq = chain.joints(thetalist, "thetalist"), chain.joints(dthetalist, "dthetalist")
+    for x, name in ((q, "thetalist"), (dq, "dthetalist")):
+        if x.ndim != 1:
+            raise ShapeError(f"{name} has shape {x.shape}: a simulation starts from one state, ({chain.n},).")
+    return q.astype(float), dq.astype(float)
+
+
+def _rows(chain: Chain, x: ArrayLike, name: str) -> Array:
+    """Matrix with a row per time and a column per joint; (N, n)."""
+    found = chain.joints(x, name)
+    if found.ndim != 2 or len(found) == 0:
+        raise ShapeError(f"{name} has shape {found.shape}, expected (N, {chain.n}): a row for each instant.")
+    return found
+
+
+def _motion(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
+    """Matrices of one motion with equal numbers of rows."""
+    found = {name: _rows(chain, x, name) for name, x in matrices.items()}
+    if len({len(m) for m in found.values()}) > 1:
+        listed = ", ".join(f"{name} {m.shape}" for name, m in found.items())
+        raise ShapeError(f"the matrices of one motion need as many rows as each other: {listed}.")
+    return found
+
+
+def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
+    """Wrench of each row, (N, 6); a plain 0 means zeros, as documented in the book's package."""
+    F = arguments.real(Ftipmat, "Ftipmat")
+    if F.ndim == 0 and F == 0:
+        return np.zeros((N, 6))
+    if F.shape != (N, 6):
+        raise ShapeError(
+            f"Ftipmat has shape {F.shape}, expected ({N}, 6): a wrench (m, f) for each row, or 0 for none."
+        )
+    return F
+
+
+# ── Chapter 9: time scalings, and motions from point to point in joint space and in SE(3)
+
+
+def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
+    """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest (MR eq. 9.10).
+
+    Returns
+    -------
+    s : (...) array
+    """
+    return cubic_share(_fraction(Tf, t))
+
+
+def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
+    """Quintic time scaling s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too (MR section 9.2.1).
+
+    Returns
+    -------
+    s : (...) array
+    """
+    return quintic_share(_fraction(Tf, t))
+
+
+def _fraction(Tf: Any, t: Any) -> Any:
+    if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy is ten times slower for a single number
+        return t / Tf
+    duration, instants = arguments.together(Tf=arguments.real(Tf, "Tf"), t=arguments.real(t, "t"))
+    if not np.all(duration > 0):
+        raise ValueRangeError(f"Tf is {Tf!r}: a motion takes more than no time.")
+    return (instants / duration)[()]
+
+
+def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: float, method: int) -> Array:
+    """Joint trajectory: points on the straight line between two joint vectors, equally spaced in time (MR section 9.2).
+
+    Returns
+    -------
+    trajectory : (N, n) array
+    """
+    start, end = arguments.real(thetastart, "thetastart"), arguments.real(thetaend, "thetaend")
+    if start.ndim != 1 or start.shape != end.shape:
+        raise ShapeError(f"thetastart {start.shape}, thetaend {end.shape}: expected two vectors of the same length.")
+    s = _scaling(Tf, N, method)[:, None]
+    return np.asarray(s * end + (1.0 - s) * start)
+
+
+def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
+    """Screw trajectory: poses along the constant screw from one pose to another (MR eq. 9.23).
+
+    Returns
+    -------
+    poses : list of N (4, 4) arrays
+    """
+    X, end = _ends(Xstart, Xend)
+    V = _twist(se3.inverse(X) @ end)
+    return list(PosePath(X, end, straight=False, twist=V)(_scaling(Tf, N, method)))
+
+
+def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
+    """Cartesian trajectory: origin on a straight line, rotation about a constant axis (MR eq. 9.24, 9.25).
+
+    Returns
+    -------
+    poses : list of N (4, 4) arrays
+    """
+    X, end = _ends(Xstart, Xend)
+    still = se3.pose(np.swapaxes(X[:3, :3], -1, -2) @ end[:3, :3], np.zeros(3))
+    twist = np.concatenate([_twist(still)[:3], end[:3, 3] - X[:3, 3]])
+    return list(PosePath(X, end, straight=True, twist=twist)(_scaling(Tf, N, method)))
+
+
+def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
+    X, end = pose(Xstart, "Xstart"), pose(Xend, "Xend")
+    if X.shape != (4, 4) or end.shape != (4, 4):
+        raise ShapeError(f"Xstart has shape {X.shape}, Xend {end.shape}: expected two poses, (4, 4).")
+    return X, end
+
+
+def _scaling(Tf: float, N: float, method: int) -> Array:
+    """Path parameter s at N equally spaced times from 0 to Tf, exact at both ends."""
+    n = arguments.whole(N, "N", 2)
+    scalings = {3: cubic_share, 5: quintic_share}
+    if method not in tuple(scalings):
+        raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
+    _fraction(arguments.number(Tf, "Tf"), 0.0)
+    return np.asarray(scalings[method](np.arange(n) / (n - 1.0)))
+
+
+# ── Chapter 11: computed torque control
+
+
+def ComputedTorque(
+    thetalist: ArrayLike, dthetalist: ArrayLike, eint: ArrayLike, g: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+    thetalistd: ArrayLike, dthetalistd: ArrayLike, ddthetalistd: ArrayLike, Kp: ArrayLike, Ki: ArrayLike, Kd: ArrayLike,
+) -> JointTorques:  # fmt: skip
+    """Computed-torque control (feedback linearization): τ = M (ddtheta_d + Kp e + Ki (eint + e) + Kd de) + h (MR eq. 11.35).
+
+    e = theta_d - theta; the current error is added to its integral ``eint``, as in the book's package.
+
+    Returns
+    -------
+    tau : (..., n) array [N m, sliding joints: N]
+    """
+    chain = chain_of(Mlist, Glist, Slist)
+    given = {
+        "thetalist": thetalist, "dthetalist": dthetalist, "eint": eint,
+        "thetalistd": thetalistd, "dthetalistd": dthetalistd, "ddthetalistd": ddthetalistd,
+    }  # fmt: skip
+    states = arguments.together(**{name: chain.joints(x, name) for name, x in given.items()})
+    gains = _gains(chain, Kp=Kp, Ki=Ki, Kd=Kd)
+    return _torque(chain, arguments.real(g, "g", 3), *states, *gains)
+
+
+def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
+    """Gains as numbers, or one for each joint."""
+    return [arguments.one(K, name, chain.n) if np.ndim(K) else arguments.one(K, name) for name, K in gains.items()]
+
+
+def _torque(
+    chain: Chain, g: Array, q: Array, dq: Array, eint: Array, q_d: Array, dq_d: Array, ddq_d: Array,
+    Kp: Array, Ki: Array, Kd: Array,
+) -> Array:  # fmt: skip
+    e = q_d - q
+    ddq = ddq_d + Kp * e + Ki * (eint + e) + Kd * (dq_d - dq)
+    return chain.run("inverse_dynamics", thetalist=q, dthetalist=dq, ddthetalist=ddq, Ftip=np.zeros(6), g=g)
+
+
+def SimulateControl(
+    thetalist: ArrayLike, dthetalist: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+    thetamatd: ArrayLike, dthetamatd: ArrayLike, ddthetamatd: ArrayLike,
+    gtilde: ArrayLike, Mtildelist: ArrayLike, Gtildelist: ArrayLike, Kp: ArrayLike, Ki: ArrayLike, Kd: ArrayLike,
+    dt: float, intRes: int, *, plot: bool = False,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Simulate :func:`ComputedTorque` tracking a motion from one initial state, with its own model (MR section 11.4).
+
+    Torques are held for ``dt``, integrated by ``intRes`` Euler steps.
+
+    Returns
+    -------
+    taumat : (N, n) array, torques [N m, sliding joints: N]
+    thetamat : (N, n) array, joint angles
+
+    Raises
+    ------
+    MissingExtraError
+        ``plot=True`` without matplotlib.
+    """
+    robot, model = chain_of(Mlist, Glist, Slist), chain_of(Mtildelist, Gtildelist, Slist)
+    q, dq = _start(robot, thetalist, dthetalist)
+    q_d, dq_d, ddq_d = _motion(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd).values()
+    gains, dt, steps = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
+    gravity, believed, F = (
+        arguments.one(g, "g", 3),
+        arguments.one(gtilde, "gtilde", 3),
+        _tip_wrenches(Ftipmat, len(q_d)),
+    )
+    eint, taumat, thetamat = np.zeros(robot.n), np.empty(q_d.shape), np.empty(q_d.shape)
+    for i in range(len(q_d)):
+        taumat[i] = _torque(model, believed, q, dq, eint, q_d[i], dq_d[i], ddq_d[i], *gains)
+        q, dq = _euler(robot, q, dq, taumat[i], gravity, F[i], dt, steps)
+        thetamat[i], eint = q, eint + dt * (q_d[i] - q)
+    if plot:
+        _show(dt * np.arange(1, len(q_d) + 1), thetamat, q_d)
+    return taumat, thetamat
+
+
+def _show(t: Array, actual: Array, wanted: Array) -> None:
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        raise MissingExtraError.from_extra("matplotlib", "plot", "SimulateControl(plot=True)") from None
+    _, axes = plt.subplots()
+    for i in range(actual.shape[1]):
+        (line,) = axes.plot(t, actual[:, i], label=f"theta{i + 1}")
+        axes.plot(t, wanted[:, i], ":", color=line.get_color(), label=f"theta{i + 1} wanted")
+    axes.set(xlabel="time [s]", ylabel="joint angle [rad]", title="Actual and wanted joint angles")
+    axes.legend(loc="upper left")
+    plt.show()
+
+
+complete(globals())
