@@ -6,7 +6,6 @@ Compiling it for a GPU needs ``nvcc`` on the path, or NVRTC; running it as C++ n
 from __future__ import annotations
 
 import ctypes
-import math
 import re
 import shutil
 import subprocess
@@ -18,7 +17,7 @@ from bench.cuda_launch import compile_kernel, launch
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.compiler.printers.cuda import OPTIONS, SHARED, CudaFunction
+from twistwrench.compiler.printers.cuda import OPTIONS, CudaFunction
 from twistwrench.robot.quantities import QUANTITIES
 
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]
@@ -112,64 +111,6 @@ def test_the_same_text_as_cpp_gives_what_the_kernels_give(name, quantity, option
 
 
 @as_cpp
-@pytest.mark.parametrize("name", ["quadruped", "floating_box"])
-def test_whatever_room_there_is_the_numbers_are_the_same(name, bundled, tmp_path):
-    """Smaller blocks, equal elements kept once, arrays that stay out of shared memory: all give the same bits."""
-    robot = bundled(name)
-    program = robot.program("mass_matrix")
-    given = [a.astype(float) for a in states(robot, program, 133)]
-    found = []
-    for shared in (10**9, *ROOMS):
-        folder = tmp_path / str(shared)
-        folder.mkdir()
-        found.append(run(build(CudaFunction("kernel", program, "double", shared).source, folder), program, given)[0])
-    for other in found[1:]:
-        np.testing.assert_array_equal(found[0], other)
-    assert_same(found[:1], robot.kernel("mass_matrix"), given, "double")
-
-
-ROOMS = (SHARED, 45_000, 20_000, 5_000, 300)
-
-
-def test_the_ways_through_shared_memory_all_occur(bundled):
-    """What the test above is about: else it would compare one way with itself."""
-    program = bundled("quadruped").program("mass_matrix")
-    ways = {s: CudaFunction("k", program, "double", s) for s in (10**9, *ROOMS)}
-    assert next(f.threads for f in ways.values()) == 128
-    assert ways[SHARED].threads < 128 and all(t.staged for t in ways[SHARED].tiles)
-    assert any(
-        t.table is not None for s in (SHARED, 20_000, 12_000) for t in CudaFunction("k", program, "double", s).tiles
-    )
-    assert [t.staged for t in ways[5_000].tiles] == [True, False]
-    assert not any(t.staged for t in ways[300].tiles)
-
-
-@pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("name", ["planar_2r", "ur5", "panda", "quadruped", "floating_box"])
-def test_tiles_fit_and_their_rows_meet_no_bank_twice(name, precision, bundled):
-    """32 banks: rows an odd number of elements apart begin in 32 different ones."""
-    robot = bundled(name)
-    for quantity in ("inverse_dynamics", "mass_matrix", "forward_dynamics_derivatives"):
-        function = CudaFunction("k", robot.program(quantity), precision)
-        size = 4 if precision == "float" else 8
-        staged = [tile for tile in function.tiles if tile.staged]
-        declared = re.search(r"SHARED \w+ tile\[(\d+)\]", function.source)
-        assert int(declared[1]) * size <= SHARED
-        assert int(declared[1]) == function.threads * sum(tile.pitch for tile in staged)
-        assert all(math.gcd(tile.pitch, 32) == 1 and tile.pitch >= len(tile.kept) for tile in staged)
-        assert function.threads % 32 == 0
-
-
-@pytest.mark.parametrize("shared", [SHARED, 20_000, 300])
-def test_threads_meet_between_any_two_steps_that_share_memory(shared, bundled):
-    """As C++ the threads of a step run one after another, so that a barrier too few would not show in its numbers."""
-    function = CudaFunction("kernel", bundled("quadruped").program("mass_matrix"), "double", shared)
-    steps = function.source.split("void __launch_bounds__")[1].split("EACH_THREAD(t)")[1:]
-    assert len(steps) == 1 + any(t.staged for t in function.tiles[:1]) + any(t.staged for t in function.tiles[1:])
-    assert all("TOGETHER;" in step for step in steps[:-1]) and "TOGETHER;" not in steps[-1]
-
-
-@as_cpp
 def test_an_input_may_serve_all_samples_or_be_columns_of_a_wider_array(bundled, tmp_path):
     robot = bundled("panda")
     program, kernel = robot.program("inverse_dynamics"), robot.kernel("inverse_dynamics")
@@ -222,11 +163,11 @@ def test_every_quantity_compiles_as_cpp_without_a_warning(compiler, name, precis
 
 
 FOR_A_GPU = [
-    ("panda", "inverse_dynamics", "float", SHARED),
-    ("panda", "mass_matrix", "double", 20_000),
-    ("ur5", "forward_dynamics_derivatives", "double", SHARED),
-    ("quadruped", "mass_matrix", "float", 300),
-    ("floating_box", "jacobian", "float", SHARED),
+    ("panda", "inverse_dynamics", "float"),
+    ("panda", "mass_matrix", "double"),
+    ("ur5", "forward_dynamics_derivatives", "double"),
+    ("quadruped", "mass_matrix", "float"),
+    ("floating_box", "jacobian", "float"),
 ]
 
 
@@ -250,15 +191,15 @@ def test_on_a_gpu_it_gives_what_the_kernels_give(name, quantity, options, precis
 
 
 @pytest.mark.skipif(not shutil.which("nvcc"), reason="no CUDA compiler: nvcc is not on the path")
-@pytest.mark.parametrize(("name", "quantity", "precision", "shared"), FOR_A_GPU)
-def test_nvcc_compiles_it_without_a_warning(name, quantity, precision, shared, bundled, tmp_path):
+@pytest.mark.parametrize(("name", "quantity", "precision"), FOR_A_GPU)
+def test_nvcc_compiles_it_without_a_warning(name, quantity, precision, bundled, tmp_path):
     source = tmp_path / "kernel.cu"
-    source.write_text(CudaFunction("kernel", bundled(name).program(quantity), precision, shared).source)
+    source.write_text(CudaFunction("kernel", bundled(name).program(quantity), precision).source)
     command = ["nvcc", *OPTIONS, "-arch=sm_90", "-Werror", "all-warnings", "-ptx", source, "-o", tmp_path / "k.ptx"]
     done = subprocess.run([*map(str, command)], capture_output=True, text=True)
     assert done.returncode == 0 and not done.stderr, done.stderr
     ptx = (tmp_path / "k.ptx").read_text()
-    assert ptx.count("bar.sync") == source.read_text().count("TOGETHER;") and "%tid.x" in ptx and "%ctaid.x" in ptx
+    assert "%tid.x" in ptx and "%ctaid.x" in ptx
     assert_good_assembly(ptx, bundled(name).program(quantity), precision)
 
 

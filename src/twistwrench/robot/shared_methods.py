@@ -394,7 +394,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     ) -> tuple[Path, ...]:
         """CUDA source export: quantities as CUDA C++ kernels with one thread per sample.
 
-        docs/export.md describes the launch. The tests compile it with nvcc and NVRTC; it has not yet been run on a GPU.
+        docs/export.md describes the launch. The tests compile it with nvcc and NVRTC; its kernels are not timed on a GPU.
 
         Parameters
         ----------
