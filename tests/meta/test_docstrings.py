@@ -273,7 +273,7 @@ def test_the_walk_reaches_what_users_call():
     found = {value.__module__.split(".")[1] + "." + value.__qualname__ for name, value in FUNCTIONS.items()}
     assert {
         "mechanics.box", "robot.export_c", "mechanics.exp", "motion.Motion.at", "robot.QuantityMethods.inverse_dynamics", "robot.load",
-        "robot.Explanation.table", "robot.SharedMethods.simulate", "robot.TaskSpaceMethods.task_inertia",
+        "robot.Explanation.table", "robot.RobotDoors.simulate", "robot.TaskSpaceMethods.task_inertia",
         "simulation.SimulationResult.to_csv", "statics.WrenchPolytope.contains", "testing.verify",
     } <= found  # fmt: skip
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import number, printed
-from ..core.tables import CsvWriter
+from ..core.tables import CsvWriter, html_table
 from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.joints.units import heading_unit, unit_of
@@ -25,6 +25,7 @@ from ..mechanics.model.model import BASE, Body, Model
 from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
 from ..motion.readers.csv_reader import CsvFile, Dialect, table_errors
+from ..robot.task_space_methods import require_robot
 from . import blocks
 
 if TYPE_CHECKING:
@@ -35,13 +36,15 @@ COLUMNS = (
     "acceleration", "deceleration", "jerk", "damping", "friction", "armature", "leader", "ratio", "offset",
 )  # fmt: skip
 """Entries of a row of :func:`joint_rows`."""
+_SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
+"""Columns of the table in notebooks."""
 _KINDS = tuple(f.name for f in fields(Limits))
 """Kinds of limits."""
 
 
 def summary(robot: Robot) -> dict[str, Any]:
     """Robot as a dictionary for ``json.dumps``: joints, links, frames, masses, defects."""
-    model = robot.model
+    model = require_robot(robot, "info").model
     return {
         "name": model.name,
         "nq": model.nq,
@@ -57,6 +60,17 @@ def summary(robot: Robot) -> dict[str, Any]:
         "configurations": {name: [float(x) for x in q] for name, q in model.configurations.items()},
         "defects": list(model.defects),
     }
+
+
+def html_summary(robot: Robot) -> str | None:
+    """Table of the joints for notebooks; None for a robot with constraints, which prints as text."""
+    if robot.constraints:
+        return None
+    defects = f", {len(robot.defects)} defects" if robot.defects else ""
+    mass = number(robot.model.moving_mass)
+    title = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {mass} kg moving, tip {robot.tip}{defects}"
+    names = [name.replace("_", " ") for name in _SHOWN]
+    return html_table(title, names, ([row[name] for name in _SHOWN] for row in joint_rows(robot.model)))
 
 
 def joint_rows(model: Model) -> list[dict[str, Any]]:

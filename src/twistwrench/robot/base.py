@@ -55,7 +55,7 @@ class RobotBase:
     def __setstate__(self, model: Model) -> None:
         type(self).__init__(self, model)
 
-    def _open(self) -> Robot:
+    def open(self) -> Robot:
         """The robot with all its methods."""
         raise NotImplementedError
 

@@ -332,7 +332,7 @@ class BridgeMethods(RobotBase):
         from .export.jax import jax_function
         from .export.request import BridgedQuantity
 
-        return jax_function(BridgedQuantity.from_robot("to_jax", self._open(), quantity, options, precision), precision)
+        return jax_function(BridgedQuantity.from_robot("to_jax", self.open(), quantity, options, precision), precision)
 
     def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """PyTorch function that computes one quantity by compiled kernels, twice differentiable.
@@ -361,7 +361,7 @@ class BridgeMethods(RobotBase):
         from .export.request import BridgedQuantity
         from .export.torch import torch_function
 
-        return torch_function(BridgedQuantity.from_robot("to_torch", self._open(), quantity, options, "double"))
+        return torch_function(BridgedQuantity.from_robot("to_torch", self.open(), quantity, options, "double"))
 
     def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity with SX symbols, for optimal control and code generation.
@@ -386,7 +386,7 @@ class BridgeMethods(RobotBase):
         from .export.javascript import casadi_function
         from .export.request import BridgedQuantity
 
-        return casadi_function(BridgedQuantity.from_robot("to_casadi", self._open(), quantity, options, "double"))
+        return casadi_function(BridgedQuantity.from_robot("to_casadi", self.open(), quantity, options, "double"))
 
     def to_javascript(self, quantity: str, **options: Unpack[KernelOptions]) -> str:
         """JavaScript module with one function that computes one quantity, for browsers and Node.
@@ -418,7 +418,7 @@ class BridgeMethods(RobotBase):
         from .export.javascript import javascript_module
         from .export.request import BridgedQuantity
 
-        return javascript_module(BridgedQuantity(self._open(), quantity, options))
+        return javascript_module(BridgedQuantity(self.open(), quantity, options))
 
 
 complete(globals())

@@ -205,7 +205,7 @@ class DerivativeMethods(RobotBase):
         >>> A.round(9).tolist(), B.round(9).tolist()
         ([[0.0, 1.0], [9.81, 0.0]], [[0.0], [1.0]])
         """
-        by_q, by_dq, by_tau = self._open().forward_dynamics_derivatives(q, dq, tau)
+        by_q, by_dq, by_tau = self.open().forward_dynamics_derivatives(q, dq, tau)
         n, batch = self.nv, by_q.shape[:-2]
         A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
         from ..mechanics.algorithms.kinematics import brackets

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,13 +18,14 @@ from ..core.typing import Array
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.actuation import counted
 from ..mechanics.model.model import BASE, Model
+from .doors import ExplanationDoors
 
 MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 """M ddq; terms with dq_i²; terms with dq_i dq_j; g."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Explanation:
+class Explanation(ExplanationDoors):
     """Joint torques τ split by term and by cause; parts without a body (friction, springs, wrenches) count as both.
 
     Examples
@@ -145,11 +145,7 @@ class Explanation:
 
     def _columns(self, joint: str | None) -> tuple[Array, list[str]]:
         """Numbers of the table (causes, columns), and the column headings."""
-        if self.parts.ndim != 3:
-            raise ShapeError(
-                f"this explains a batch of states of shape {self.parts.shape[:-3]}; a table or a picture is of one. "
-                "Explain that state alone, or look at .parts."
-            )
+        require_one_state(self)
         if joint is None:
             return self.by_cause, [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
         if joint not in self.joints:
@@ -168,21 +164,14 @@ class Explanation:
             return f"<Explanation of states {self.parts.shape[:-3]}: {', '.join(self.terms)}>"
         return self.table()
 
-    def plot(self, path: str | Path) -> Path:
-        """Bar chart: a bar per joint, stacked by cause.
 
-        Parameters
-        ----------
-        path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
-
-        Returns
-        -------
-        path : Path of the file written
-        """
-        self._columns(None)
-        from ..viz.plots.explanation import plot_explanation
-
-        return plot_explanation(self, path)
+def require_one_state(why: Explanation) -> None:
+    """Raise ShapeError for a batch of states."""
+    if why.parts.ndim != 3:
+        raise ShapeError(
+            f"this explains a batch of states of shape {why.parts.shape[:-3]}; a table or a picture is of one. "
+            "Explain that state alone, or look at .parts."
+        )
 
 
 def _cells(row: Array, least: float) -> list[str]:

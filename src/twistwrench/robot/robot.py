@@ -8,28 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.arguments import taking_the_arguments_of
 from ..core.errors import ShapeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Rows, Wrenches, check_mapping, names_of, states, wrench_at
 from .conversion_methods import BridgeMethods, EditMethods, FileMethods
+from .doors import TreeDoors
 from .quantity_methods import QuantityMethods
-from .shared_methods import Method, SharedMethods
+from .shared_methods import SharedMethods
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
     from ..compiler.runtime.dispatch import CallSignature
+    from ..mechanics.algorithms.constraints import Constraint
     from ..mechanics.algorithms.inverse_dynamics import ClosedForm
     from ..mechanics.model.model import Model
-    from ..simulation import SimulationBatch, SimulationResult
-    from ..simulation.rollout import Rollout
-    from ..viz.page import ShownPage
     from .constraints.closed_robot import ClosedRobot
     from .explanation import Explanation
     from .ik import IKResult
-
-_SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 
 
 class Robot(
@@ -39,7 +35,8 @@ class Robot(
     EditMethods,
     FileMethods,
     BridgeMethods,
-    SharedMethods[Method, "SimulationResult", "Rollout"],
+    SharedMethods,
+    TreeDoors,
 ):
     """A robot: kinematics, dynamics, statics and control of a tree of joints, compiled at first use.
 
@@ -99,9 +96,21 @@ class Robot(
     ('(2),(2),(2)->(2)', [19.62, 0.0])
     """
 
+    constraints: tuple[Constraint, ...] = ()
+    """Closures and velocity constraints, in the order of their creation."""
+
     # ── hooks that differ from closed robots ──
 
-    def _open(self) -> Robot:
+    def open(self) -> Robot:
+        """The same robot with its loops open.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.open() is arm
+        True
+        """
         return self
 
     def _of_model(self, model: Model) -> Robot:
@@ -112,16 +121,6 @@ class Robot(
         from .constraints.closed_robot import ClosedRobot
 
         return ClosedRobot(self)
-
-    def _simulated(self, *start: Any, **given: Any) -> SimulationResult:
-        from ..simulation.preparation import simulated
-
-        return simulated(self, *start, **given)
-
-    def _rolled_out(self, *start: Any, **given: Any) -> Rollout:
-        from ..simulation.rollout import rolled_out
-
-        return rolled_out(self, *start, **given)
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
         """Install a builtin that calls the kernel directly for plain arrays of one state; all other calls use the method.
@@ -145,64 +144,7 @@ class Robot(
             vars(self)[name] = direct
         return True
 
-    # ── properties ──
-
-    def info(self) -> dict[str, Any]:
-        """Robot description as plain data: joints, links with mass, frames, gravity, defects; printed by ``info --json``.
-
-        Returns
-        -------
-        info : dict, serialisable by ``json.dumps``
-            ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
-            ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
-        """
-        from ..reports.robot_summary import summary
-
-        return summary(self)
-
-    def show(
-        self,
-        q: ArrayLike | None = None,
-        *,
-        wrench_on_robot: Wrenches | None = None,
-        section: str | None = None,
-        embed: bool = False,
-        control: str | None = None,
-    ) -> ShownPage:
-        """Show the robot's page: below the cell in a notebook, otherwise in the browser.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, optional, initial configuration
-        wrench_on_robot, section, embed, control : as for :func:`twistwrench.viz.write_page`
-
-        Returns
-        -------
-        page : ShownPage
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().show([0, -1, 1, 0, 0, 0])  # doctest: +SKIP
-        """
-        from ..viz.page import show
-
-        return show(self, q=q, wrench_on_robot=wrench_on_robot, section=section, embed=embed, control=control)
-
-    def _repr_html_(self) -> str:
-        from ..core.numbers import number
-        from ..core.tables import html_table
-        from ..reports.robot_summary import joint_rows
-
-        rows = joint_rows(self.model)
-        defects = f", {len(self.defects)} defects" if self.defects else ""
-        mass = number(self.model.moving_mass)
-        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg moving, tip {self.tip}{defects}"
-        return html_table(
-            title, [name.replace("_", " ") for name in _SHOWN], ([row[name] for name in _SHOWN] for row in rows)
-        )
-
-    # ── inverse kinematics, simulation, explanation ──
+    # ── inverse kinematics, explanation ──
 
     def inverse_kinematics_branches(
         self,
@@ -246,35 +188,6 @@ class Robot(
         from .ik import branches
 
         return branches(self, T, frame, rows, starts, rng, angle, distance)
-
-    @taking_the_arguments_of(SharedMethods.simulate)
-    def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:
-        """Simulations from many states, each bit-identical to :meth:`simulate`.
-
-        A failed simulation is in the batch up to its failure: ``batch.completed`` is False for it, and ``.stopped`` of
-        its result gives the reason. With constant torques and wrenches, fixed steps are evaluated side by side.
-        Functions are called by one simulation after the other, so the internal state of a controller carries over from
-        one to the next. For states only of many more samples, use :meth:`rollout`.
-
-        Parameters
-        ----------
-        *start : q0 (..., nq), dq0 (..., nv), duration and dt, also by name, as in :meth:`simulate`
-        **options : all other options of :meth:`simulate`, the same for each simulation
-
-        Returns
-        -------
-        batch : SimulationBatch, one SimulationResult for each state
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> swings = tw.robots.pendulum().simulate_batch([[1.0], [2.0]], duration=0.5, method="rk4")
-        >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
-        (2, True, array([2.]))
-        """
-        from ..simulation.preparation import simulate_batch
-
-        return simulate_batch(self, *start, **options)
 
     def explain(
         self,

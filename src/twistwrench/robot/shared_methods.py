@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.glossary import complete
-from ..core.typing import Array
 from .arguments import Kind, Rows
 
 if TYPE_CHECKING:
-    from ..mechanics.lie.twist_wrench import Wrench
-    from ..simulation import Event, JointStops, Plane
-    from ..simulation.torque_laws import TorqueLaw
-    from ..statics.clearance import Clearance
     from .constraints.closed_robot import ClosedRobot
     from .export.request import Quantities
     from .ik import IKResult
@@ -35,23 +30,10 @@ def _inverse_kinematics() -> Callable[..., IKResult]:
     return solve
 
 
-Law = Callable[[float, Array, Array], Any]
-"""A function of (t, q, dq)."""
-Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
-ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
+class SharedMethods:
+    """Methods of open and closed robots; the methods with a leading underscore differ between them."""
 
-MethodName = TypeVar("MethodName", bound=str)
-Simulated = TypeVar("Simulated")
-RolledOut = TypeVar("RolledOut")
-
-
-class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
-    """Methods of open and closed robots; the methods with a leading underscore differ between them.
-
-    ``MethodName`` are the available integrators; the other parameters are the types of simulations and rollouts.
-    """
-
-    def _open(self) -> Robot:
+    def open(self) -> Robot:
         """Robot with its loops open."""
         raise NotImplementedError
 
@@ -66,14 +48,6 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
     def _constraint_options(self, name: str) -> Mapping[str, Any]:  # noqa: ARG002  a closed robot looks at it
         """Constraint options of a quantity."""
         return {}
-
-    def _simulated(self, *start: Any, **given: Any) -> Simulated:
-        """Result of a simulation."""
-        raise NotImplementedError
-
-    def _rolled_out(self, *start: Any, **given: Any) -> RolledOut:
-        """Result of a rollout."""
-        raise NotImplementedError
 
     def inverse_kinematics(
         self,
@@ -128,58 +102,21 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         (True, (6,))
         """
         options = angle, distance, nearest, self._searched_loops()
-        found = _inverse_kinematics()(self._open(), T, frame, q0, rows, restarts, rng, *options)
+        found = _inverse_kinematics()(self.open(), T, frame, q0, rows, restarts, rng, *options)
         if clearance is None:
             return found
-        from ..statics.clearance import distances_for_search
         from .ik import clear_of_links
 
-        robot, poses = self._open(), np.asarray(T)
+        robot, poses = self.open(), np.asarray(T)
         core = 2 if frame is None or isinstance(frame, str) else 3
         return clear_of_links(
             found,
             np.broadcast_to(poses, (*found.q.shape[:-1], *poses.shape[-core:])),
             lambda target, starts: _inverse_kinematics()(robot, target, frame, starts, rows, 0, rng, *options),
-            distances_for_search(robot),
+            robot._clearance_search(),
             arguments.positive(clearance, "inverse_kinematics: clearance", "m", zero=True),
             robot.random_configuration(rng, restarts),
         )
-
-    def clearance(
-        self, q: ArrayLike, exact: Literal["auto"] | bool = "auto", *, srdf: str | Path | None = None
-    ) -> Clearance:
-        """Clearance: smallest distance between two links, from the collision shapes of the robot's file, else its visuals.
-
-        Capsules around the links exclude distant pairs. The library coal (extra ``clearance``) evaluates the others,
-        with meshes as convex hulls. Pairs connected by a joint, and pairs in contact in 95 % of 2,000 random
-        configurations, are excluded.
-
-        Parameters
-        ----------
-        exact : "auto" or bool; ``"auto"`` uses coal if it is installed; False gives lower bounds of the distances
-        srdf : str or Path, optional, SRDF file whose ``<disable_collisions>`` exclude further pairs
-
-        Returns
-        -------
-        found : Clearance
-            ``distance`` (...) [m], negative in contact, ``pair`` (..., 2), ``exact``; ``unknown``: links without shape.
-
-        Raises
-        ------
-        MissingExtraError
-            ``exact`` is True, and coal is not installed.
-        RobotFileError
-            The SRDF file cannot be read or belongs to another robot.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().clearance([0, -1, 1, 0, 0, 0]).unknown[:2]  # its file has no shapes
-        ('base_link', 'shoulder_link')
-        """
-        from ..statics.clearance import clearance_of
-
-        return clearance_of(self._open(), q, exact, srdf)
 
     def close(
         self,
@@ -220,7 +157,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         """
         from .constraints.closures import closure
 
-        return self._closed()._with(closure(self._open().model, frame_a, frame_b, rows, pose), near, redundant)
+        return self._closed()._with(closure(self.open().model, frame_a, frame_b, rows, pose), near, redundant)
 
     def constrain(
         self,
@@ -258,7 +195,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         """
         from .constraints.closures import rolling
 
-        return self._closed()._with(rolling(self._open().model, frame, rows, kind), near, redundant)
+        return self._closed()._with(rolling(self.open().model, frame, rows, kind), near, redundant)
 
     def export_c(
         self,
@@ -295,7 +232,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         """
         from .export import export_c
 
-        return export_c(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
+        return export_c(self.open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
 
     def export_st(
         self,
@@ -348,7 +285,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
 
         wanted: Any = self._requests(quantities)
         return export_st(
-            self._open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
+            self.open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
         )
 
     def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> tuple[Path, ...]:  # noqa: A002
@@ -382,7 +319,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         """
         from .export.ros2 import export_ros2
 
-        return export_ros2(self._open(), path, license=license)
+        return export_ros2(self.open(), path, license=license)
 
     def export_cuda(
         self,
@@ -417,161 +354,13 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         """
         from .export import export_cuda
 
-        return export_cuda(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix)
+        return export_cuda(self.open(), self._requests(quantities), path, precision=precision, prefix=prefix)
 
     def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
         """Quantities with their options, including the constraints."""
         from .export.request import named
 
         return [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
-
-    # ── simulation and rollout ──
-
-    def simulate(
-        self,
-        q0: ArrayLike | None = None,
-        dq0: ArrayLike | None = None,
-        duration: float = 1.0,
-        dt: float = 1e-3,
-        *,
-        method: MethodName | None = None,
-        tau: ArrayLike | Law | None = None,
-        controller: Law | None = None,
-        wrench_on_robot: Mapping[str, Any] | None = None,
-        friction: bool = False,
-        creep: float | None = None,
-        contacts: Plane | JointStops | Iterable[Plane | JointStops] = (),
-        limits: Literal["stop"] | None = None,
-        events: Event | Law | Iterable[Event | Law] = (),
-        rtol: float = 1e-8,
-        atol: float = 1e-10,
-        max_step: float | None = None,
-        every: int = 1,
-        progress: Callable[[float], None] | None = None,
-    ) -> Simulated:
-        """Simulation: the motion from one state, under torques, controllers, wrenches, contacts and limits.
-
-        docs/simulation.md explains the methods and measures their accuracy, docs/constraints.md those for closed
-        robots. Steps of closed robots end on the constraints, by the smallest projection in the kinetic metric; Hairer,
-        Lubich and Wanner, Geometric Numerical Integration, section IV.4.
-
-        Parameters
-        ----------
-        q0 : (nq,) array_like, optional, initial configuration; None: neutral
-            For a closed robot a configuration with closed loops; None: one near neutral.
-        dq0 : (nv,) array_like, optional, initial velocities [rad/s, m/s]; None: at rest
-        duration : float [s]
-        dt : float, interval between returned states [s]
-        method : str, optional, the integrator; None: ``"dopri5"``, for a closed robot ``"rk4"``
-            ``"dopri5"``, which adapts its steps to ``rtol`` and ``atol``; ``"rk4"``, ``"semi_implicit"``, ``"euler"``,
-            and for open robots the variational ``"midpoint"``, ``"variational"``, ``"variational6"``: steps of ``dt``.
-        tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
-        controller : function of (t, q, dq), optional, evaluated once per ``dt``, with torques held in between
-            (zero-order hold)
-        wrench_on_robot : {frame: (6,) or function of (t, q, dq)}, optional, (m, f) in that frame [N m, N]
-        creep : float, optional, joint velocity below which friction is smoothed [rad/s, m/s]
-            In semi-implicit steps of open robots, friction is instead an impulse that can stop and hold the joints.
-        contacts : ``tw.simulation.Plane`` and ``JointStops``, one or several
-        limits : "stop" or None; ``"stop"`` ends the simulation when a joint reaches a limit
-        events : ``tw.simulation.Event`` or function of (t, q, dq), one or several
-        rtol, atol : float, tolerances of dopri5
-        max_step : float, optional, largest step of dopri5 [s]
-        progress : callable, optional, receives the completed fraction, 0 to 1
-
-        Returns
-        -------
-        result : SimulationResult
-            For a closed robot a ClosedSimulation, with λ, the gaps, and the constraint errors removed by projection.
-
-        Raises
-        ------
-        SimulationError
-            A step is unstable, a controller fails, or constraints lose rank or are violated. The motion so far is in
-            ``.result``.
-        ConstraintError
-            The initial state is far from the constraints.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> swing = tw.robots.pendulum().simulate([3.0], [0.0], duration=2.0)
-        >>> len(swing), swing.stopped, swing.relative_drift < 1e-7
-        (2001, 'reached the end, 2 s', True)
-        """
-        return self._simulated(
-            q0, dq0, duration, dt, method=method, tau=tau, controller=controller, wrench_on_robot=wrench_on_robot,
-            friction=friction, creep=creep, contacts=contacts, limits=limits, events=events, rtol=rtol, atol=atol,
-            max_step=max_step, every=every, progress=progress,
-        )  # fmt: skip
-
-    def rollout(
-        self,
-        q0: ArrayLike,
-        dq0: ArrayLike,
-        tau: ArrayLike | TorqueLaw | None = None,
-        *,
-        dt: float = 1e-3,
-        steps: int | None = None,
-        duration: float | None = None,
-        every: int = 1,
-        method: Literal["semi_implicit", "rk4"] = "semi_implicit",
-        wrench_on_robot: Mapping[str, ArrayLike | Wrench] | None = None,
-        parameters: Mapping[str, ArrayLike] | None = None,
-        friction: bool = False,
-        torque_limits: bool | ArrayLike = False,
-        torques: bool = False,
-        gradients: bool = False,
-        out: tuple[Array, ...] | None = None,
-    ) -> RolledOut:
-        """Rollout: motions from any batch of states, all steps of ``dt`` in one kernel.
-
-        docs/rollouts.md explains the method. Steps of a closed robot are those of :meth:`simulate`, in float64. If
-        constraints lose rank, the remaining states of that motion are NaN; other motions continue.
-
-        Parameters
-        ----------
-        q0 : (..., nq) array_like, initial configurations, loops closed
-        dq0 : (..., nv) array_like, initial velocities [rad/s, m/s]
-        tau : (nv,) or (..., steps, nv) array_like, or law, optional
-            Constant torques, torques for each step [N m, sliding joints: N], ``tw.simulation.BatchPD`` or
-            ``BatchComputedTorque``, or ``tw.control.PD`` or ``ComputedTorque`` of the open robot.
-        dt : float, time step [s]
-        steps : int, optional, number of steps; give this or ``duration``
-        duration : float, optional [s]
-        method : "semi_implicit" or "rk4", the integrator
-        wrench_on_robot : {frame: (6,) or (..., steps, 6)}, optional, (m, f) in that frame [N m, N]
-        parameters : {name: (...)}, optional, names of :meth:`twistwrench.Robot.varying`, such as a payload's mass per
-            sample; for a closed robot only inertias and friction
-        friction : bool, include joint friction, as in :meth:`simulate`
-        torque_limits : bool or (nv,) array_like, True clips to ``limits.effort``, numbers to these
-        torques : bool, also return the applied torques
-        gradients : bool, store the inputs for ``.gradient`` and ``.linearize`` of the rollout; open robots only
-        out : (q, dq), optional, arrays for the results, to reuse memory; open robots only
-
-        Returns
-        -------
-        rollout : Rollout, q (..., n, nq) and dq (..., n, nv)
-            ``.unstable`` marks motions that become unstable. For a closed robot a ClosedRollout, with the gaps of each
-            motion, the errors removed by projection, and where it lost its constraints.
-
-        Raises
-        ------
-        ConstraintError
-            An initial state is far from the constraints.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> many = arm.rollout(np.random.default_rng(0).normal(size=(100, 2)), [0, 0], steps=200, every=10)
-        >>> many.q.shape, bool(many.unstable.any())
-        ((100, 21, 2), False)
-        """
-        return self._rolled_out(
-            q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
-            wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits,
-            torques=torques, gradients=gradients, out=out,
-        )  # fmt: skip
 
 
 complete(globals())

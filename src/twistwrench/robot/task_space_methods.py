@@ -55,7 +55,7 @@ class TaskSpaceMethods(RobotBase):
         >>> arm.task_inertia([0, np.pi / 2], kind="world_aligned", rows="vx vz").round(12).tolist()
         [[1.0, 0.0], [0.0, 2.0]]
         """
-        return _by_kernel(self._open(), "task_inertia", (q,), frame, kind, rows)
+        return _by_kernel(self.open(), "task_inertia", (q,), frame, kind, rows)
 
     @third_party.by_blocks(lambda _, given: [(_count(given),)])
     def task_bias(
@@ -76,7 +76,7 @@ class TaskSpaceMethods(RobotBase):
         >>> arm.task_bias([0, 1], [0, 0], kind="world_aligned", rows="vx vz").round(2).tolist()
         [6.3, 19.62]
         """
-        return _by_kernel(self._open(), "task_bias", (q, dq), frame, kind, rows)
+        return _by_kernel(self.open(), "task_bias", (q, dq), frame, kind, rows)
 
     def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Lost directions of a singular configuration: those of the selected rows along which the frame cannot move.
@@ -100,7 +100,7 @@ class TaskSpaceMethods(RobotBase):
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
-        robot = self._open()
+        robot = self.open()
         J = robot.jacobian(q, frame, kind)[..., chosen, :]
         return ConstraintProjector.from_rows(J, robot.mass_matrix(q), _usual_ways(robot, frame, kind)[2][chosen]).lost
 
@@ -200,13 +200,13 @@ def _of_powers(*found: Any) -> PowerBalance:
 class ActuationMethods:
     """Methods of a robot, open or closed, for its motors and power."""
 
-    def _open(self) -> Robot:
+    def open(self) -> Robot:
         """Robot with its loops open."""
         raise NotImplementedError
 
     def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """Torques through the gears, and torques that accelerate the rotors, (nv,) each."""
-        robot = self._open()
+        robot = self.open()
         carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
             (speeds,) = states(robot.model, "friction_forces", dq=dq)
@@ -215,9 +215,9 @@ class ActuationMethods:
 
     def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """q̈ under torques τ, and τ minus friction, or None if not yet computed."""
-        return self._open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
+        return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
-    @third_party.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
+    @third_party.by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _of_motors)
     def motor_loads(
         self,
         q: ArrayLike,
@@ -257,7 +257,7 @@ class ActuationMethods:
         >>> driven.motor_loads([0, 0], [0, 0], [0, 0]).current.round(3).tolist()
         [2.943]
         """
-        robot = self._open()
+        robot = self.open()
         if not robot.actuators:
             raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
         given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
@@ -301,7 +301,7 @@ class ActuationMethods:
         """
         from ..mechanics.algorithms.inverse_dynamics import power_balance
 
-        robot, wrenches = self._open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        robot, wrenches = self.open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq, left = self._moved(q, dq, tau, friction, wrenches)
         dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
         moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: times dq it is the rate of the energy

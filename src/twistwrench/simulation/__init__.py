@@ -5,7 +5,7 @@ The entry point is ``robot.simulate``. This package holds the types of its argum
 
 from __future__ import annotations
 
-from ..robot.shared_methods import SharedMethods
+from ..robot.doors import RobotDoors
 from .contact import JointStops, Plane
 from .events import Event, Happening
 from .preparation import SimulationBatch
@@ -16,7 +16,7 @@ from .schemes import METHODS, Partitioned, Tableau
 from .torque_laws import BatchComputedTorque, BatchPD
 
 PD, ComputedTorque = BatchPD, BatchComputedTorque  # former names
-simulate = SharedMethods.simulate
+simulate = RobotDoors.simulate
 
 __all__ = [
     "METHODS",

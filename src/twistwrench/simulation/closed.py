@@ -33,7 +33,7 @@ from .adaptive import Stepper
 from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
 from .forces import WORKS, System
 from .result import SimulationResult
-from .rollout import Rollout, build_rollout, rolled_out
+from .rollout import Rollout, build_rollout, rollout_of_tree
 from .rollout_gradient import computed, room_for
 from .rollout_inputs import Inputs, cleaned
 from .schemes import ADAPTIVE, Scheme
@@ -438,7 +438,7 @@ def rollout_closed(
             "gradients and out are for rollouts of open robots; leave them out where loops are closed."
         )
     if not closed.independent:
-        plain = rolled_out(robot, *start, gradients=False, out=None, **given)
+        plain = rollout_of_tree(robot, *start, gradients=False, out=None, **given)
         none = np.zeros(plain.batch)
         known = {name: getattr(plain, name) for name in Rollout.__dataclass_fields__}
         return ClosedRollout(**known, gap=none, gap_before=none, slip_before=none, lost_from=none + np.inf)

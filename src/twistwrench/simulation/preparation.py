@@ -21,6 +21,7 @@ from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import NONE_GIVEN
 from ..robot.constraints import closures as checks
+from ..robot.task_space_methods import require_robot
 from .adaptive import Stepper, TrialSteps, run_adaptive
 from .callback_steps import CallbackSteps, use_block
 from .closed import CLOSED_METHODS, ClosedScheme, ClosedSimulation, ClosedStepper, ClosedSteps, ClosedSystem, Loops
@@ -245,13 +246,14 @@ def _limits(robot: Robot, given: str | None, y0: Array) -> PositionLimits | None
 # ── One simulation: preparation, run, and the result for any kind of end
 
 
-def simulated(robot: Robot, *start: Any, loops: Loops | None = None, **given: Any) -> SimulationResult:
-    """Result of :meth:`twistwrench.Robot.simulate`; ``loops``: constraints to satisfy."""
-    return run_to_end(build_run(robot, *start, **given, loops=loops))
+def simulated(robot: Robot | ClosedRobot, *start: Any, **given: Any) -> SimulationResult:
+    """Result of :meth:`twistwrench.Robot.simulate`; steps of robots with constraints end on them."""
+    if robot.constraints:
+        return _on_constraints(cast("ClosedRobot", robot), *start, **given)
+    return run_to_end(build_run(cast("Robot", robot), *start, **given, loops=None))
 
 
-def simulate_closed(closed: ClosedRobot, q0: Any, *start: Any, method: str | None, **given: Any) -> ClosedSimulation:
-    """Simulation of a closed robot from one state; see :meth:`twistwrench.Robot.simulate`."""
+def _on_constraints(closed: ClosedRobot, q0: Any, *start: Any, method: str | None, **given: Any) -> ClosedSimulation:
     method = "rk4" if method is None else method
     if method not in CLOSED_METHODS:
         raise UnknownNameError.from_choices("method", method, CLOSED_METHODS)
@@ -259,7 +261,7 @@ def simulate_closed(closed: ClosedRobot, q0: Any, *start: Any, method: str | Non
     if q0 is None:
         q0 = checks.some_configurations(closed, closed.robot.neutral)[0]
     try:
-        found = simulated(closed.robot, q0, *start, method=method, loops=loops, **given)
+        found = run_to_end(build_run(closed.robot, q0, *start, method=method, loops=loops, **given))
     except (SimulationError, KeyboardInterrupt) as problem:
         if isinstance(result := getattr(problem, "result", None), SimulationResult):
             problem.result = ClosedSimulation.from_result(result, closed, loops)  # type: ignore[union-attr]
@@ -335,6 +337,7 @@ class SimulationBatch:
 
 def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch:
     """Simulations from many states; see :meth:`twistwrench.Robot.simulate_batch`."""
+    require_robot(robot, "simulate_batch")
     bound = inspect.signature(robot.simulate).bind(*start, **options)
     bound.apply_defaults()
     given = bound.arguments

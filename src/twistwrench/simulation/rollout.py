@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from .rollout_inputs import Inputs, cleaned
 if TYPE_CHECKING:
     from ..motion.motion import Motion
     from ..robot import Robot
+    from ..robot.constraints.closed_robot import ClosedRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -205,8 +206,19 @@ class Rollout:
 Result = TypeVar("Result", bound=Rollout)
 
 
-def rolled_out(robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any) -> Rollout:
-    """Result of :meth:`twistwrench.Robot.rollout`."""
+def rolled_out(robot: Robot | ClosedRobot, *start: Any, **options: Any) -> Rollout:
+    """Result of :meth:`twistwrench.Robot.rollout`; steps of robots with constraints end on them."""
+    if robot.constraints:
+        from .closed import rollout_closed
+
+        return rollout_closed(cast("ClosedRobot", robot), *start, **options)
+    return rollout_of_tree(cast("Robot", robot), *start, **options)
+
+
+def rollout_of_tree(
+    robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any
+) -> Rollout:
+    """Motions from q0 (..., nq) and dq0 (..., nv) without constraints."""
     given = cleaned(robot, *start, **options)
     for_gradients = kept_for_gradients(given, out) if arguments.flag(gradients, "gradients") else None
     q, dq, *tau = computed(robot, given, room_for(given, out))

@@ -36,22 +36,21 @@ from ...mechanics.algorithms.constraints import (
 from ...mechanics.algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
 from ...mechanics.lie.labelled import TWIST
 from ..arguments import Wrenches, finite_states
+from ..doors import ClosedDoors
 from ..programs import KernelOptions, options_of
 from ..robot import Robot
-from ..shared_methods import ClosedMethod, SharedMethods
+from ..shared_methods import SharedMethods
 from ..task_space_methods import ActuationMethods
 from . import closures as checks
 from .closures import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes
 
 if TYPE_CHECKING:
-    from ...simulation.closed import ClosedRollout, ClosedSimulation
-    from ...viz.page import ShownPage
     from ..explanation import Explanation
     from ..ik_search import LoopClosureSolver
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"], ActuationMethods):
+class ClosedRobot(ConstrainedRobot, SharedMethods, ClosedDoors, ActuationMethods):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
     Created by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7. Methods raise
@@ -69,6 +68,8 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     (True, (2,))
     >>> held.settled(q[None], 1e-12)[1].shape
     (1,)
+    >>> held.open() is arm
+    True
     >>> held.constraint_jacobian(q).shape, held.constraint_bias(q, rest).tolist()
     ((2, 3), [0.0, 0.0])
     >>> int(held.rank(q)), int(held.degrees_of_freedom(q))
@@ -127,7 +128,13 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
 
     # ── hooks of the methods shared with open robots ──
 
-    def _open(self) -> Robot:
+    def open(self) -> Robot:
+        """The same robot with its loops open.
+
+        Returns
+        -------
+        robot : Robot
+        """
         return self.robot
 
     def _closed(self) -> ClosedRobot:
@@ -157,16 +164,6 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
 
     def _constraint_options(self, name: str) -> Mapping[str, Any]:
         return {"constraints": self._independent_constraints} if "constraints" in options_of(name) else {}
-
-    def _simulated(self, *start: Any, **given: Any) -> ClosedSimulation:
-        from ...simulation.preparation import simulate_closed
-
-        return simulate_closed(self, *start, **given)
-
-    def _rolled_out(self, *start: Any, **given: Any) -> ClosedRollout:
-        from ...simulation.closed import rollout_closed
-
-        return rollout_closed(self, *start, **given)
 
     def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         tau = self.inverse_dynamics(q, dq, ddq, list(self.robot.actuators), friction=friction, **wrenches).tau
@@ -496,37 +493,6 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
             b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=held, by=("q", "dq"))(q, dq)
         slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
         return constrained_derivatives(slopes, dq, ddq, driven)
-
-    def show(
-        self,
-        q: ArrayLike | None = None,
-        *,
-        actuated: Iterable[str] | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        embed: bool = False,
-        control: str | None = None,
-    ) -> ShownPage:
-        """Show the robot's page with its loops closed: below the cell in a notebook, otherwise in the browser.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, optional, initial configuration
-        actuated, wrench_on_robot, embed, control : as for :func:`twistwrench.viz.write_page`
-
-        Returns
-        -------
-        page : ShownPage
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> held.show(actuated=["joint1"])  # doctest: +SKIP
-        """
-        from ...viz.page import show
-
-        return show(self, q=q, actuated=actuated, wrench_on_robot=wrench_on_robot, embed=embed, control=control)
 
     def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
         """Compiled kernel of quantities with constraints; dependent constraint rows are left out.

@@ -12,7 +12,7 @@ from ...core.glossary import complete
 from ...core.numbers import number
 from ...core.typing import Array
 from ...mechanics.joints.units import torque_word
-from ...robot.explanation import MOTION_TERMS, Explanation
+from ...robot.explanation import MOTION_TERMS, Explanation, require_one_state
 from ...sensing.log import ReadingLog
 from ...sensing.outliers import runs
 from ...sensing.sensor import ForceTorqueSensor
@@ -65,6 +65,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     ...     plot_explanation(why, f"{folder}/why.svg").name
     'why.svg'
     """
+    require_one_state(why)
     parts, names = why.by_cause, list(why.causes)
     bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # terms without a body come last
     order = np.argsort(-np.abs(parts).max(axis=1), kind="stable")

@@ -1,0 +1,342 @@
+"""Simulation, clearance, pages and summaries of robots, and plots of explanations, which stand above this package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, cast
+
+from numpy.typing import ArrayLike
+
+from ..core.arguments import taking_the_arguments_of
+from ..core.glossary import complete
+from ..core.typing import Array
+from .arguments import Wrenches
+
+if TYPE_CHECKING:
+    from ..mechanics.lie.twist_wrench import Wrench
+    from ..simulation import Event, JointStops, Plane, Rollout, SimulationBatch, SimulationResult
+    from ..simulation.closed import ClosedRollout, ClosedSimulation
+    from ..simulation.torque_laws import TorqueLaw
+    from ..statics.clearance import Clearance
+    from ..viz.page import ShownPage
+    from .explanation import Explanation
+    from .robot import Robot
+
+Law = Callable[[float, Array, Array], Any]
+"""A function of (t, q, dq)."""
+Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
+ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
+
+MethodName = TypeVar("MethodName", bound=str)
+Simulated = TypeVar("Simulated")
+RolledOut = TypeVar("RolledOut")
+
+
+class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
+    """Methods of a robot that call packages above this one.
+
+    ``MethodName`` are the available integrators; the other parameters are the types of simulations and rollouts.
+    """
+
+    def clearance(
+        self, q: ArrayLike, exact: Literal["auto"] | bool = "auto", *, srdf: str | Path | None = None
+    ) -> Clearance:
+        """Clearance: smallest distance between two links, from the collision shapes of the robot's file, else its visuals.
+
+        Capsules around the links exclude distant pairs. The library coal (extra ``clearance``) evaluates the others,
+        with meshes as convex hulls. Pairs connected by a joint, and pairs in contact in 95 % of 2,000 random
+        configurations, are excluded.
+
+        Parameters
+        ----------
+        exact : "auto" or bool; ``"auto"`` uses coal if it is installed; False gives lower bounds of the distances
+        srdf : str or Path, optional, SRDF file whose ``<disable_collisions>`` exclude further pairs
+
+        Returns
+        -------
+        found : Clearance
+            ``distance`` (...) [m], negative in contact, ``pair`` (..., 2), ``exact``; ``unknown``: links without shape.
+
+        Raises
+        ------
+        MissingExtraError
+            ``exact`` is True, and coal is not installed.
+        RobotFileError
+            The SRDF file cannot be read or belongs to another robot.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().clearance([0, -1, 1, 0, 0, 0]).unknown[:2]  # its file has no shapes
+        ('base_link', 'shoulder_link')
+        """
+        from ..statics.clearance import clearance_of
+
+        return clearance_of(cast("Robot", self), q, exact, srdf)
+
+    def _clearance_search(self) -> Callable[[Array], Clearance]:
+        """Clearance of configurations, for inverse kinematics."""
+        from ..statics.clearance import distances_for_search
+
+        return distances_for_search(cast("Robot", self))
+
+    def simulate(
+        self,
+        q0: ArrayLike | None = None,
+        dq0: ArrayLike | None = None,
+        duration: float = 1.0,
+        dt: float = 1e-3,
+        *,
+        method: MethodName | None = None,
+        tau: ArrayLike | Law | None = None,
+        controller: Law | None = None,
+        wrench_on_robot: Mapping[str, Any] | None = None,
+        friction: bool = False,
+        creep: float | None = None,
+        contacts: Plane | JointStops | Iterable[Plane | JointStops] = (),
+        limits: Literal["stop"] | None = None,
+        events: Event | Law | Iterable[Event | Law] = (),
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float | None = None,
+        every: int = 1,
+        progress: Callable[[float], None] | None = None,
+    ) -> Simulated:
+        """Simulation: the motion from one state, under torques, controllers, wrenches, contacts and limits.
+
+        docs/simulation.md explains the methods and measures their accuracy, docs/constraints.md those for closed
+        robots. Steps of closed robots end on the constraints, by the smallest projection in the kinetic metric; Hairer,
+        Lubich and Wanner, Geometric Numerical Integration, section IV.4.
+
+        Parameters
+        ----------
+        q0 : (nq,) array_like, optional, initial configuration; None: neutral
+            For a closed robot a configuration with closed loops; None: one near neutral.
+        dq0 : (nv,) array_like, optional, initial velocities [rad/s, m/s]; None: at rest
+        duration : float [s]
+        dt : float, interval between returned states [s]
+        method : str, optional, the integrator; None: ``"dopri5"``, for a closed robot ``"rk4"``
+            ``"dopri5"``, which adapts its steps to ``rtol`` and ``atol``; ``"rk4"``, ``"semi_implicit"``, ``"euler"``,
+            and for open robots the variational ``"midpoint"``, ``"variational"``, ``"variational6"``: steps of ``dt``.
+        tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
+        controller : function of (t, q, dq), optional, evaluated once per ``dt``, with torques held in between
+            (zero-order hold)
+        wrench_on_robot : {frame: (6,) or function of (t, q, dq)}, optional, (m, f) in that frame [N m, N]
+        creep : float, optional, joint velocity below which friction is smoothed [rad/s, m/s]
+            In semi-implicit steps of open robots, friction is instead an impulse that can stop and hold the joints.
+        contacts : ``tw.simulation.Plane`` and ``JointStops``, one or several
+        limits : "stop" or None; ``"stop"`` ends the simulation when a joint reaches a limit
+        events : ``tw.simulation.Event`` or function of (t, q, dq), one or several
+        rtol, atol : float, tolerances of dopri5
+        max_step : float, optional, largest step of dopri5 [s]
+        progress : callable, optional, receives the completed fraction, 0 to 1
+
+        Returns
+        -------
+        result : SimulationResult
+            For a closed robot a ClosedSimulation, with λ, the gaps, and the constraint errors removed by projection.
+
+        Raises
+        ------
+        SimulationError
+            A step is unstable, a controller fails, or constraints lose rank or are violated. The motion so far is in
+            ``.result``.
+        ConstraintError
+            The initial state is far from the constraints.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([3.0], [0.0], duration=2.0)
+        >>> len(swing), swing.stopped, swing.relative_drift < 1e-7
+        (2001, 'reached the end, 2 s', True)
+        """
+        from ..simulation.preparation import simulated
+
+        found: Any = simulated(
+            cast("Robot", self), q0, dq0, duration, dt, method=method, tau=tau, controller=controller,
+            wrench_on_robot=wrench_on_robot, friction=friction, creep=creep, contacts=contacts, limits=limits,
+            events=events, rtol=rtol, atol=atol, max_step=max_step, every=every, progress=progress,
+        )  # fmt: skip
+        return found
+
+    def rollout(
+        self,
+        q0: ArrayLike,
+        dq0: ArrayLike,
+        tau: ArrayLike | TorqueLaw | None = None,
+        *,
+        dt: float = 1e-3,
+        steps: int | None = None,
+        duration: float | None = None,
+        every: int = 1,
+        method: Literal["semi_implicit", "rk4"] = "semi_implicit",
+        wrench_on_robot: Mapping[str, ArrayLike | Wrench] | None = None,
+        parameters: Mapping[str, ArrayLike] | None = None,
+        friction: bool = False,
+        torque_limits: bool | ArrayLike = False,
+        torques: bool = False,
+        gradients: bool = False,
+        out: tuple[Array, ...] | None = None,
+    ) -> RolledOut:
+        """Rollout: motions from any batch of states, all steps of ``dt`` in one kernel.
+
+        docs/rollouts.md explains the method. Steps of a closed robot are those of :meth:`simulate`, in float64. If
+        constraints lose rank, the remaining states of that motion are NaN; other motions continue.
+
+        Parameters
+        ----------
+        q0 : (..., nq) array_like, initial configurations, loops closed
+        dq0 : (..., nv) array_like, initial velocities [rad/s, m/s]
+        tau : (nv,) or (..., steps, nv) array_like, or law, optional
+            Constant torques, torques for each step [N m, sliding joints: N], ``tw.simulation.BatchPD`` or
+            ``BatchComputedTorque``, or ``tw.control.PD`` or ``ComputedTorque`` of the open robot.
+        dt : float, time step [s]
+        steps : int, optional, number of steps; give this or ``duration``
+        duration : float, optional [s]
+        method : "semi_implicit" or "rk4", the integrator
+        wrench_on_robot : {frame: (6,) or (..., steps, 6)}, optional, (m, f) in that frame [N m, N]
+        parameters : {name: (...)}, optional, names of :meth:`twistwrench.Robot.varying`, such as a payload's mass per
+            sample; for a closed robot only inertias and friction
+        friction : bool, include joint friction, as in :meth:`simulate`
+        torque_limits : bool or (nv,) array_like, True clips to ``limits.effort``, numbers to these
+        torques : bool, also return the applied torques
+        gradients : bool, store the inputs for ``.gradient`` and ``.linearize`` of the rollout; open robots only
+        out : (q, dq), optional, arrays for the results, to reuse memory; open robots only
+
+        Returns
+        -------
+        rollout : Rollout, q (..., n, nq) and dq (..., n, nv)
+            ``.unstable`` marks motions that become unstable. For a closed robot a ClosedRollout, with the gaps of each
+            motion, the errors removed by projection, and where it lost its constraints.
+
+        Raises
+        ------
+        ConstraintError
+            An initial state is far from the constraints.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> many = arm.rollout(np.random.default_rng(0).normal(size=(100, 2)), [0, 0], steps=200, every=10)
+        >>> many.q.shape, bool(many.unstable.any())
+        ((100, 21, 2), False)
+        """
+        from ..simulation.rollout import rolled_out
+
+        found: Any = rolled_out(
+            cast("Robot", self), q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
+            wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits,
+            torques=torques, gradients=gradients, out=out,
+        )  # fmt: skip
+        return found
+
+    @taking_the_arguments_of(simulate)
+    def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:
+        """Simulations from many states, each bit-identical to :meth:`simulate`.
+
+        A failed simulation is in the batch up to its failure: ``batch.completed`` is False for it, and ``.stopped`` of
+        its result gives the reason. With constant torques and wrenches, fixed steps are evaluated side by side.
+        Functions are called by one simulation after the other, so the internal state of a controller carries over from
+        one to the next. For states only of many more samples, use :meth:`rollout`.
+
+        Parameters
+        ----------
+        *start : q0 (..., nq), dq0 (..., nv), duration and dt, also by name, as in :meth:`simulate`
+        **options : all other options of :meth:`simulate`, the same for each simulation
+
+        Returns
+        -------
+        batch : SimulationBatch, one SimulationResult for each state
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swings = tw.robots.pendulum().simulate_batch([[1.0], [2.0]], duration=0.5, method="rk4")
+        >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
+        (2, True, array([2.]))
+        """
+        from ..simulation.preparation import simulate_batch
+
+        return simulate_batch(cast("Robot", self), *start, **options)
+
+    # ── pages and summaries ──
+
+    def info(self) -> dict[str, Any]:
+        """Robot description as plain data: joints, links with mass, frames, gravity, defects; printed by ``info --json``.
+
+        Returns
+        -------
+        info : dict, serialisable by ``json.dumps``
+            ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
+            ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
+        """
+        from ..reports.robot_summary import summary
+
+        return summary(cast("Robot", self))
+
+    def show(
+        self,
+        q: ArrayLike | None = None,
+        *,
+        actuated: Iterable[str] | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        section: str | None = None,
+        embed: bool = False,
+        control: str | None = None,
+    ) -> ShownPage:
+        """Show the robot's page, with its loops closed: below the cell in a notebook, otherwise in the browser.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, optional, initial configuration
+        actuated, wrench_on_robot, section, embed, control : as for :func:`twistwrench.viz.write_page`
+
+        Returns
+        -------
+        page : ShownPage
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().show([0, -1, 1, 0, 0, 0])  # doctest: +SKIP
+        """
+        from ..viz.page import show
+
+        return show(
+            cast("Robot", self), q=q, actuated=actuated, wrench_on_robot=wrench_on_robot, section=section, embed=embed,
+            control=control,
+        )  # fmt: skip
+
+    def _repr_html_(self) -> str | None:
+        from ..reports.robot_summary import html_summary
+
+        return html_summary(cast("Robot", self))
+
+
+TreeDoors: TypeAlias = RobotDoors[Method, "SimulationResult", "Rollout"]
+ClosedDoors: TypeAlias = RobotDoors[ClosedMethod, "ClosedSimulation", "ClosedRollout"]
+
+
+class ExplanationDoors:
+    """Methods of an explanation that call packages above this one."""
+
+    def plot(self, path: str | Path) -> Path:
+        """Bar chart: a bar per joint, stacked by cause.
+
+        Parameters
+        ----------
+        path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
+
+        Returns
+        -------
+        path : Path of the file written
+        """
+        from ..viz.plots.explanation import plot_explanation
+
+        return plot_explanation(cast("Explanation", self), path)
+
+
+complete(globals())
