@@ -34,7 +34,7 @@ def exists(name: str) -> bool:
 @pytest.mark.parametrize("page", [ROOT / "pyproject.toml", *PAGES], ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_path_that_a_page_names_exists(page):
     lost = [name for name in names_of(page) if not exists(name)]
-    assert not lost
+    assert not lost, f"{page.name} names {lost}, which are not there. Correct the name, or take it from the page."
 
 
 def test_paths_are_told_from_other_words():

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 import warnings
 from collections import defaultdict
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
+from places import ROOT
 from source_trees import syntax_tree
 
 import twistwrench as tw
 
 SOURCE = Path(tw.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
+KNOWN_FILES = {path.relative_to(SOURCE).as_posix() for path in FILES}
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 SELF_ANY = 0
@@ -148,41 +152,71 @@ def test_new_names_say_what_something_is():
 
 
 @cache
-def imported(path: Path) -> frozenset[str]:
-    """Files of the package that a file imports at module level."""
-    names = {named(p) for p in FILES}
-    found: set[str] = set()
-    folders = named(path).split("/")[:-1]
+def imports(path: Path) -> frozenset[tuple[str, bool]]:
+    """Files of the package that a file imports from, and whether at module level: not in a function, nor for types alone."""
+    at_top = {id(node) for node in module_level(syntax_tree(path).body)}
+    statements = [node for node in ast.walk(syntax_tree(path)) if isinstance(node, ast.ImportFrom)]
+    found = {(target, id(node) in at_top) for node in statements for target in targets(path, node)}
+    return frozenset(found - {(named(path), True), (named(path), False)})
 
-    def add(node: ast.ImportFrom) -> None:
-        if node.level:
-            base = folders[: len(folders) - node.level + 1]
-        elif (node.module or "").split(".")[0] == "twistwrench":
-            base = []
-        else:
-            return
-        parts = [*base, *(node.module or "").split(".")] if node.module else base
-        parts = parts if node.level else parts[1:]
-        for alias in node.names:
-            places = ("/".join([*parts, alias.name]) + ".py", "/".join([*parts, alias.name, "__init__.py"]))
-            places += ("/".join(parts) + ".py", "/".join([*parts, "__init__.py"]))
-            found.update(next(([place] for place in places if place in names), []))
 
-    def visit(body: list[ast.stmt]) -> None:
-        for node in body:
-            if isinstance(node, ast.ImportFrom):
-                add(node)
-            elif isinstance(node, ast.If) and ast.unparse(node.test) != "TYPE_CHECKING":
-                visit(node.body + node.orelse)
-            elif isinstance(node, (ast.Try, ast.ClassDef)):
-                visit(node.body)
+def module_level(body: list[ast.stmt]) -> Iterator[ast.ImportFrom]:
+    for node in body:
+        if isinstance(node, ast.ImportFrom):
+            yield node
+        elif isinstance(node, ast.If) and ast.unparse(node.test) != "TYPE_CHECKING":
+            yield from module_level(node.body + node.orelse)
+        elif isinstance(node, (ast.Try, ast.ClassDef)):
+            yield from module_level(node.body)
 
-    visit(syntax_tree(path).body)
-    return frozenset(found - {named(path)})
+
+def targets(path: Path, node: ast.ImportFrom) -> Iterator[str]:
+    """Files that a statement imports from, one for each name."""
+    module, folders = (node.module or "").split("."), named(path).split("/")[:-1]
+    if not node.level and module[0] != "twistwrench":
+        return
+    base = folders[: len(folders) - node.level + 1] if node.level else []
+    parts = [*base, *(module if node.level else module[1:])]
+    for alias in node.names:
+        inner = "/".join(part for part in (*parts, alias.name) if part)
+        outer = "/".join(filter(None, parts))
+        places = (f"{inner}.py", f"{inner}/__init__.py", f"{outer}.py", f"{outer}/__init__.py".removeprefix("/"))
+        yield from [place for place in places if place in KNOWN_FILES][:1]
+
+
+UPWARD = {
+    ("motion/load_case.py", "reports/robot_summary.py"),
+    ("motion/load_case.py", "reports/sentences.py"),
+    ("shapes/capsules.py", "diagnosis/parsed_file.py"),
+}
+"""Files that import from rooms above them, and no doors. The list may only shrink, to none."""
+
+
+def floors() -> dict[str, int]:
+    """Floor of each room: its line of the contract of layers, from below."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    lines = next(c["layers"] for c in contracts if c.get("containers") == ["twistwrench"])
+    return {room: floor for floor, line in enumerate(reversed(lines)) for room in re.findall(r"\w+", line)}
+
+
+def test_no_room_imports_from_a_room_above_or_beside_it():
+    """Of doors.py, and of the package's own table of names, only what they import at module level counts."""
+    floor, upward = floors(), set()
+    for path in FILES:
+        room, door = named(path).split("/")[0].removesuffix(".py"), path.name == "doors.py"
+        for target, at_top in imports(path):
+            other = target.split("/")[0].removesuffix(".py")
+            if room in ("__init__", "__main__", other) or (door and not at_top):
+                continue
+            if floor.get(other, 99) >= floor[room]:
+                upward.add((named(path), target))
+    new = [f"{file} -> {target}" for file, target in sorted(upward - UPWARD)]
+    assert not new, f"{new}: imports from a room above or beside. Move the function down, or call it from doors.py."
+    assert upward == UPWARD, f"take these from UPWARD: {sorted(UPWARD - upward)}"
 
 
 def test_no_two_files_import_each_other_at_module_level():
-    graph = {named(path): imported(path) for path in FILES}
+    graph = {named(path): {target for target, at_top in imports(path) if at_top} for path in FILES}
     done: set[str] = set()
 
     def visit(name: str, above: tuple[str, ...]) -> list[str]:
