@@ -1,8 +1,8 @@
 """Public docstrings: a sentence, then what goes in, what comes out, what is raised, notes, and an example, as numpydoc has it.
 
 Public is what ``import twistwrench`` and its packages offer, with the classes of what that returns, and what the pages import
-by its own path. The names documented are compared with those of the signature; ruff's rules (``D4`` in pyproject.toml) look
-after the layout of the sections.
+by its own path. The names documented are compared with those of the signature; ruff's rules (``D2`` and ``D4`` in pyproject.toml)
+look after the first sentence and the layout of the sections.
 """
 
 from __future__ import annotations
@@ -192,9 +192,6 @@ def problems_of(name, value):
     except AssertionError as problem:
         yield str(problem)
         return
-    first, *more = found[""] or [""]
-    if not first.endswith((".", "?")) or (more and more[0]):
-        yield "the first line is not a sentence of its own"
     if [s for s in found if s] != [s for s in SECTIONS if s in found]:
         yield f"sections {[*found][1:]} are not those of numpydoc in their order"
     if ">>>" in "\n".join(line for section, lines in found.items() if section != "Examples" for line in lines):
@@ -306,7 +303,6 @@ RIGHT = """Sum of two.
         ("", "", None),
         ("a, b : float", "a : float", "documents ['a'], takes ['a', 'b']"),
         ("a, b : float", "b, a : float", "documents ['b', 'a'], takes ['a', 'b']"),
-        ("Sum of two.", "Sum of", "the first line is not a sentence of its own"),
         ("Returns", "Results", "sections"),
         ("ShapeError", "ShopeError", "raises ShopeError, which is not an error"),
         ("Examples\n    --------\n", "", "an example stands outside of Examples"),
