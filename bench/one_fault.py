@@ -28,10 +28,10 @@ from typing import Any
 
 import numpy as np
 from click.testing import CliRunner
+from tests.faulty_logs.runs import as_text
+from tests.faulty_logs.truth import generator
 
 import twistwrench as tw
-from bench.faulty_logs import as_text
-from bench.faulty_logs_truth import generator
 from bench.machine import describe
 from bench.one_fault_judge import Judge, judge_of
 from bench.one_fault_kinds import Fault

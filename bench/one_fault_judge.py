@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, filtfilt
+from tests.faulty_logs.truth import Array, States
 
-from bench.faulty_logs_truth import Array, States
 from bench.one_fault_robots import ROBOTS, Mechanism
 
 _CYCLES, _OF_RATE = 200.0, 0.2

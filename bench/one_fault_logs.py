@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.faulty_logs.truth import Array, States, generator
 
-from bench.faulty_logs_truth import Array, States, generator
 from bench.one_fault_judge import Judge, Judgement, Limits, judge_of
 
 RATES = (10.0, 25.0, 50.0, 100.0, 125.0, 250.0, 500.0, 1000.0)

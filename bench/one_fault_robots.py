@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from bench.faulty_logs_truth import SHARED
+from tests.faulty_logs.truth import SHARED
 
 BUNDLED = Path(__file__).resolve().parent.parent / "src" / "twistwrench" / "robots"
 _ROBOT = '<robot name="{name}"><link name="base"/>\n{parts}\n</robot>\n'

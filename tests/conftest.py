@@ -13,7 +13,7 @@ import pytest
 
 import twistwrench as tw
 
-collect_ignore = ["support"]
+collect_ignore = ["support", "faulty_logs"]
 """Helpers without tests or examples. In old versions of pytest, a module of fixtures that the search for examples has seen
 is not a plugin for others any more."""
 

@@ -17,16 +17,16 @@ from twistwrench.identification import measured_causes
 
 ROOT = Path(__file__).resolve().parents[2]
 pytest.importorskip("pinocchio", reason="true torques of whole logs are Pinocchio's")
-sys.path.append(str(ROOT))  # the benchmark's modules lie beside the package
-faulty_logs, parts, score, table, true = (
-    importlib.import_module(f"bench.faulty_logs{name}") for name in ("", "_parts", "_score", "_table", "_truth")
+sys.path.append(str(ROOT))  # bench.machine and bench.markdown lie beside the package
+runs, parts, score, table, true = (
+    importlib.import_module(f"faulty_logs.{name}") for name in ("runs", "parts", "score", "table", "truth")
 )
 
 BUNDLED = ("ur5", "panda")
 
 
 def made(robot, case, seed=0):
-    return parts.recording(robot, faulty_logs.CASES[case], seed)
+    return parts.recording(robot, runs.CASES[case], seed)
 
 
 @pytest.fixture(scope="module")
@@ -111,11 +111,11 @@ def test_faults_are_what_they_say(clean):
 def test_a_log_is_written_with_its_truth(tmp_path, clean, monkeypatch):
     path = tmp_path / "log.npz"
     monkeypatch.setattr(sys, "argv", ["x", "--case", "tilt 3 deg", "--robot", "ur5", "--write", str(path)])
-    faulty_logs.main()
+    runs.main()
     with np.load(path) as file:
         assert json.loads(str(file["expected"]))["value"] == {"tilt": 3.0}
         np.testing.assert_allclose(file["q"], clean.q)
-    robot, motion, log = faulty_logs.log("ur5", "tilt 3 deg")
+    robot, motion, log = runs.log("ur5", "tilt 3 deg")
     assert motion.robot is robot and np.array_equal(motion.tau, log.tau)
 
 

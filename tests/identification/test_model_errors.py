@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ from twistwrench.core.estimation.covariance import StateCells, group_covariance,
 from twistwrench.core.estimation.least_squares import Prior
 from twistwrench.identification import accumulate, identify
 
-ROOT = Path(__file__).resolve().parents[2]
 FIXED = {"cutoff": 10.0, "friction_speed": 0.01, "shift": 0.0}
 
 
@@ -94,8 +91,7 @@ def test_long_logs_have_the_cells_of_their_excerpt():
 
 def coverage(part, tasks):
     """Share of true groups within their 95 % intervals, of the logs that end at OK, and how many these are."""
-    sys.path.append(str(ROOT))  # the benchmark's modules lie beside the package
-    parts = importlib.import_module("bench.faulty_logs_parts")
+    parts = importlib.import_module("faulty_logs.parts")
     inside, logs = [], 0
     for task in [one for one in parts.tasks(part) if (one.robot, one.seed) in tasks]:
         made = task.recording()

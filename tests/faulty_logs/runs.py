@@ -1,11 +1,11 @@
 """Faulty logs of known robots: what the program says of them, whether it names the cause, and how wrong its torques are.
 
-    python -m bench.faulty_logs [PART ...] [--robots ur5 ...] [--cases "tilt 3 deg" ...] [--processes N]
+    python -m tests.faulty_logs [PART ...] [--robots ur5 ...] [--cases "tilt 3 deg" ...] [--processes N]
 
-runs the parts (faults, clean, ordinary, laws, pauses, more). A whole part is kept in faulty_logs.json, and faulty_logs_table.py
-makes FAULTY_LOGS.md of it; a selection is only printed.
+runs the parts (faults, clean, ordinary, laws, pauses, more). A whole part is kept in bench/faulty_logs.json, and table.py makes
+bench/FAULTY_LOGS.md of it; a selection is only printed.
 
-    python -m bench.faulty_logs --case "tilt 3 deg" --robot ur5 --write FILE.npz
+    python -m tests.faulty_logs --case "tilt 3 deg" --robot ur5 --write FILE.npz
 
 writes one log with its truth (FILE.csv: without it); ``log("ur5", "tilt 3 deg", seed=0)`` gives it in Python.
 """
@@ -22,15 +22,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-import twistwrench as tw
-from bench.faulty_logs_cases import Case, Recording
-from bench.faulty_logs_parts import CASES, PARTS, Task, motion_of, recording, tasks
-from bench.faulty_logs_score import score
-from bench.faulty_logs_truth import ARMS
 from bench.machine import describe
 
-KEPT = Path(__file__).with_name("faulty_logs.json")
+import twistwrench as tw
+
+from .cases import Case, Recording
+from .parts import CASES, PARTS, Task, motion_of, recording, tasks
+from .score import score
+from .truth import ARMS, ROOT
+
+KEPT = ROOT / "bench" / "faulty_logs.json"
 
 
 def log(robot: str, case: str, seed: int = 0) -> tuple[tw.Robot, tw.Motion, Recording]:

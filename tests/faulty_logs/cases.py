@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.faulty_logs_truth import (
+from twistwrench.mechanics.bodies.inertia import SpatialInertia
+
+from .truth import (
     RATE,
     SECONDS,
     Array,
@@ -25,7 +27,6 @@ from bench.faulty_logs_truth import (
     turned_gravity,
     with_links,
 )
-from twistwrench.mechanics.bodies.inertia import SpatialInertia
 
 TIP_LOAD, TIP_COM = 2.0, np.array([0.02, -0.01, 0.05])
 """kg, and where in the frame of the tip [m]."""

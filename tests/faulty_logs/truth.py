@@ -33,7 +33,7 @@ try:
 except ImportError:
     pin = None
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "robots"
 """Public robot files, which are no part of the repository."""
 RATE, SECONDS, HARMONICS, BASIC = 250.0, 20.0, 5, 0.1

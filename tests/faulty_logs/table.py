@@ -1,22 +1,21 @@
-"""Tables of the faulty logs' scores: each case by robot, the targets, and FAULTY_LOGS.md. python -m bench.faulty_logs_table"""
+"""Tables of the faulty logs' scores: each case by robot, the targets, and FAULTY_LOGS.md. python -m tests.faulty_logs.table"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from bench.faulty_logs_cases import FAULTS, Case
-from bench.faulty_logs_parts import CASES, LAWS, PAUSES
-from bench.faulty_logs_score import NO_CAUSE
-from bench.faulty_logs_truth import ARMS
 from bench.markdown import section
 
-KEPT = Path(__file__).with_name("faulty_logs.json")
-PAGE = Path(__file__).with_name("FAULTY_LOGS.md")
+from .cases import FAULTS, Case
+from .parts import CASES, LAWS, PAUSES
+from .score import NO_CAUSE
+from .truth import ARMS, ROOT
+
+KEPT = ROOT / "bench" / "faulty_logs.json"
+PAGE = ROOT / "bench" / "FAULTY_LOGS.md"
 LABELS = ("before", "now")
 _LETTERS = {"OK": "O", "UNSURE": "U", "LOOK AGAIN": "L", "ERROR": "E"}
 _RIGHT, _WRONG = 0.02, 0.05
@@ -222,8 +221,8 @@ def page(kept: dict[str, Any]) -> str:
 _HEAD = """# Faulty logs
 
 Logs of robots whose parameters are known, with one fault each, or two: what `identify` says of them, and how wrong the torques
-of the robot that it finds are. Made by `python -m bench.faulty_logs faults clean ordinary laws pauses`, which writes
-`faulty_logs.json`, and `python -m bench.faulty_logs_table`, which writes this page."""
+of the robot that it finds are. Made by `python -m tests.faulty_logs faults clean ordinary laws pauses`, which writes
+`faulty_logs.json`, and `python -m tests.faulty_logs.table`, which writes this page."""
 _CAUSES = """Of all logs of the parts below, faulty and clean: those in which a cause was named first, and was right."""
 _FAULTS = """Verdicts of UR5, Panda, xArm 6 and TX40 in this order: O is OK, U UNSURE, L LOOK AGAIN. Torques wrong by: error of
 the torques of another motion, as a share of each joint's torque (rms), root mean square over the joints; least and largest of

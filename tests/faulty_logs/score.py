@@ -15,13 +15,14 @@ import numpy as np
 from click.testing import CliRunner
 
 import twistwrench as tw
-from bench.faulty_logs_cases import Recording
-from bench.faulty_logs_parts import Task, motion_of
-from bench.faulty_logs_truth import SECONDS, Array, Series, Truth, generator, load
 from twistwrench.cli.main import main
 from twistwrench.core.estimation.least_squares import Prior
 from twistwrench.identification import identify
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
+
+from .cases import Recording
+from .parts import Task, motion_of
+from .truth import SECONDS, Array, Series, Truth, generator, load
 
 _STATES = 400
 _LENGTH = 200

@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 
 import twistwrench as tw
-from bench.faulty_logs_cases import FAULTS, MORE, Case, Recording, elastic, laws, paused
-from bench.faulty_logs_truth import (
+
+from .cases import FAULTS, MORE, Case, Recording, elastic, laws, paused
+from .truth import (
     ARMS,
     MEMORY,
     NOISE,
