@@ -160,3 +160,50 @@ def test_a_wrong_stamp_within_a_short_move_is_not_a_wrong_row(ur5):
         assert not [i for i in Motion(stamps, q, robot=ur5).instants if i.cause == "rows"]
     kept = np.r_[0:400, 406 : len(T)]
     assert [i for i in Motion(T[: len(kept)], q[kept], robot=ur5).instants if i.cause == "rows"]
+
+
+# ── Measured torques are compared where the computed ones are those of the motors
+
+
+def swing_to_a_stop():
+    """Times and angles of a free pendulum of 1 m, which hits a stop at 0.5 rad and keeps 60 % of its speed."""
+    step, parts, q, dq, found = 0.01, 100, -0.9, 0.0, []
+    for _ in range(400):
+        found.append(q)
+        for _ in range(parts):
+            dq -= 9.81 * np.sin(q) * step / parts
+            q += dq * step / parts
+            dq = -0.6 * dq if q > 0.5 and dq > 0 else dq
+    return step * np.arange(400), np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("gain", "word"), [(1.0, "UNSURE: speeds change"), (-1.0, "LOOK AGAIN: the file's own torque")]
+)
+def test_measured_torques_are_compared_in_rows_that_are_not_an_impact(run, tmp_path, gain, word):
+    """A stop takes the pendulum's momentum, and not its motor, which gives 0.02 N m, or the torque of a spring."""
+    text = tw.robots.path_of("pendulum").read_text()
+    limited = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="10" effort="20"/>'
+    text = text.replace('"continuous"', '"revolute"').replace('<axis xyz="0 1 0"/>', limited)
+    for moment in ("ixx", "iyy", "izz"):
+        text = text.replace(f'{moment}="0"', f'{moment}="1e-9"')
+    (tmp_path / "pendulum.urdf").write_text(text)
+    t, q = swing_to_a_stop()
+    tau = 0.02 * np.random.default_rng(0).standard_normal(len(t))
+    if gain < 0:  # a driven swing, whose torque column has the opposite sign
+        q = 0.5 - 0.8 * np.abs(np.sin(4.0 * t))
+        tau -= 9.81 * np.sin(q) - 16.0 * (q - 0.5)  # M = 1 kg m², and d²q/dt² = -16 (q - 0.5) between the stops
+    np.savetxt(
+        tmp_path / "m.csv", np.column_stack([t, q, tau]), "%.9g", ",", header="time,hinge,hinge.tau", comments=""
+    )
+    _, said = run("torques", tmp_path / "pendulum.urdf", "--trajectory", tmp_path / "m.csv")
+    assert said.startswith(word), said[:300]
+
+
+@pytest.mark.parametrize(("head", "asked"), [("t", True), ("time [s]", False), ("seconds", False)])
+def test_a_column_of_time_that_may_count_rows_is_asked_about(run, tmp_path, ur5, head, asked):
+    """800 rows at 100 Hz numbered by row are those of a log of 800 s at 1 Hz: a question, and no doubt."""
+    header = ",".join([head, *ur5.joint_names])
+    np.savetxt(tmp_path / "m.csv", np.column_stack([np.arange(800), Q]), "%.9g", ",", header=header, comments="")
+    code, said = run("torques", "ur5", "--trajectory", tmp_path / "m.csv")
+    assert code == 0 and ("Does it count rows?" in " ".join(said.split())) == asked

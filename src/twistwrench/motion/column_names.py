@@ -62,8 +62,9 @@ UNITS = frozenset(("rad", "deg"))
 ROS_TIME = "%time"
 """Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""
 _TIMES = ("time", "t")
+_CALLED_SECONDS = ("seconds", "secs")
 _STAMPS = (
-    "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", "seconds", "secs", "clock",
+    "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", *_CALLED_SECONDS, "clock",
     "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
 )  # fmt: skip
 _DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
@@ -83,6 +84,15 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
         return 1, None
     name, _, unit = name.rpartition("_")
     return (1, unit) if unit in ("s", "sec", "ms", "us", "ns") and name in (*_TIMES, *_STAMPS) else None
+
+
+def is_called_seconds(text: str) -> bool:
+    """True if the name of a time column is that of seconds.
+
+    >>> is_called_seconds("Seconds"), is_called_seconds("t")
+    (True, False)
+    """
+    return text.casefold().strip("%_ ") in _CALLED_SECONDS
 
 
 def are_in_degrees(names: Sequence[str]) -> bool:

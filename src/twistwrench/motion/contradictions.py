@@ -251,8 +251,9 @@ velocities of real logs: 0.94 to 1.02); a wrong unit, ratio or clock changes it 
 _WRAP = (1.5 * math.pi, 2.5 * math.pi)
 """Step of an angle [rad] that counts as a turn omitted by the log, if the log stays within one turn."""
 _SPILL = 0.01 * math.pi
-_TOO_FAST = 3.0
-"""Multiple of the largest speed elsewhere, or of the velocity limit, from which a step over half a turn is a jump."""
+TOO_FAST = 3.0
+"""Multiple of a velocity limit that no robot reaches, as drives are stopped long before; without a limit, of the largest speed
+elsewhere for a step over half a turn."""
 _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
 """Minimum time step [s], and maximum displacement per step [rad, m], of a log in ms: otherwise the sampling would be far too
 fine for so slow a motion."""
@@ -273,11 +274,15 @@ class Contradictions:
         coordinates: Coordinates,
         *,
         time_stated: bool = True,
+        may_count_rows: bool = False,
         angle: Array | None = None,
         angle_stated: Array | None = None,
         runs: Sequence[LogRows | Motion] = (),
     ) -> None:
-        """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file states the unit."""
+        """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file states the unit.
+
+        ``may_count_rows``: the column of time neither names a unit nor counts from 1970.
+        """
         count = len(coordinates.names)
         self._factor = np.ones(count) if angle is None else angle
         self._stated = np.zeros(count, bool) if angle_stated is None else angle_stated
@@ -307,6 +312,8 @@ class Contradictions:
         self._usual: list[float] = []
         """Median time step of each portion [s]."""
         self._steps = 0
+        self._counts_rows = may_count_rows
+        """True if each step of time is exactly 1, from a whole number on."""
 
     def add(self, t: Array, q: Array, before: int = 0) -> None:
         """Add times (n,) and coordinates (n, nq); the first ``before`` (at most OVERLAP) repeat the end of the last portion."""
@@ -323,6 +330,7 @@ class Contradictions:
         if not len(h):
             return
         self._steps += len(h)
+        self._counts_rows &= bool((h == 1.0).all()) and float(t[0]).is_integer()
         self._usual.append(float(np.median(h)))
         over = (size > math.pi) & self._turns
         self._speed = np.maximum(self._speed, np.where(over, 0.0, size / h[:, None]).max(axis=0))
@@ -344,13 +352,15 @@ class Contradictions:
             paths += row_doubts(self.glitches, self._own)
         delays = np.zeros(len(self._single)) if time else self._delays
         rates = self.of_rates(time_doubted=bool(time), late=delays != 0.0)
-        step = float(np.median(self._usual)) if self._usual else 0.0
-        odd = (
-            [doubt("time-step", step=printed(step, 4))]
-            if step >= _LONG_STEP and not self._time_stated and not time
-            else []
-        )
-        return [*time, *angles, *paths, *rates, *self._of_delays(delays), *odd, *self._sampling]
+        return [
+            *time,
+            *angles,
+            *paths,
+            *rates,
+            *self._of_delays(delays),
+            *([] if time else self._of_steps()),
+            *self._sampling,
+        ]
 
     def _of_lengths(self, limits: Limits | None, origin: str) -> list[Doubt]:
         k = self._single[~self._turns]
@@ -370,7 +380,7 @@ class Contradictions:
 
     def of_time(self, limits: Limits | None) -> list[Doubt]:
         """Doubt about the unit of time, if time steps are too long for the displacements in them."""
-        step = float(np.median(self._usual)) if self._usual else 0.0
+        step = self._usual_step
         moving = self._range[1] - self._range[0] > _SOME_MOVE
         if self._time_stated or self._steps + 1 < _FEWEST_ROWS or not moving.any():
             return []
@@ -388,6 +398,17 @@ class Contradictions:
             return []
         return [doubt("time-unit", why=f"the usual step of time is {printed(step, 4)} s, and {why}", unit=unit)]
 
+    def _of_steps(self) -> list[Doubt]:
+        """Note on long steps of time; a count of rows cannot be told from the seconds of a slow log."""
+        if self._time_stated or self._usual_step < _LONG_STEP:
+            return []
+        rows = " Does it count rows?" if self._counts_rows else ""
+        return [doubt("time-step", step=printed(self._usual_step, 4), rows=rows)]
+
+    @property
+    def _usual_step(self) -> float:
+        return float(np.median(self._usual)) if self._usual else 0.0
+
     def _within_a_turn(self) -> Array:
         least, most = self._range
         about_zero = (least >= -math.pi - _SPILL) & (most <= math.pi + _SPILL)
@@ -400,7 +421,7 @@ class Contradictions:
             if jump is None:
                 continue
             known, (speed, when, size) = float(limits.velocity[joint]) if limits is not None else math.inf, jump
-            if speed > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
+            if speed > TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
                 said: dict[str, Any] = {"angle": printed(size, 4), "time": seconds(when, 4), "speed": printed(speed, 3)}
                 yield doubt("jump", [self._own[k]], joint=self._own[k], **said)
 

@@ -315,8 +315,7 @@ class Motion(MotionDoors):
         tally.add(self.time, self.q)
         origin = origin_of([(self.q, self.tau)], plan=self.plan)
         found = tally.doubts(self.robot.limits, origin=origin)
-        steps = [] if any(each.refuses for each in found) else self._steps.doubts(self.robot.limits, origin)
-        return (*found, *steps)
+        return (*found, *self._steps.doubts(self.robot.limits, origin, found))
 
     @cached_property
     def instants(self) -> tuple[Instant, ...]:

@@ -24,7 +24,7 @@ from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
 from ..mechanics.model.model import Model
 from . import log_table
-from .column_names import date_note, time_column
+from .column_names import date_note, is_called_seconds, time_column
 from .columns import Columns, MimicJointColumn, Reading
 from .contradictions import Contradictions, stamp_doubts
 from .coordinates import Coordinates
@@ -366,11 +366,11 @@ class MotionLog:
         table = duplicates.merge(
             table, np.zeros(0, int) if where is None else where[turning], half_turn, str(self.path)
         )
-        stamps, found = dict[float, float](), self._contradictions(table)
+        stamps, found = dict[float, float](), self._contradictions(table, dated=bool(epoch))
         while wrong := found.glitches.stamps():
             stamps |= wrong
             table = without_times(table, wrong)
-            found = self._contradictions(table)
+            found = self._contradictions(table, dated=bool(epoch))
         found.runs = [self.motion(run) for run in log_table.excerpts(table, *_RUNS)]
         portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
         mimic = mimic_doubts(self.columns.mimic_joints, portions)
@@ -393,11 +393,13 @@ class MotionLog:
         """Instants at which rows are missing, repeated or wrong, or a speed changes from one row to the next."""
         return tuple(self._decoded.steps.instants)
 
-    def _contradictions(self, table: Array) -> Contradictions:
+    def _contradictions(self, table: Array, *, dated: bool) -> Contradictions:
         columns = self.columns
+        of_seconds = columns.time_stated or is_called_seconds(columns.header[columns.time])
         found = Contradictions(
             self.coordinates,
             time_stated=columns.time_stated,
+            may_count_rows=not (columns.counted or of_seconds or dated),
             angle=columns.angle,
             angle_stated=columns.angle_stated & ((columns.angle != math.radians(1.0)) | self.degrees),
         )
@@ -464,8 +466,7 @@ class MotionLog:
         misread = [doubt("unused-columns", held, **words)] if self.unused else []
         found = last.contradictions.doubts(limits, glitches=glitches, origin=self.origin)
         left_out = *last.duplicates.doubts(), *stamp_doubts(last.stamps, left_out=True)
-        misread_units = any(each.refuses for each in found)
-        steps = [] if misread_units else last.steps.doubts(limits if own is None else own, self.origin)
+        steps = last.steps.doubts(limits if own is None else own, self.origin, found)
         return (*misread, *self.of_source, *found, *steps, *last.mimic_joints, *left_out)
 
     def _steady_clock(self, table: Array) -> float | None:

@@ -26,6 +26,7 @@ from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from .bounds import RunningExtrema
+from .contradictions import TOO_FAST
 
 if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
@@ -98,8 +99,8 @@ _FEWEST = 20
 """Minimum number of rows."""
 _LEAST_STEPS = 3
 """Steps of a joint from which its least step is that of its encoder."""
-_TOO_FAST, _TOO_STRONG = 3.0, 10.0
-"""Multiples of a velocity limit and of a torque limit that no robot reaches: drives are stopped long before."""
+_TOO_STRONG = 10.0
+"""Multiple of a torque limit that no robot reaches: drives are stopped long before."""
 _LONE, _SHARED = 10.0, 3.0
 """Multiple of a joint's own 99 % step, and of the steps beside it, from which a step is not a motion."""
 SURROUNDINGS = 20
@@ -229,14 +230,17 @@ class RecordedSteps:
             cause = InstantKind.FREEZE if before.all() or after.all() else InstantKind.IMPACT
             self.instants.append(Instant(float(t[first]), float(t[last + 2]), int(self.joints[k]), cause))
 
-    def doubts(self, limits: Limits | None, origin: Origin) -> list[Doubt]:
-        """Doubts about steps that no robot makes, by the robot's own limits; none about plans."""
-        if origin is Origin.PLAN or self._usual is None:
+    def doubts(self, limits: Limits | None, origin: Origin, others: Iterable[Doubt] = ()) -> list[Doubt]:
+        """Doubts about steps that no robot makes, by the robot's own limits.
+
+        Plans have none, and neither have logs that one of the ``others`` refuses: its units or turns explain the steps.
+        """
+        if origin is Origin.PLAN or self._usual is None or any(each.refuses for each in others):
             return []
         velocity = np.full(len(self.joints), np.inf) if limits is None else credible_velocities(limits)[self.joints]
         known = np.isfinite(velocity)
         share = np.where(known, self.fastest.value / np.where(known, velocity, 1.0), 0.0)
-        if share.max(initial=0.0) > _TOO_FAST:
+        if share.max(initial=0.0) > TOO_FAST:
             return [self._too_fast(int(share.argmax()), share, velocity, origin)]
         lone = np.where(~known, self.lone.value, 0.0)
         return [self._too_far(int(lone.argmax()), lone, origin)] if lone.max(initial=0.0) > 0.0 else []

@@ -337,8 +337,21 @@ class _AtExtreme:
         return np.where(many & varies, count / rows, 0.0)
 
 
+class _Sums:
+    """Sums over rows of computed and measured torques c and m: c, m, c², m² and c m; and of the variance of c."""
+
+    def __init__(self, columns: int) -> None:
+        self.rows, self.sums, self.noise = 0, np.zeros((5, columns)), np.zeros(columns)
+
+    def add(self, c: Array, m: Array, sigma: Array) -> None:
+        """Add torques (n, columns) and the standard deviation of c."""
+        self.rows += len(c)
+        self.sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
+        self.noise += (sigma**2).sum(axis=0)
+
+
 class MeasuredTally:
-    """Running sums over chunks of rows."""
+    """Running sums over chunks of rows; torques are compared in sound rows, and in all rows only if none is sound."""
 
     def __init__(self, limits: Array, sigma: Array) -> None:
         """Limits, and noise of the measured torques, (nv,) each."""
@@ -346,16 +359,20 @@ class MeasuredTally:
         self._limits, self._over = limits, TimeAbove(limits, sigma)
         self._largest, self._beside = RunningExtrema(columns), np.full(columns, np.nan)
         self._rows, self._step = 0, 0.0
-        self._sums, self._noise = np.zeros((5, columns)), np.zeros(columns)
+        self._every, self._sound = _Sums(columns), _Sums(columns)
         self._peak = RunningExtrema(columns)
         self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
 
-    def add(self, time: Array, computed: Array, measured: Array, sigma: Array) -> None:
-        """Add times (n,), computed and measured torques (n, columns), and the standard deviation of the computed ones."""
+    def add(self, time: Array, computed: Array, measured: Array, sigma: Array, doubted: Array | None = None) -> None:
+        """Add times (n,), computed and measured torques (n, columns), and the standard deviation of the computed ones.
+
+        ``doubted`` (n,) is True in rows whose derived rates are not those of the robot's drives, as at an impact.
+        """
         c, m = computed, measured
-        self._noise += (sigma**2).sum(axis=0)
+        sound = slice(None) if doubted is None else ~doubted
+        self._every.add(c, m, sigma)
+        self._sound.add(c[sound], m[sound], sigma[sound])
         self._rows += len(time)
-        self._sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
         self._peak.add(time, np.abs(m), m)
         for k, row in self._largest.add(time, np.abs(c), c):
             self._beside[k] = np.abs(m[max(0, row - _AROUND) : row + _AROUND + 1, k]).max()
@@ -365,9 +382,13 @@ class MeasuredTally:
         self._below.add(c, -m)
 
     @property
+    def _compared(self) -> _Sums:
+        return self._sound if self._sound.rows else self._every
+
+    @property
     def misfit(self) -> float:
         """Sum over joints of the squared residual relative to the squared torques; 0 to 2 each."""
-        _, _, cc, mm, cm = self._sums
+        _, _, cc, mm, cm = self._compared.sums
         total = cc + mm
         return float(np.where(total > 0, (total - 2 * cm) / np.where(total > 0, total, 1.0), 0.0).sum())
 
@@ -375,10 +396,10 @@ class MeasuredTally:
         """Comparison of each joint; empty without rows."""
         if not self._rows:
             return ()
-        n = self._rows
-        c, m, cc, mm, cm = self._sums
+        n = self._compared.rows
+        c, m, cc, mm, cm = self._compared.sums
         computed, measured = np.sqrt(cc / n), np.sqrt(mm / n)
-        noise = np.sqrt(self._noise / n)
+        noise = np.sqrt(self._compared.noise / n)
         residual = np.sqrt(np.maximum(cc + mm - 2 * cm, 0.0) / n)
         vc, vm, v = (np.maximum(cc - c * c / n, 0.0), np.maximum(mm - m * m / n, 0.0), cm - c * m / n)
         gain = np.where(vc > 0, v / np.where(vc > 0, vc, 1.0), 0.0)
@@ -389,7 +410,7 @@ class MeasuredTally:
         largest = np.array([size[kinds == unit].max() for unit in units])
         most, least = self._above.value, -self._below.value
         dead = most - least <= _STANDS * np.maximum(np.abs(most), np.abs(least))
-        above, below = self._above.cut(n, vc / n), self._below.cut(n, vc / n)
+        above, below = (extreme.cut(self._rows, vc / n) for extreme in (self._above, self._below))
         cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
         lasting = self._over.lasting(self._step)
         return tuple(

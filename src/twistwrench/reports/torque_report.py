@@ -16,9 +16,9 @@ import numpy as np
 from ..core.doubts import Doubt
 from ..core.errors import TrajectoryError
 from ..core.estimation.noise import Survey, noise
+from ..core.estimation.sampling import GAP
 from ..core.numbers import printed, torque
 from ..core.tables import csv_table
-from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from ..mechanics.model.limits import margin
@@ -281,8 +281,6 @@ def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array)
 
 _AROUND, _KEPT = 2048, 1 << 23
 """Rows kept on either side of each joint's peak, and maximum count of numbers in them: 64 MiB."""
-_GAP = 5.0
-"""Ratio to the median time step above which a step is a gap."""
 _MASS_SAMPLES = 32
 """States of each chunk used for the noise of torques and for the largest payload torque."""
 _BAND_SAMPLES = 512
@@ -386,7 +384,7 @@ class MotionTally:
         """States on either side of each joint's peak."""
         self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.robot.nq + 3 * nv))))
         simple = all(body.joint.nv == 1 and body.joint.nq == 1 for body in load.robot.model.leaders)
-        self.gaps = Gaps(_GAP * plan.quality.step, simple, (limits.lower, limits.upper) if simple else None)
+        self.gaps = Gaps(GAP * plan.quality.step, simple, (limits.lower, limits.upper) if simple else None)
         self.noise = np.zeros(nv)
         self.carried = 0.0
         """Largest torque due to the payloads, in some of the states."""
@@ -419,8 +417,9 @@ class MotionTally:
         self.alone.add(s.time, np.abs(alone), alone)
         if motion.tau is not None:
             computed = [torques, alone] if self.load.carries else [torques]
+            doubted = self.spans.within(s.time)
             for tally, tau in zip(self._measured, computed, strict=True):
-                tally.add(s.time, tau, self.load.at_drives(motion.tau[inner]), sigma)
+                tally.add(s.time, tau, self.load.at_drives(motion.tau[inner]), sigma, doubted)
         self.begin = float(s.time[0]) if self.rows == 0 else self.begin
         self.end = float(s.time[-1])
         self.rows += len(s)
