@@ -399,7 +399,7 @@ class Contradictions:
         return [doubt("time-unit", why=f"the usual step of time is {printed(step, 4)} s, and {why}", unit=unit)]
 
     def _of_steps(self) -> list[Doubt]:
-        """Note on long steps of time; a count of rows cannot be told from the seconds of a slow log."""
+        """Note on long steps of time: seconds of a slow log and a count of rows look alike."""
         if self._time_stated or self._usual_step < _LONG_STEP:
             return []
         rows = " Does it count rows?" if self._counts_rows else ""

@@ -19,6 +19,7 @@ from ..core.estimation.noise import Survey, noise
 from ..core.estimation.sampling import GAP
 from ..core.numbers import printed, torque
 from ..core.tables import csv_table
+from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from ..mechanics.model.limits import margin
