@@ -27,6 +27,7 @@ from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import twistwrench as tw
+from twistwrench.mechanics.bodies.free_body import Flight
 
 BLUE, RED, GREY, SAND, ICE = "#2f6db5", "#c4402f", "#8a8f98", "#f3c79b", "#d7e3f1"
 SIZE = np.array([0.30, 0.20, 0.06])  # m: x is the axis of least moment, y the middle one, z that of the greatest
@@ -41,7 +42,7 @@ def momentum_in_body(V: np.ndarray) -> np.ndarray:
     return L / np.linalg.norm(L, axis=-1, keepdims=True)
 
 
-def fly(w: tuple[float, float, float], duration: float, dt: float = 0.01) -> tw.bodies.flight.Flight:
+def fly(w: tuple[float, float, float], duration: float, dt: float = 0.01) -> Flight:
     """Fly from rest in space with angular velocity w [rad/s]."""
     return body.fly(np.eye(4), [*w, 0, 0, 0], duration, dt)
 
@@ -130,7 +131,7 @@ def steady() -> list[tuple[float, float, float]]:
     return [tuple(5.0 * I[1] * np.array(x) / I) for x in L]
 
 
-def histories(axes: plt.Axes, flight: tw.bodies.flight.Flight) -> None:
+def histories(axes: plt.Axes, flight: Flight) -> None:
     """Angular velocity over time: the flip, as a square wave of the middle component."""
     for k, colour, name in (
         (0, GREY, "about axis 1"),
@@ -145,7 +146,7 @@ def histories(axes: plt.Axes, flight: tw.bodies.flight.Flight) -> None:
     axes.text(0.0, -0.2, f"drift: {flight.drift}", transform=axes.transAxes, fontsize=8, color=GREY)
 
 
-def picture(path: Path, flight: tw.bodies.flight.Flight) -> None:
+def picture(path: Path, flight: Flight) -> None:
     """The surfaces with the polhode, beside the angular velocity over time."""
     figure = plt.figure(figsize=(11, 5.4), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1, 1.2))
@@ -163,7 +164,7 @@ def picture(path: Path, flight: tw.bodies.flight.Flight) -> None:
     plt.close(figure)
 
 
-def animation(path: Path, flight: tw.bodies.flight.Flight, frames: int) -> None:
+def animation(path: Path, flight: Flight, frames: int) -> None:
     """The tumbling box beside the tip of the momentum on its sphere."""
     figure = plt.figure(figsize=(7, 3.6))
     space, sphere = (figure.add_axes((0.5 * k, 0, 0.5, 0.92), projection="3d") for k in (0, 1))

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.sensing import CollisionThreshold, ForceTorqueSensor, ReadingLog, identify, simulate
 
 NOISE = np.repeat([0.01, 0.3], 3)
@@ -97,7 +98,7 @@ def walking(seed):
     """A generator, and the log that it has made of a sensor whose bias settles and wanders by a quarter of the noise a pose."""
     rng = np.random.default_rng(seed)
     q = rng.normal(size=(100, 4))
-    R = tw.lie.quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
+    R = quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
     t = 5.0 * np.arange(100)
     bias = np.cumsum(0.25 * NOISE * rng.normal(size=(100, 6)), axis=0) + np.outer(1 - np.exp(-t / 200), 8 * NOISE)
     return rng, ReadingLog.from_arrays(

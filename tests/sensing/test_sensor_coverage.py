@@ -16,6 +16,7 @@ from sensor_logs import AT_REST, BIAS, COM, MASS, NOISE, TOOL, TRUTH, UNEQUAL, d
 
 import twistwrench as tw
 from twistwrench.core.verdict import Word
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
@@ -171,7 +172,7 @@ def test_a_bias_that_wanders_is_not_white_and_makes_no_sure_answer():
 def test_a_tilted_base_is_found_whichever_axis_of_the_world_points_up(down):
     rng = np.random.default_rng(3)
     q = rng.normal(size=(40, 4))
-    R = tw.lie.quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
+    R = quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
     given = -9.81 * np.eye(3)[down]
     there = tw.so3.exp(0.03 * np.eye(3)[down - 1] - 0.01 * np.eye(3)[down - 2]) @ given
     readings = AT_REST.predict(R, gravity=there) + NOISE * rng.normal(size=(40, 6))
@@ -182,7 +183,7 @@ def test_a_tilted_base_is_found_whichever_axis_of_the_world_points_up(down):
 def test_a_tilted_base_is_offered_by_name_and_found():
     rng = np.random.default_rng(3)
     q = rng.normal(size=(40, 4))
-    R = tw.lie.quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
+    R = quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
     tilt = tw.so3.exp([0.03, -0.01, 0.0])  # the gravity that is there, of the one given
     readings = AT_REST.predict(R, gravity=tilt @ [0, 0, -9.81]) + NOISE * rng.normal(size=(40, 6))
     log = ReadingLog.from_arrays(readings, pose=R)

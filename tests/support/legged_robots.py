@@ -7,6 +7,7 @@ import numpy as np
 import twistwrench as tw
 from twistwrench.mechanics.lie import so3
 from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.model import OfferedClosure
 from twistwrench.robot import Robot
 
 
@@ -40,7 +41,7 @@ def branched(branches, *, base=5.0, turn=None, world=False, mass=1.0, closed=())
         builder.add_link(f"end{k}", shaped=not steps)
         builder.add_joint(f"to_end{k}", "fixed", carrier, f"end{k}", placement=T)
     for a, b in closed:
-        builder.add_closure(f"loop{a}{b}", tw.model.model.OfferedClosure(f"end{a}", f"end{b}", "vx vy vz"))
+        builder.add_closure(f"loop{a}{b}", OfferedClosure(f"end{a}", f"end{b}", "vx vy vz"))
     if world:
         builder.mount()
     return Robot(builder.build(quiet=True))

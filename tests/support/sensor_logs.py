@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import twistwrench as tw
+from twistwrench.mechanics.lie import quaternion
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import lively_motion, propose_poses
 from twistwrench.sensing.sensor import ForceTorqueSensor, gravity_in_frame
@@ -55,7 +56,7 @@ def motion(rng, seconds=6.0, count=300, late=0.0, noise=NOISE, sensor=TOOL):
 def drifting(rng, count=100, walk=0.25):
     """Like a log of an industrial sensor that warms up: many poses, one reading each, a bias that wanders and settles."""
     q = rng.normal(size=(count, 4))
-    R = tw.lie.quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
+    R = quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
     t = 5.0 * np.arange(count)
     bias = np.cumsum(walk * NOISE * rng.normal(size=(count, 6)), axis=0) + np.outer(1 - np.exp(-t / 200), 8 * NOISE)
     readings = AT_REST.predict(R) + bias + 0.1 * NOISE * rng.normal(size=(count, 6))
