@@ -606,7 +606,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
             f"the longest gap is {number(report.gaps.longest)} s, after t = {seconds(report.gaps.longest_at, 4)} s."
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
-    floating = {b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven}
+    floating = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
     if floating:
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
     model = report.load.with_load.model
