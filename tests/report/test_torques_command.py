@@ -367,6 +367,7 @@ def test_a_floating_base_is_held_up_against_gravity_and_its_acceleration(run, tm
         "UNSURE: nothing drives the base, but the motion needs 70.86 N there, 120 % of the robot's weight"
     )
     assert "IS A CONTACT MISSING?" in text and "--wrench-on-robot" in text
+    assert " ".join(text.split()).lower().count("nothing drives") == 2  # the reason, and its meaning
     force = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:]
     np.testing.assert_allclose(force[5:-5, 5], 6.0 * (9.81 - 2.0 * np.sin(2 * t[5:-5])), rtol=1e-5)
     np.testing.assert_allclose(force[:, :5], 0, atol=1e-7)

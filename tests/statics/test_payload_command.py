@@ -244,6 +244,11 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--csv", "out.png", "--plot", "out"], "would overwrite the file of --csv"),
         (["ur5", "--plot", "out.nope"], "cannot draw"),
         (["quadruped", "--frame", "FL_foot"], "needs a fixed base"),
+        (["quadruped", "--frame", "FL_foot"], "(in the shell: --fixed-base, without --floating-base)"),
+        (["quadruped", "--frame", "FL_foot", "--at", "1"], "JOINT=VALUE, as FL_hip_joint=0.5"),
+        (["quadruped", "--frame", "FL_foot", "--at", "=1"], "JOINT=VALUE, for example FL_hip_joint=0.5"),
+        (["quadruped", "--fixed-base"], "the frame of the payload must be named: --frame FRAME"),
+        (["ur5", "--frame", "tool9"], "error: --frame: no frame named 'tool9'. Did you mean 'tool0'?"),
         (["nothing"], "no robot file"),
     ],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -116,6 +116,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     if not given.step > 0:
         raise ValueRangeError(f"--step {printed(given.step)}: give seconds above zero.")
     begin, end, hints = _ends(robot, given, degrees=options.degrees)
+    units = load.unit_hints
     typed = [*credible_limits(bounds, load.robot), *load.doubts]
     refused = [verdict(Word.LOOK_AGAIN, f": {each}.") for each in typed if each.refuses]
 
@@ -131,14 +132,14 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         return ExitCode.NO
     path, trouble = _path_and_trouble(robot, begin, end, degrees=options.degrees, given=given)
     if path is None:
-        return _cannot(trouble, hints, report)
+        return _cannot(trouble, [*hints, *units], report)
     friction = not given.no_friction and robot.model.friction.any
     try:
         with noted_if_failed(hints):
             moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
         word, problem = _why_not_timed(problem, robot, held=_is_held(robot, path, bounds))
-        return _cannot(problem, [], report, word=word)
+        return _cannot(problem, units, report, word=word)
     over, hanging = _certain(moving.violations(bounds, friction=friction), robot)
     uses = joint_uses(moving, bounds, friction=friction)
     doubts = hanging + [str(each) for each in typed if not each.refuses]
@@ -157,7 +158,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         *_verdict(moving, bounds, over, doubts, cannot, assumed, named=not collides, degrees=options.degrees),
         *([] if clearance is None else clearance.lines),
         *_limits_of_files(bounds, given),
-        *remarks(hints),
+        *remarks([*hints, *units]),
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
     ]
@@ -220,7 +221,7 @@ def _why_not_timed(problem: PathError, robot: Robot, *, held: bool) -> tuple[Wor
 
 def _cannot(
     problem: PathError | None,
-    hints: list[str],
+    hints: Sequence[str],
     report: Callable[[str, list[Block]], None],
     *,
     word: Word = Word.STOPPED,

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.colours import Style, strong
-from ..core.errors import ValueRangeError
+from ..core.errors import FrameError, UnknownNameError, ValueRangeError
 from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque, without_noise
+from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Word
 from ..mechanics.joints.units import heading_unit, unit_of
@@ -72,6 +73,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
         given.plane, count = plane_and_samples(given.plane, count)
     load = shared.load_case(options.load(), options, given)
     robot = load.with_load
+    _check_frame(robot, given.frame)
     q = parse_configuration(robot, given.at, degrees=options.degrees)
     place = np.array(parse_numbers(given.com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
     allowed = read_limits(given.limits, robot.model, degrees=options.degrees)
@@ -87,7 +89,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     typed = [*credible_limits(allowed, load.robot), *load.doubts, *asked]
     refused = [str(each) for each in typed if each.refuses]
     doubts = [str(each) for each in typed if not each.refuses]
-    doubts += [*base_doubts(robot.model), *limit_doubts(load.robot, allowed, loads)]
+    doubts += [*base_doubts(robot.model, payload=True), *limit_doubts(load.robot, allowed, loads)]
     if found.joint < 0 and found.holds and not given.at:
         doubts.append(
             "at the default pose the load stands on the axes of the joints, so no torque depends on it: give --at"
@@ -117,7 +119,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     show(*blocks)
     places = {"--com": place}
     places |= {f"--tool {text}": np.array(p.place) for text, p in zip(given.payloads, load.payloads, strict=True)}
-    for slip in unit_slips(robot, q, allowed, places, degrees=options.degrees):
+    for slip in (*unit_slips(robot, q, allowed, places, degrees=options.degrees), *load.unit_hints):
         note(slip)
     write_payload(robot, found, q, given.csv, degrees=options.degrees, judged=judged)
     from ..viz.plots.payload import plot_payload
@@ -141,6 +143,19 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
         )  # fmt: skip
     fine = found.holds and not (beyond or doubts or refused)
     return ExitCode.FINE if fine else ExitCode.NO
+
+
+def _check_frame(robot: Robot, frame: str | None) -> None:
+    """Raise FrameError for a robot without a single tip, and UnknownNameError for an unknown frame, naming --frame."""
+    if frame is None and robot.tip is None:
+        raise FrameError(
+            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: --frame FRAME. "
+            f"Its leaves: {listed(robot.model.leaves)}."
+        )
+    try:
+        robot.model.frame(frame)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"--frame: {error}") from None
 
 
 # ── The report

@@ -92,7 +92,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     result: Any
     failure: BaseException | None = None
     q0 = parse_configuration(loaded, given.at, degrees=options.degrees)
-    hints = list(filter(None, [degrees_hint(loaded, q0)]))
+    hints = [*filter(None, [degrees_hint(loaded, q0)]), *load.unit_hints]
     dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
     settings: dict[str, Any] = {
         **given.pick("method", "rtol", "every"),

@@ -94,7 +94,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         )
     robot, log = shared.open_motion(options, given, path)
     report = _analysed(options, given, robot, log, smoothing=given.smooth)
-    notes = [*remarks(notes_on_log(report)), *remarks(_unused_limits(report))]
+    notes = [*remarks([*report.load.unit_hints, *notes_on_log(report)]), *remarks(_unused_limits(report))]
     if refused := contradictions(report):
         judged = Verdict.from_reasons(look_again=refused)
         show(*_spoken(judged), *notes)

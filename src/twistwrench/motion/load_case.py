@@ -153,6 +153,28 @@ class Payload:
     frame: str | None = None
 
 
+_HEAVY, _FEWEST_GRAMS = 10.0, 10.0
+"""Multiple of the robot's moving mass from which a payload may be in grams, and least number of grams."""
+
+
+def _grams(mass: float, robot: float) -> str:
+    """Hint on a payload that is implausible in kilograms and plausible in grams; empty for others [kg].
+
+    >>> _grams(3000.0, 17.0)
+    'a payload of 3000 kg is 176 times the mass of the moving links. Payloads are in kg: if these are grams, give 3.'
+    >>> _grams(100.0, 17.0), _grams(3000.0, 0.0), _grams(3e6, 17.0)
+    ('', '', '')
+    """
+    share = mass / robot if robot > 0 else 0.0
+    if not _HEAVY < share <= 1000.0 or mass < _FEWEST_GRAMS:
+        return ""
+    times, kilograms = number(share, 3), printed(mass / 1000)
+    return (
+        f"a payload of {printed(mass)} kg is {times} times the mass of the moving links. Payloads are in kg: "
+        f"if these are grams, give {kilograms}."
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class LoadCase:
     """Robot with payloads, and with wrenches (6,) on frames, each expressed in its frame."""
@@ -180,6 +202,11 @@ class LoadCase:
         """Doubts about payloads that are not where a robot carries them."""
         most = reach(self.robot.model)
         return tuple(d for p in self.payloads for d in credible_load(p.mass, p.place, p.frame, self.robot, most))
+
+    @property
+    def unit_hints(self) -> tuple[str, ...]:
+        """Sentences on payloads far heavier than the robot, which a thousandth would not be."""
+        return tuple(hint for load in self.payloads if (hint := _grams(load.mass, self.robot.model.moving_mass)))
 
     @property
     def contradictions(self) -> tuple[str, ...]:

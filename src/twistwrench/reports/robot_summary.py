@@ -190,11 +190,17 @@ def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array
     known = robot.configurations
     if text in known:
         return np.array(known[text])
-    names, first = robot.coordinate_names, next(iter(b.joint.name for b in robot.model.leaders), "joint1")
-    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {first}=0.5"
+    names = robot.coordinate_names
+    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {_example(robot)}"
     if known:
         form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
     return np.array(parse_numbers(text, option, form, robot.nq)) * unit
+
+
+def _example(robot: Robot) -> str:
+    """Example JOINT=VALUE with a joint of one coordinate; a free joint needs seven."""
+    single = [body.joint.name for body in robot.model.leaders if body.joint.nq == 1]
+    return f"{single[0] if single else 'joint1'}=0.5"
 
 
 def degrees_hint(robot: Robot, q: Array) -> str:
@@ -253,9 +259,7 @@ def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
 
 def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
     known, found = {b.joint.name: b for b in robot.model.leaders}, []
-    for joint, value in assignments(
-        texts, option, f"JOINT=VALUE, for example {next(iter(known), 'joint1')}=0.5"
-    ).items():
+    for joint, value in assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
         if joint not in known:
             raise UnknownNameError.from_choices("joint", joint, known)
         count = known[joint].joint.nv if velocities else known[joint].joint.nq

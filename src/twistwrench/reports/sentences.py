@@ -18,6 +18,8 @@ SENTENCES = MappingProxyType(
         "({limit} {unit})",
         "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
         "hanging": "the base ({base}) is held in the air; a standing robot: --floating-base, one on a stand: --fixed-base",
+        "hangs, payload": "the base ({base}) is held in the air; if a stand holds it: --fixed-base. What a robot that "
+        "stands on the ground can carry is not computed",
         "hangs": "as it hangs {word}: {excess}",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",

@@ -80,10 +80,13 @@ def _weight(model: Model) -> float:
     return model.moving_mass * float(np.linalg.norm(model.gravity))
 
 
-def base_doubts(model: Model) -> list[str]:
-    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques."""
+def base_doubts(model: Model, *, payload: bool = False) -> list[str]:
+    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques.
+
+    ``payload``: for the largest payload, which is not computed for a robot that stands on the ground.
+    """
     found = hanging_base(model)
-    return [] if found is None else [sentence("hanging", base=found.link)]
+    return [] if found is None else [sentence("hangs, payload" if payload else "hanging", base=found.link)]
 
 
 # ── Warnings of the model: missing masses and contacts
@@ -606,8 +609,9 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
             f"the longest gap is {number(report.gaps.longest)} s, after t = {seconds(report.gaps.longest_at, 4)} s."
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
+    yield from report.load.unit_hints
     floating = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
-    if floating:
+    if floating and not missing_force(report.load.with_load.model, report.joints):  # otherwise the verdict has it
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
     model = report.load.with_load.model
     missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])

@@ -101,7 +101,9 @@ def require_fixed_base(robot: Robot, what: str) -> None:
     if floating_entries(robot).any():
         raise ValueRangeError(
             f"{what} of {robot.name!r} needs a fixed base, since a floating base is not driven. "
-            "Load it with its base fixed, or, in Python, call statics.robot_equilibrium with contacts."
+            "With floating_base=False (in the shell: --fixed-base, without --floating-base) the answer is that of a robot "
+            "whose base a stand holds. What contacts with the ground carry is not part of it: in Python, "
+            "statics.robot_equilibrium tells whether given contacts hold the robot."
         )
 
 
