@@ -103,7 +103,7 @@ def require_fixed_base(robot: Robot, what: str) -> None:
             f"{what} of {robot.name!r} needs a fixed base, since a floating base is not driven. "
             "With floating_base=False (in the shell: --fixed-base, without --floating-base) the answer is that of a robot "
             "whose base a stand holds. What contacts with the ground carry is not part of it: in Python, "
-            "statics.robot_equilibrium tells whether given contacts hold the robot."
+            "statics.robot_equilibrium checks whether given contacts hold the robot."
         )
 
 
