@@ -86,7 +86,10 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     loads = (np.abs(found.unloaded) + np.abs(found.per_kilogram))[: robot.nv]
     judged = not unlimited(robot.model, limits, loads)
     asked = credible_load(None, place, given.frame or options.tip, robot, reach(robot.model))
-    typed = [*credible_limits(allowed, load.robot), *load.doubts, *asked]
+    carried_doubts = [
+        each for each in load.doubts if each.refuses or found.holds
+    ]  # an excess stands at any size of a load
+    typed = [*credible_limits(allowed, load.robot), *carried_doubts, *asked]
     refused = [str(each) for each in typed if each.refuses]
     doubts = [str(each) for each in typed if not each.refuses]
     doubts += [*base_doubts(robot.model, payload=True), *limit_doubts(load.robot, allowed, loads)]
