@@ -21,7 +21,6 @@ import matplotlib.pyplot as plt
 
 import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
-from twistwrench.robot.constraints.closed_robot import ClosedRobot
 from twistwrench.simulation.closed import ClosedSimulation
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
@@ -40,7 +39,7 @@ def turned(k: int) -> np.ndarray:
     return tw.se3.exp([0, 0, 2 * np.pi * k / 3, 0, 0, 0])
 
 
-def delta() -> ClosedRobot:
+def delta() -> tw.Robot:
     """The robot; x of a leg points outward, and a positive angle of its motor lowers its arm."""
     builder = ModelBuilder("delta")
     builder.add_link("base")
@@ -100,15 +99,15 @@ def path(t: np.ndarray, duration: float) -> np.ndarray:
     return np.stack([-0.15 + 0.3 * s, 0.1 - 0.2 * s, -0.68 + 0.1 * np.sin(np.pi * s)], axis=-1)
 
 
-def velocities(closed: ClosedRobot) -> list[int]:
+def velocities(closed: tw.Robot) -> list[int]:
     """Where the motors' velocities are among all."""
-    return [closed.robot.model.velocity_names.index(name) for name in MOTORS]
+    return [closed.open().model.velocity_names.index(name) for name in MOTORS]
 
 
-def moved(closed: ClosedRobot, travel: float, duration: float) -> ClosedSimulation:
+def moved(closed: tw.Robot, travel: float, duration: float) -> ClosedSimulation:
     """The motion under the motors' law."""
-    driven, at = velocities(closed), [closed.robot.coordinate_names.index(name) for name in MOTORS]
-    start = configuration(closed.robot, path(np.array(0.0), travel))
+    driven, at = velocities(closed), [closed.open().coordinate_names.index(name) for name in MOTORS]
+    start = configuration(closed.open(), path(np.array(0.0), travel))
     hold = closed.holding_torques(start, MOTORS).tau
     grid = np.linspace(0.0, duration, 2001)
     wanted = angles(path(grid, travel))
@@ -124,9 +123,9 @@ def moved(closed: ClosedRobot, travel: float, duration: float) -> ClosedSimulati
     return closed.simulate(start, duration=duration, dt=1e-3, tau=law)
 
 
-def picture(path_to: Path, closed: ClosedRobot, found: ClosedSimulation, travel: float) -> None:
+def picture(path_to: Path, closed: tw.Robot, found: ClosedSimulation, travel: float) -> None:
     """The robot at both ends and between, its motors' torques, and what the motion keeps."""
-    robot = closed.robot
+    robot = closed.open()
     figure = plt.figure(figsize=(11, 5), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1, 1.1))
     axes = left.add_subplot(projection="3d")

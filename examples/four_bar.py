@@ -21,14 +21,13 @@ import matplotlib.pyplot as plt
 
 import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
-from twistwrench.robot.constraints.closed_robot import ClosedRobot
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
 LENGTHS = {"crank": 0.3, "coupler": 0.8, "rocker": 0.6}  # m; the ground's is 0.7
 MASSES = {"crank": 1.0, "coupler": 2.0, "rocker": 1.5}  # kg
 
 
-def linkage() -> ClosedRobot:
+def linkage() -> tw.Robot:
     """The linkage in the plane (x, z), its angles from x toward z."""
     builder = ModelBuilder("four_bar")
     builder.add_link("ground_link")
@@ -44,7 +43,7 @@ def linkage() -> ClosedRobot:
     return tw.Robot(builder.build()).close("rocker_end", "coupler_end", rows="vx vz")
 
 
-def one_turn(closed: ClosedRobot, samples: int = 181) -> np.ndarray:
+def one_turn(closed: tw.Robot, samples: int = 181) -> np.ndarray:
     """Configurations of one turn of the crank, from one to the next along the one way that the linkage can move."""
     q = [closed.consistent([0.0, 0.8, 1.6])]
     turn = np.linspace(0.0, 2 * np.pi, samples) + q[0][0]
@@ -55,7 +54,7 @@ def one_turn(closed: ClosedRobot, samples: int = 181) -> np.ndarray:
     return np.array(q)
 
 
-def at_constant_speed(closed: ClosedRobot, q: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
+def at_constant_speed(closed: tw.Robot, q: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
     """Velocities and accelerations with the crank at that speed [rad/s]; the linkage's one freedom takes what is left."""
     n = closed.project_velocity(q, [1.0, 0.0, 0.0])
     n = n / n[:, :1]
@@ -64,18 +63,18 @@ def at_constant_speed(closed: ClosedRobot, q: np.ndarray, speed: float) -> tuple
     return dq, ddq - n * ddq[:, :1]
 
 
-def swing(closed: ClosedRobot, q: np.ndarray, dq: np.ndarray, duration: float, dt: float) -> dict[str, np.ndarray]:
+def swing(closed: tw.Robot, q: np.ndarray, dq: np.ndarray, duration: float, dt: float) -> dict[str, np.ndarray]:
     """The free motion, and how well it keeps the loop, the velocity and the energy."""
     found = closed.simulate(q, dq, duration, dt)
     slip = np.abs(closed.constraint_jacobian(found.q) @ found.dq[..., None]).max(axis=(1, 2))
     return {"time": found.times, "energy": found.energy, "gap": found.gap, "slip": slip}
 
 
-def draw_linkage(axes: plt.Axes, closed: ClosedRobot, q: np.ndarray) -> None:
+def draw_linkage(axes: plt.Axes, closed: tw.Robot, q: np.ndarray) -> None:
     """The linkage at a few angles, the last one strong, and the way of the coupler's middle."""
 
     def place(name: str, q: np.ndarray) -> np.ndarray:
-        return closed.robot.forward_kinematics(q, name)[..., [0, 2], 3]
+        return closed.open().forward_kinematics(q, name)[..., [0, 2], 3]
 
     pins = [np.zeros((len(q), 2)), place("crank_end", q), place("coupler_end", q), np.tile([0.7, 0.0], (len(q), 1))]
     middle = 0.5 * (pins[1] + pins[2])
@@ -95,7 +94,7 @@ def draw_linkage(axes: plt.Axes, closed: ClosedRobot, q: np.ndarray) -> None:
     axes.set(aspect="equal", ylim=(-0.35, 0.8), xlabel="x [m]", ylabel="z [m]", title="the linkage over one turn")
 
 
-def picture(path: Path, closed: ClosedRobot, q: np.ndarray, speed: float, kept: dict[str, np.ndarray]) -> None:
+def picture(path: Path, closed: tw.Robot, q: np.ndarray, speed: float, kept: dict[str, np.ndarray]) -> None:
     """The linkage, its torque and pin load over a turn, and the drift of its free motion."""
     torques, lam = closed.inverse_dynamics(q, *at_constant_speed(closed, q, speed), actuated=["A"])
     figure = plt.figure(figsize=(11, 4.6), layout="constrained")

@@ -47,7 +47,7 @@ REFUSED = {
         tw.ShapeError,
         "q of PD: reference at t = 0 s",
     ),
-    "a closed robot": (lambda: PD(WALL, Q, 1, 1), tw.ValueRangeError, "closed.robot"),
+    "a closed robot": (lambda: PD(WALL, Q, 1, 1), tw.ValueRangeError, "robot.open()"),
     "no robot": (lambda: TaskSpace(None, T, 1, 1), tw.ValueRangeError, "the robot is None: give a tw.Robot"),
     "a robot that floats": (
         lambda: ComputedTorque(tw.robots.floating_box(), tw.robots.floating_box().neutral, 1, 1),

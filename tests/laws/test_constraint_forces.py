@@ -131,7 +131,7 @@ def free_bodies(robot, q, dq, tau, loops):
 def test_the_ball_joints_of_a_platform_carry_what_its_free_bodies_need(seed):
     rng = np.random.default_rng(seed)
     closed, q = closed_platform()
-    robot = closed.robot
+    robot = closed.open()
     q = closed.consistent(robot.add(q, 0.1 * rng.standard_normal(robot.nv)), tolerance=1e-14, within=1.0)
     dq, tau = closed.project_velocity(q, rng.standard_normal(robot.nv)), 3 * rng.standard_normal(robot.nv)
     ddq, forces = free_bodies(robot, q, dq, tau, [(f"socket{k}", f"foot{k}") for k in range(LEGS)])
@@ -152,7 +152,7 @@ def test_a_hand_that_rests_on_the_floor_presses_down_on_it():
     found = closed.forward_dynamics(q, still, still)
     assert_close(found.ddq, [0.0], 1e-12, "it rests", scale=1.0)
     assert_close(found.lam, [-expected], 1e-13, "λ is what the robot applies to the ground, down")
-    on = closed.robot.forward_dynamics(
+    on = closed.open().forward_dynamics(
         q, still, still, wrench_by_robot={"coupler_pin": closed.wrenches(found.lam)["ground–coupler_pin"]}
     )
     assert_close(on, found.ddq, 1e-12, "λ as a wrench by the robot", scale=1.0)

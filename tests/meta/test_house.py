@@ -15,7 +15,6 @@ from source_trees import syntax_tree
 
 import twistwrench as tw
 from twistwrench.mechanics.joints import JOINT_TYPES
-from twistwrench.robot.constraints.closed_robot import ClosedRobot
 from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import QuantityMethods
@@ -114,8 +113,7 @@ def test_no_two_public_classes_have_one_name():
 
 def test_options_of_simulations_stand_once():
     """One signature serves robots, closed robots and batches; what prepares a run takes the same names, without defaults."""
-    assert tw.Robot.simulate is ClosedRobot.simulate is tw.simulation.simulate
-    assert tw.Robot.rollout is ClosedRobot.rollout
+    assert tw.Robot.simulate is tw.simulation.simulate
     asked = inspect.signature(tw.Robot.simulate).parameters
     assert inspect.signature(tw.Robot.simulate_batch).parameters == asked
     taken = inspect.signature(build_run).parameters

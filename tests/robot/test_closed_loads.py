@@ -30,11 +30,11 @@ def led(closed, q, step, driven):
     """The configuration with the driven coordinates moved by a step, by Newton's method on the others."""
     dv = np.zeros(closed.nv)
     dv[driven] = step
-    q = closed.robot.add(q, dv)
+    q = closed.open().add(q, dv)
     for _ in range(8):
         dv = np.zeros(closed.nv)
         dv[~driven] = -np.linalg.solve(closed.constraint_jacobian(q)[:, ~driven], closed.constraint_error(q))
-        q = closed.robot.add(q, dv)
+        q = closed.open().add(q, dv)
     assert np.abs(closed.constraint_error(q)).max() < 1e-13
     return q
 
@@ -50,7 +50,7 @@ def test_the_weight_of_a_link_on_the_motor_is_its_virtual_work(linkage):
     n = n / n[0]
     for name, mass in zip(("crank", "coupler", "rocker"), MASSES, strict=True):
         half = {"crank": 0.15, "coupler": 0.4, "rocker": 0.3}[name]
-        up = [(linkage.robot.forward_kinematics(q + s * n, name) @ [half, 0, 0, 1])[2] for s in (1e-5, -1e-5)]
+        up = [(linkage.open().forward_kinematics(q + s * n, name) @ [half, 0, 0, 1])[2] for s in (1e-5, -1e-5)]
         assert abs(why.contribution(name, "gravity")[0] - mass * G * (up[0] - up[1]) / 2e-5) < 1e-7
     assert np.abs(why.torque - linkage.holding_torques(q, ["a"]).tau).max() < 1e-12 * np.abs(why.torque).max()
     assert not why.torque[1:].any() and "coupler" in why.table("a")
@@ -59,7 +59,9 @@ def test_the_weight_of_a_link_on_the_motor_is_its_virtual_work(linkage):
 def test_parts_add_up_in_motion_with_wrenches_and_friction(platform):
     closed, q = platform
     friction = Friction.plain(np.full(closed.nv, 0.1), np.zeros(closed.nv))
-    rough = replace(closed, robot=tw.Robot(replace(closed.robot.model, friction=friction)))
+    rough = tw.Robot(replace(closed.open().model, friction=friction))
+    for c in closed.constraints:
+        rough = rough.close(c.frame_a, c.frame_b, c.rows, near=q)
     rng, F = np.random.default_rng(0), {"plate": [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]}
     dq = rough.project_velocity(q, rng.standard_normal((4, closed.nv)))
     ddq = rough.project_acceleration(q, dq, rng.standard_normal((4, closed.nv)))
@@ -76,7 +78,7 @@ def test_the_motor_that_fails_is_named(linkage):
     pushed = linkage.simulate(q, duration=0.3, tau=[30.0, 0.0, 0.0]).motion
     tau = linkage.inverse_dynamics(pushed.q, pushed.dq, pushed.ddq, ["a"]).tau
     assert pushed.violations(tau=tau) == ()
-    worst = pushed.violations(bounds_of(linkage.robot, effort=20.0), tau=tau)[0]
+    worst = pushed.violations(bounds_of(linkage.open(), effort=20.0), tau=tau)[0]
     assert (worst.joint, worst.kind, worst.limit) == ("a", "torque", 20.0)
     assert abs(worst.value - tau[:, 0].max()) < 1e-12
     with pytest.raises(tw.ShapeError, match="a row for each state"):
@@ -88,7 +90,7 @@ def test_the_motor_that_fails_is_named(linkage):
 
 def test_motors_bear_what_the_loop_brings_to_them(linkage):
     motor = {"torque_constant": "0.1 N m/A", "resistance": "0.5 ohm"}
-    robot = linkage.robot.with_actuators(
+    robot = linkage.open().with_actuators(
         {"actuators": {"a": {"ratio": 50, "efficiency": 0.8, "reflected_inertia": "0.02 kg m^2", "motor": motor}}}
     )
     closed = robot.close("rocker_pin", "coupler_pin", "vx vz")
@@ -109,7 +111,7 @@ def test_motors_bear_what_the_loop_brings_to_them(linkage):
 @pytest.mark.parametrize("rubs", [False, True])
 def test_power_is_balanced_and_is_the_rate_of_energy(linkage, rubs):
     friction = Friction.plain([0.2, 0.1, 0.3], [0.1, 0.0, 0.0])
-    closed = tw.Robot(replace(linkage.robot.model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")
+    closed = tw.Robot(replace(linkage.open().model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")
     q = closed.consistent([0.3, 0.4, 1.2])
     dq, tau = closed.project_velocity(q, [2.0, 0, 0]), np.array([1.0, 0.5, -2.0])
     F = {"coupler_pin": [0, 0.2, 0, 1.0, 0, -2.0]}
@@ -142,7 +144,7 @@ def test_derivatives_of_a_four_bar_are_those_of_its_reduced_equation(linkage):
 def test_derivatives_of_a_platform_are_differences_along_its_constraints(platform):
     closed, q = platform
     motors = [f"hip{k}" for k in range(LEGS)]
-    driven = np.array([name in motors for name in closed.robot.model.velocity_names])
+    driven = np.array([name in motors for name in closed.open().model.velocity_names])
     rng, F = np.random.default_rng(1), {"plate": [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]}
     u, du = rng.standard_normal((2, LEGS))
     at = moving(closed, q, u, du, driven)
@@ -168,7 +170,7 @@ def test_derivatives_of_a_platform_are_differences_along_its_constraints(platfor
 
 def test_rows_too_many_change_no_derivative(linkage):
     q = linkage.consistent([0.3, 0.4, 1.2])
-    spatial = linkage.robot.close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
+    spatial = linkage.open().close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
     one, other = (c.inverse_dynamics_derivatives(q, np.zeros(3), np.zeros(3), ["a"]) for c in (linkage, spatial))
     assert abs(one.tau_by_q - other.tau_by_q).max() < 1e-10
 

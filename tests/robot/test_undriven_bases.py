@@ -7,7 +7,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.core.errors import ConstraintError
-from twistwrench.robot.constraints.closures import motor_joints
+from twistwrench.robot.constraints.projections import motor_joints
 from twistwrench.testing import random_robot
 
 ROUNDING = 1e-9
@@ -33,7 +33,7 @@ def standing(seed):
 def test_a_free_root_has_no_torque_and_the_constraints_bear_the_rest(seed):
     """M q̈ + h + A'λ = τ with exact zeros at the root, for every motion; λ and τ make forward dynamics give q̈ again."""
     closed, q, dq, ddq = standing(seed)
-    robot = closed.robot
+    robot = closed.open()
     tau, lam = closed.inverse_dynamics(q, dq, ddq)
     assert (tau[:6] == 0).all()
     whole = robot.mass_matrix(q) @ ddq + robot.bias_forces(q, dq) + closed.constraint_jacobian(q).T @ lam

@@ -177,7 +177,7 @@ def test_long_runs_go_on_where_a_block_of_steps_ends(linkage, start):
 
 
 def test_multipliers_balance_every_state(linkage, start):
-    robot, F = linkage.robot, [0, 0.5, 0, 2.0, 0, -3.0]
+    robot, F = linkage.open(), [0, 0.5, 0, 2.0, 0, -3.0]
     found = linkage.simulate(*start, duration=0.2, tau=[1, 0, 0], wrench_on_robot={"coupler_pin": F})
     needed = robot.inverse_dynamics(found.q, found.dq, found.ddq, wrench_on_robot={"coupler_pin": F})
     held = (found.lam[:, None] @ linkage.constraint_jacobian(found.q))[:, 0]
@@ -221,14 +221,14 @@ def test_gaps_of_steps_are_those_of_the_search_to_the_third_order(rows):
 
 def test_a_blade_runs_in_a_circle():
     blade = tw.robots.floating_box(gravity=(0, 0, 0)).constrain("box", "vy")
-    found = blade.simulate(blade.robot.neutral, [0, 0, 2.0, 3.0, 0, 0], duration=1.0)
-    places = blade.robot.forward_kinematics(found.q, "box")[:, :2, 3]
+    found = blade.simulate(blade.open().neutral, [0, 0, 2.0, 3.0, 0, 0], duration=1.0)
+    places = blade.open().forward_kinematics(found.q, "box")[:, :2, 3]
     angle = 2.0 * found.times
     assert np.abs(places - 1.5 * np.column_stack([np.sin(angle), 1 - np.cos(angle)])).max() < 1e-9
 
 
 def test_rows_too_many_change_nothing(linkage, start):
-    spatial = linkage.robot.close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
+    spatial = linkage.open().close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
     one, other = (c.simulate(*start, duration=0.5) for c in (linkage, spatial))
     assert np.abs(one.q - other.q).max() < 1e-10 and np.abs(one.lam - other.lam[:, [2, 4]]).max() < 1e-7
 
@@ -280,7 +280,7 @@ def test_holding_torques_hold(linkage, start):
     still = linkage.simulate(q, duration=0.1, tau=tau, wrench_on_robot=F)
     assert np.abs(still.q - q).max() < 1e-12
     n = linkage.project_velocity(q, [1.0, 0.0, 0.0])
-    ahead, behind = (linkage.robot.potential_energy(linkage.consistent(q + s * n)) for s in (1e-5, -1e-5))
+    ahead, behind = (linkage.open().potential_energy(linkage.consistent(q + s * n)) for s in (1e-5, -1e-5))
     free = linkage.holding_torques(q, ["a"]).tau
     assert abs(free @ n - (ahead - behind) / 2e-5) < 1e-7
     with pytest.raises(tw.ConstraintError, match="have no motor"):

@@ -108,7 +108,7 @@ def closed_platform():
 
 def integrated(closed, q, dq, torques, duration, dt, each=lambda q, dq: None):
     """Runge and Kutta's fourth order on the configurations near each step's first (Munthe-Kaas), then back to the loops."""
-    robot = closed.robot
+    robot = closed.open()
     floating = [b.v_index for b in robot.model.leaders if b.joint.kind == "floating"]
 
     def rate(u, v, q0):

@@ -177,7 +177,7 @@ def test_loops_stay_closed_and_torques_are_those_of_the_motors(closed):
     free = robot.nv - len(robot.independent)
     assert robot.nv - sum(loops["dependent"]) == free
     assert np.abs(robot.constraint_error(start)).max() < 1e-10
-    names = [b.joint.name for b in robot.robot.model.leaders for _ in range(b.joint.nv)]
+    names = [b.joint.name for b in robot.open().model.leaders for _ in range(b.joint.nv)]
     motors = list(dict.fromkeys(name for name, yes in zip(names, loops["actuated"], strict=True) if yes))
     hands = [
         k
@@ -221,15 +221,15 @@ DRAG = """(m, given) => { const viewer = { robot: m.robot, mechanics: m, loops: 
 def test_the_tip_of_a_closed_robot_is_dragged(closed):
     robot, page, header = closed
     tip, start, rng = header["frames"][header["tip"]]["name"], np.array(header["start"]), np.random.default_rng(2)
-    goals = [robot.consistent(robot.robot.add(start, 0.05 * rng.normal(size=robot.nv)), within=2.0) for _ in range(4)]
-    places = [robot.robot.forward_kinematics(q, tip)[:3, 3] for q in goals]
+    goals = [robot.consistent(robot.open().add(start, 0.05 * rng.normal(size=robot.nv)), within=2.0) for _ in range(4)]
+    places = [robot.open().forward_kinematics(q, tip)[:3, 3] for q in goals]
     found = [np.array(q) for q in under_node(page, DRAG, [p.tolist() for p in places])]
     for q, p in zip(found, places, strict=True):
         assert np.abs(robot.constraint_error(q)).max() < 1e-10
-        np.testing.assert_allclose(robot.robot.forward_kinematics(q, tip)[:3, 3], p, atol=1e-5 * header["size"])
+        np.testing.assert_allclose(robot.open().forward_kinematics(q, tip)[:3, 3], p, atol=1e-5 * header["size"])
     (far,) = under_node(page, DRAG, [[9.0, 9.0, 9.0]])  # out of reach
     assert np.abs(robot.constraint_error(np.array(far))).max() < 1e-10
-    assert not robot.robot.limits.exceeded(robot.robot.model.positions(np.array(far))).any()
+    assert not robot.open().limits.exceeded(robot.open().model.positions(np.array(far))).any()
 
 
 LET_GO = """(m, given) => { const fall = new Fall(m, given.q, given.dq, given.stops, new Loops(m));

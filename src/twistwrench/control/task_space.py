@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +30,10 @@ from ..mechanics.lie import se3, so3
 from ..mechanics.lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
-from ..robot.constraints.closed_robot import ClosedRobot
 from .references import Motion, Reference, gain, joint_motion, one_state, pose_motion, require_driven, set_gains
+
+if TYPE_CHECKING:
+    from ..robot.doors import ConstrainedRobot
 
 KINDS = ("world_aligned", "body")
 
@@ -281,7 +283,7 @@ class Impedance(TaskLaw):
 #     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
 #
 # so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, for any output of the motion law along A. As λ in
-# :mod:`twistwrench.robot.constraints.closed_robot`, λ_d is exerted by the robot on its constraints.
+# :mod:`twistwrench.robot.constraints.projections`, λ_d is exerted by the robot on its constraints.
 
 Law = Callable[[float, Array, Array], ArrayLike]
 
@@ -301,8 +303,8 @@ class HybridMotionForce:
     [12.0]
     """
 
-    closed: ClosedRobot
-    """Closed robot of the constraint: ``robot.close("ground", tip, rows="vx", …)`` for a wall normal to x."""
+    closed: ConstrainedRobot
+    """Robot with the constraint: ``robot.close("ground", tip, rows="vx", …)`` for a wall normal to x."""
     motion: Law
     """Any law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`."""
     force: ArrayLike | Callable[[float], ArrayLike]
@@ -315,16 +317,12 @@ class HybridMotionForce:
     _force: Callable[[float], ArrayLike] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.closed, ClosedRobot):
+        if not isinstance(self.closed, Robot) or not self.closed.constraints:
             raise ValueRangeError(
                 f"HybridMotionForce: the first argument is a closed robot, got {type(self.closed).__name__}. Say what "
                 "holds it: robot.close('ground', tip, rows='vx', pose=…)."
             )
         names = self.closed.row_names
-        if not names:
-            raise ValueRangeError(
-                "HybridMotionForce: this robot is held nowhere. Close it: robot.close('ground', tip, rows=…)."
-            )
         if not callable(self.motion):
             raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
         k, force = len(names), self.force
@@ -343,7 +341,7 @@ class HybridMotionForce:
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
-        closed, robot = self.closed, self.closed.robot
+        closed, robot = self.closed, self.closed.open()
         q, dq = one_state(robot, "HybridMotionForce", q, dq)
         tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {printed(t)} s", robot.nv)
         free = robot.forward_dynamics(q, dq, tau)

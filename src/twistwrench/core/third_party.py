@@ -86,13 +86,14 @@ def by_blocks(
 
     def of_method(method: Method) -> Method:
         parameters = inspect.signature(method)
+        first = next(iter(parameters.parameters))
 
         @wraps(method)
         def called(owner: Any, *args: Any, **options: Any) -> Any:
             if not any_lazy((*args, *options.values())):
                 return method(owner, *args, **options)
             given = parameters.bind(owner, *args, **options).arguments
-            del given["self"]
+            del given[first]
             places: list[Place] = [(name, None) for name in given if name in _STATES]
             places += [(name, key) for name in _WRENCHES for key in given.get(name) or ()]
             arrays = [_array(owner, method.__name__, given, place) for place in places]

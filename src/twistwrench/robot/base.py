@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 from weakref import WeakMethod
@@ -19,19 +19,35 @@ from .engine import CachedModel, Engine
 if TYPE_CHECKING:
     from ..compiler.ir.program import Program
     from ..compiler.runtime.dispatch import CallSignature
+    from ..mechanics.algorithms.constraints import Constraint
     from ..mechanics.model.actuators import Actuator
     from ..mechanics.model.limits import Limits
     from ..mechanics.model.model import Model, OfferedClosure
+    from .arguments import Wrenches
     from .programs import KernelOptions
     from .robot import Robot
+
+if TYPE_CHECKING:  # results without constraints are the defaults, so that a bare ``Robot`` is an open one
+    from typing_extensions import TypeVar
+
+    Motion = TypeVar("Motion", default=Array)
+    Torques = TypeVar("Torques", default=Array)
+    Slopes = TypeVar("Slopes", default=tuple[Array, Array])
+else:
+    from typing import TypeVar
+
+    Motion, Torques, Slopes = map(TypeVar, ("Motion", "Torques", "Slopes"))
 
 
 class RobotBase:
     """Model and engine of a robot, with its properties, configurations and kernels."""
 
+    constraints: tuple[Constraint, ...] = ()
+    """Closures and velocity constraints, in the order of their creation; () with its loops open."""
+
     def __init__(self, model: Model | CachedModel) -> None:
         self.engine = Engine(model, WeakMethod(self._put_in_front))  # weak: a robot without references is freed at once
-        self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
+        vars(self).update(_call=self.engine.call, _with_wrenches=self.engine.call_with_wrenches)  # one frame less
 
     @cached_property
     def model(self) -> Model:
@@ -49,23 +65,54 @@ class RobotBase:
             hint = "" if name.startswith("_") else _other_call(type(self), name)
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=self)
 
-    def __getstate__(self) -> Model:
+    def __getstate__(self) -> Any:
         return self.model
 
-    def __setstate__(self, model: Model) -> None:
-        type(self).__init__(self, model)
+    def __setstate__(self, state: Any) -> None:
+        type(self).__init__(self, state)
 
     def open(self) -> Robot:
-        """The robot with all its methods."""
-        raise NotImplementedError
-
-    def _of_model(self, model: Model) -> Robot:
-        """Robot with another model, the result of an edit."""
+        """The same robot with its loops open."""
         raise NotImplementedError
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
         """Register a kernel for direct calls; see :class:`.robot.Robot`."""
         raise NotImplementedError
+
+    # ── quantities of a robot with constraints; an open robot has the engine's functions in their place ──
+
+    def _call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
+        """Quantity that does not depend on wrenches."""
+        return self.engine.call(name, *arrays, out=out, **options)
+
+    def _with_wrenches(
+        self,
+        name: str,
+        arrays: tuple[Any, ...],
+        by_robot: Wrenches | None,
+        on_robot: Wrenches | None,
+        out: Any = None,
+        **options: Any,
+    ) -> Any:
+        """Quantity by the column ``constrained`` of its row: by the engine, or with constraint forces."""
+        from .quantities import QUANTITIES
+
+        if QUANTITIES[name].constrained != "projected" or "by" in options:
+            return self.engine.call_with_wrenches(name, arrays, by_robot, on_robot, out, **options)
+        if out is not None:
+            raise ValueRangeError(f"{name}: out= is for a robot without constraints. Leave it out.")
+        from .constraints import projections
+
+        projected = getattr(projections, name)
+        return projected(self, *arrays, wrench_by_robot=by_robot, wrench_on_robot=on_robot, **options)
+
+    def _motors(self, actuated: Iterable[str]) -> Iterable[str]:
+        """Joints with a motor; raises an error for a robot without constraints, where each joint needs its torque."""
+        if not self.constraints:
+            raise ValueRangeError(
+                "actuated= is for a robot with constraints: an open tree needs the torque of every joint."
+            )
+        return actuated
 
     # ── properties ──
 
@@ -257,7 +304,7 @@ class RobotBase:
             ``gravity="input"``: a further input, (3,) m/s² in the base frame, replaces the robot's gravity.
             ``parameters=(pattern, …)``: a last input with one number for each of ``robot.varying(*patterns)``. Masses,
             inertias, lengths, friction, armatures and stiffnesses may then differ in each sample.
-            ``constraints=``: the constraints of a closed robot.
+            ``constraints=``: the constraints of a closed robot, which its own kernels have already.
             ``by="q"``: derivative of a quantity with respect to one or several inputs, along :meth:`add` for q;
             ``form``, ``mode`` and ``values`` as for :func:`twistwrench.differentiate`.
 
@@ -268,9 +315,16 @@ class RobotBase:
         Raises
         ------
         KernelError
-            An option does not apply.
+            An option does not apply, or constraints change the quantity.
         SingularMassMatrixError
             A joint moves no inertia, so that M has no inverse.
+
+        Notes
+        -----
+        A robot with constraints has the kernels of kinematics, masses and gravity of its open tree,
+        ``"constrained_dynamics"``, ``"constraint_jacobian"``, ``"constraint_bias"`` and ``"closure_poses"``, and beside
+        these any quantity of the open tree. Dependent rows are left out. Kernels do not check states: constrained
+        dynamics also returns the pivots of A M⁻¹ A', of which one near zero marks a singular configuration.
 
         Examples
         --------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +14,20 @@ from ..core import arguments
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, ShapeError
 from ..core.glossary import complete
 from .base import RobotBase
+from .constraint_methods import ConstraintMethods
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.bodies.inertia import SpatialInertia
+    from ..mechanics.model.model import Model
+    from .export.request import Quantities
     from .programs import KernelOptions
     from .robot import Robot
+
+
+def _robot_of(robot: RobotBase, model: Model) -> Robot:
+    """Robot with another model, the result of an edit."""
+    return cast("Robot", type(robot)(model))
 
 
 class EditMethods(RobotBase):
@@ -48,7 +56,7 @@ class EditMethods(RobotBase):
                 f"a payload is a SpatialInertia, got {arguments.shown(payload)}: for a point mass, "
                 "tw.SpatialInertia.from_com(mass, com)."
             )
-        return self._of_model(edit.with_payload(self.model, payload, frame))
+        return _robot_of(self, edit.with_payload(require_robot(self, "with_payload").model, payload, frame))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Robot with another gravity.
@@ -59,7 +67,7 @@ class EditMethods(RobotBase):
         """
         from ..mechanics.model import edit
 
-        return self._of_model(edit.with_gravity(self.model, gravity))
+        return _robot_of(self, edit.with_gravity(require_robot(self, "with_gravity").model, gravity))
 
     def with_actuators(self, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
         """Robot with motors, gears, rotors, elastic joints and friction laws.
@@ -79,7 +87,7 @@ class EditMethods(RobotBase):
         """
         from ..formats.actuators import add_actuators
 
-        return self._of_model(add_actuators(self.model, source, stiff=stiff))
+        return _robot_of(self, add_actuators(require_robot(self, "with_actuators").model, source, stiff=stiff))
 
     def with_armature(self, joints: Mapping[str, ArrayLike]) -> Robot:
         """Robot with other armature (reflected inertia of the drives) at the named joints.
@@ -99,7 +107,7 @@ class EditMethods(RobotBase):
             raise ShapeError(f"with_armature takes a dict {{joint: kg m² or kg}}, got {joints!r}.")
         from ..mechanics.model import edit
 
-        return self._of_model(edit.with_armature(self.model, joints))
+        return _robot_of(self, edit.with_armature(require_robot(self, "with_armature").model, joints))
 
     def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
         """Robot with some joints fixed at given coordinates.
@@ -116,7 +124,7 @@ class EditMethods(RobotBase):
             raise ShapeError(f"lock takes a dict {{joint: position}}, got {joints!r}.")
         from ..mechanics.model import edit
 
-        return self._of_model(edit.lock(self.model, joints))
+        return _robot_of(self, edit.lock(require_robot(self, "lock").model, joints))
 
     def attach(
         self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = ""
@@ -153,7 +161,10 @@ class EditMethods(RobotBase):
         from ..mechanics.model import joining
 
         T = np.eye(4) if pose is None else arguments.pose(pose, "attach: pose")
-        return self._of_model(joining.attach(self.model, require_robot(other, "attach").model, frame, T, prefix))
+        return _robot_of(
+            self,
+            joining.attach(require_robot(self, "attach").model, require_robot(other, "attach").model, frame, T, prefix),
+        )
 
     def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
         """Part of the robot: the subtree of a link, or the chain of joints from a link to a tip.
@@ -188,7 +199,7 @@ class EditMethods(RobotBase):
         """
         from ..mechanics.model import joining
 
-        return self._of_model(joining.chain(self.model, base, tip))
+        return _robot_of(self, joining.chain(require_robot(self, "chain").model, base, tip))
 
 
 class FileMethods(RobotBase):
@@ -274,7 +285,7 @@ class FileMethods(RobotBase):
         """
         from ..formats.pinocchio_model import pinocchio_of
 
-        model, lost = pinocchio_of(self.model)
+        model, lost = pinocchio_of(require_robot(self, "to_pinocchio").model)
         _warn(self.name, "a model of Pinocchio's", lost)
         return model
 
@@ -282,7 +293,7 @@ class FileMethods(RobotBase):
 def _text(robot: Any, form: str) -> str:
     from ..formats.writers import WRITERS
 
-    written = WRITERS[form](robot.model)
+    written = WRITERS[form](require_robot(robot, f"to_{form}").model)
     _warn(robot.name, form.upper(), written.lost)
     return written.text
 
@@ -332,7 +343,9 @@ class BridgeMethods(RobotBase):
         from .export.jax import jax_function
         from .export.request import BridgedQuantity
 
-        return jax_function(BridgedQuantity.from_robot("to_jax", self.open(), quantity, options, precision), precision)
+        return jax_function(
+            BridgedQuantity.from_robot("to_jax", cast("Robot", self), quantity, options, precision), precision
+        )
 
     def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """PyTorch function that computes one quantity by compiled kernels, twice differentiable.
@@ -361,7 +374,7 @@ class BridgeMethods(RobotBase):
         from .export.request import BridgedQuantity
         from .export.torch import torch_function
 
-        return torch_function(BridgedQuantity.from_robot("to_torch", self.open(), quantity, options, "double"))
+        return torch_function(BridgedQuantity.from_robot("to_torch", cast("Robot", self), quantity, options, "double"))
 
     def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity with SX symbols, for optimal control and code generation.
@@ -386,7 +399,9 @@ class BridgeMethods(RobotBase):
         from .export.javascript import casadi_function
         from .export.request import BridgedQuantity
 
-        return casadi_function(BridgedQuantity.from_robot("to_casadi", self.open(), quantity, options, "double"))
+        return casadi_function(
+            BridgedQuantity.from_robot("to_casadi", cast("Robot", self), quantity, options, "double")
+        )
 
     def to_javascript(self, quantity: str, **options: Unpack[KernelOptions]) -> str:
         """JavaScript module with one function that computes one quantity, for browsers and Node.
@@ -418,7 +433,182 @@ class BridgeMethods(RobotBase):
         from .export.javascript import javascript_module
         from .export.request import BridgedQuantity
 
-        return javascript_module(BridgedQuantity(self.open(), quantity, options))
+        return javascript_module(BridgedQuantity(cast("Robot", self), quantity, options))
+
+
+# ── Quantities as source code of other languages
+
+
+class ExportMethods(ConstraintMethods):
+    """Quantities as source code: C, Structured Text, CUDA, and a package of ROS 2."""
+
+    def export_c(
+        self,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: Literal["double", "float"] = "double",
+        prefix: str | None = None,
+        test: bool = True,
+    ) -> tuple[Path, ...]:
+        """C code export: quantities as C99 functions that need only ``math.h`` and no heap memory.
+
+        docs/export.md shows the files. A closed robot also exports quantities with its constraints.
+
+        Parameters
+        ----------
+        path : str or Path, a folder, or the .c file; the header is written beside it
+        test : bool, also write a program that compares the functions with the kernels
+
+        Raises
+        ------
+        KernelError
+            An option does not apply, or no program without branches computes the quantity.
+        ValueRangeError
+            ``path`` cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     files = tw.robots.ur5().export_c(["mass_matrix", ("jacobian", {"kind": "space"})], folder)
+        ...     print("void ur5_mass_matrix(const double q[6], double M[36]);" in files[0].read_text())
+        True
+        """
+        from .export import export_c
+
+        return export_c(self.open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
+
+    def export_st(
+        self,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: Literal["double", "float"] = "double",
+        prefix: str | None = None,
+        test: bool = True,
+        style: Literal["function_block", "codesys"] = "function_block",
+        torque: Literal["joint", "motor"] = "joint",
+    ) -> Path:
+        """Structured Text export: quantities as function blocks (IEC 61131-3) for PLCs. Not yet run on a PLC.
+
+        docs/export.md shows the file. The tests execute it with an interpreter based on an independent parser.
+
+        Parameters
+        ----------
+        path : str or Path, a folder, or a file with suffix .st, .scl, .exp or .txt
+        precision : "double" or "float", numbers of type LREAL or REAL
+        test : bool, also write a program that compares the blocks with stored results
+        style : "function_block" or "codesys"
+            "codesys" adds a block for the interface ISMDynamics, to be completed by hand; it exports only
+            ``inverse_dynamics``, with gravity as an input.
+        torque : "joint" or "motor"
+            "motor" converts the torques of ``inverse_dynamics`` to the motor shafts, as :meth:`motor_loads` does.
+
+        Returns
+        -------
+        file : Path
+
+        Raises
+        ------
+        KernelError
+            An option does not apply, or no program without branches computes the quantity.
+        ModelError
+            Motor torques are requested, but a joint has no actuator.
+        ValueRangeError
+            ``path`` cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = tw.robots.ur5().export_st(["inverse_dynamics", "gravity_forces"], folder)
+        ...     print("FUNCTION_BLOCK ur5_inverse_dynamics" in file.read_text())
+        True
+        """
+        from .export.structured_text import export_st
+
+        wanted: Any = self._requests(quantities)
+        return export_st(
+            self.open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
+        )
+
+    def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> tuple[Path, ...]:  # noqa: A002
+        """ROS 2 package export: a plug-in of ``inverse_dynamics_solver`` with a test. Not yet built with colcon.
+
+        docs/export.md shows the files. The plug-in compares joints and masses with ``robot_description``.
+
+        Parameters
+        ----------
+        path : str or Path, the folder to create; its last part is the name of the package
+        license : str, for package.xml
+
+        Returns
+        -------
+        files : tuple of Path
+
+        Raises
+        ------
+        KernelError
+            A joint has several coordinates, or no joint moves.
+        ValueRangeError
+            The folder exists, its name is not a valid package name, or the license is not a valid name.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     files = tw.robots.panda().export_ros2(f"{folder}/panda_dynamics")
+        ...     print("getInertiaMatrix" in files[4].read_text())
+        True
+        """
+        from .export.ros2 import export_ros2
+
+        return export_ros2(self.open(), path, license=license)
+
+    def export_cuda(
+        self,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: Literal["double", "float"] = "double",
+        prefix: str | None = None,
+    ) -> tuple[Path, ...]:
+        """CUDA source export: quantities as CUDA C++ kernels with one thread per sample.
+
+        docs/export.md describes the launch. The tests compile it with nvcc and NVRTC; its kernels are not timed on a GPU.
+
+        Parameters
+        ----------
+        path : str or Path, a folder with a file for each kernel; or the .cu file of one kernel
+
+        Raises
+        ------
+        KernelError
+            An option does not apply, no program without branches computes the quantity, or the program is too long.
+        ValueRangeError
+            ``path`` cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     (file,) = tw.robots.panda().export_cuda("inverse_dynamics", folder, precision="float")
+        ...     print("void __launch_bounds__(THREADS) panda_inverse_dynamics" in file.read_text())
+        True
+        """
+        from .export import export_cuda
+
+        return export_cuda(self.open(), self._requests(quantities), path, precision=precision, prefix=prefix)
+
+    def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
+        """Quantities with their options, including the constraints."""
+        from .export.request import named
+        from .programs import options_of
+
+        given = {"constraints": self._independent_constraints} if self.constraints else {}
+        wanted = named(quantities)
+        return [(name, {**(given if "constraints" in options_of(name) else {}), **options}) for name, options in wanted]
 
 
 complete(globals())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,10 +11,10 @@ from numpy.typing import ArrayLike
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Kind, Wrenches
-from .base import RobotBase
+from .base import RobotBase, Slopes
 
 
-class DerivativeMethods(RobotBase):
+class DerivativeMethods(RobotBase, Generic[Slopes]):
     """Derivatives of a robot's dynamics and kinematics."""
 
     def inverse_dynamics_derivatives(
@@ -21,23 +22,36 @@ class DerivativeMethods(RobotBase):
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> tuple[Array, Array]:
+    ) -> Slopes:
         """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
 
-        Wrenches have constant components in their frames, which move with the links. Friction is excluded.
+        Wrenches have constant components in their frames, which move with the links. Friction is excluded. With
+        constraints, derivatives of the motor torques by the motors' q, dq and ddq, along motions that satisfy the
+        constraints; coordinates, velocities and accelerations of the other joints follow.
 
         Parameters
         ----------
+        actuated : iterable of str, joints with a motor, for a robot with constraints
+            Their number of velocities m equals the degrees of freedom.
         out : pair of arrays, optional, takes the results
 
         Returns
         -------
         tau_by_q : (nv, nv) array, ∂τ/∂q, columns along :meth:`add`
         tau_by_dq : (nv, nv) array, ∂τ/∂dq
+            With constraints ConstrainedDerivatives: ``tau_by_q``, ``tau_by_dq`` and ``tau_by_ddq`` (m, m), in the order
+            of the robot's velocities; ``tau_by_ddq`` is the mass matrix reduced to the motors.
+
+        Raises
+        ------
+        ConstraintError
+            q, dq or ddq violates the constraints; the number of velocities of the named joints differs from the degrees
+            of freedom; or these joints do not determine the others at q.
 
         Examples
         --------
@@ -46,8 +60,9 @@ class DerivativeMethods(RobotBase):
         >>> np.round(by_q, 2).tolist()
         [[-29.43, -9.81], [-9.81, -9.81]]
         """
+        how = {} if actuated is None else {"actuated": self._motors(actuated)}
         given = q, dq, ddq
-        return self._with_wrenches("inverse_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
+        return self._with_wrenches("inverse_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out, **how)
 
     def forward_dynamics_derivatives(
         self,
@@ -205,7 +220,7 @@ class DerivativeMethods(RobotBase):
         >>> A.round(9).tolist(), B.round(9).tolist()
         ([[0.0, 1.0], [9.81, 0.0]], [[0.0], [1.0]])
         """
-        by_q, by_dq, by_tau = self.open().forward_dynamics_derivatives(q, dq, tau)
+        by_q, by_dq, by_tau = self.forward_dynamics_derivatives(q, dq, tau)
         n, batch = self.nv, by_q.shape[:-2]
         A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
         from ..mechanics.algorithms.kinematics import brackets

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, cast
 
 from numpy.typing import ArrayLike
 
@@ -14,6 +14,9 @@ from ..core.typing import Array
 from .arguments import Wrenches
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
+    from ..mechanics.algorithms.constraints import ConstrainedDerivatives, ConstrainedMotion, ConstrainedTorques
     from ..mechanics.lie.twist_wrench import Wrench
     from ..simulation import Event, JointStops, Plane, Rollout, SimulationBatch, SimulationResult
     from ..simulation.closed import ClosedRollout, ClosedSimulation
@@ -22,15 +25,24 @@ if TYPE_CHECKING:
     from ..viz.page import ShownPage
     from .explanation import Explanation
     from .robot import Robot
+else:
+    from typing import TypeVar
 
 Law = Callable[[float, Array, Array], Any]
 """A function of (t, q, dq)."""
 Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
 ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
 
-MethodName = TypeVar("MethodName", bound=str)
-Simulated = TypeVar("Simulated")
-RolledOut = TypeVar("RolledOut")
+
+if TYPE_CHECKING:
+    MethodName = TypeVar("MethodName", bound=str, default=Method)
+    Simulated = TypeVar("Simulated", default=SimulationResult)
+    RolledOut = TypeVar("RolledOut", default=Rollout)
+    ConstrainedRobot: TypeAlias = Robot[
+        ConstrainedMotion, ConstrainedTorques, ConstrainedDerivatives, ClosedMethod, ClosedSimulation, ClosedRollout
+    ]
+else:
+    MethodName, Simulated, RolledOut = map(TypeVar, ("MethodName", "Simulated", "RolledOut"))
 
 
 class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
@@ -314,10 +326,6 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         from ..reports.robot_summary import html_summary
 
         return html_summary(cast("Robot", self))
-
-
-TreeDoors: TypeAlias = RobotDoors[Method, "SimulationResult", "Rollout"]
-ClosedDoors: TypeAlias = RobotDoors[ClosedMethod, "ClosedSimulation", "ClosedRollout"]
 
 
 class ExplanationDoors:

@@ -454,6 +454,50 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return tuple(found) if len(found) > 1 else found[0]
 
 
+class ConstrainedEngine(Engine):
+    """Engine of a robot with constraints: kernels of its open tree, with the constraints filled in.
+
+    A quantity that constraints change is refused, unless it is beside one that has the constraints.
+    """
+
+    def __init__(self, tree: Engine, constraints: tuple[Any, ...]) -> None:
+        super().__init__(tree._given)
+        self._tree, self._constraints = tree, constraints
+
+    def __getstate__(self) -> Any:
+        return self._tree, self._constraints
+
+    def __setstate__(self, state: Any) -> None:
+        type(self).__init__(self, *state)
+
+    def program(self, names: Sequence[str], options: Options) -> Program:
+        """Straight-line program of the named quantities."""
+        return self._tree.program(names, self._on_constraints(names, options))
+
+    def kernel(self, names: Sequence[str], options: Options) -> Any:
+        """Compiled function of the named quantities."""
+        return self._tree.kernel(names, self._on_constraints(names, options))
+
+    def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
+        """Quantity evaluated by its algorithm at one state."""
+        return self._tree.reference(name, arrays, self._on_constraints((name,), options))
+
+    def _on_constraints(self, names: Sequence[str], options: Options) -> Options:
+        """Options with the constraints; raises KernelError for quantities that they change."""
+        from .programs import options_of
+        from .quantities import QUANTITIES
+
+        if any("constraints" in options_of(name) for name in names):
+            return {"constraints": self._constraints, **options}
+        changed = [name for name in names if QUANTITIES[name].constrained != "as is"]
+        if changed:
+            raise KernelError(
+                f"{', '.join(changed)}: not available for a robot with constraints. For the robot with its loops open: "
+                "robot.open()."
+            )
+        return options
+
+
 # ── exp and log of rotations and rigid motions as kernels
 
 SHAPES = {

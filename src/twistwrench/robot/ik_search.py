@@ -21,13 +21,15 @@ from ..mechanics.algorithms.loop_closure import LoopRows
 from ..mechanics.algorithms.newton_step import NewtonStep
 from ..mechanics.model.assembly import random_configuration
 from ..mechanics.model.model import Model
-from .constraints.closures import CLOSED, gap_units, some_configurations
+from .constraint_methods import CLOSED
+from .constraints.closures import some_configurations
+from .constraints.tolerances import gap_units
 from .engine import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .constraints.closed_robot import ClosedRobot
+    from .doors import ConstrainedRobot
 
 STEPS = 60
 """Largest number of steps from one start."""
@@ -268,7 +270,7 @@ ROUNDS = 4
 class LoopClosureSolver:
     """Loops of one closed robot in a search for poses."""
 
-    def __init__(self, closed: ClosedRobot) -> None:
+    def __init__(self, closed: ConstrainedRobot) -> None:
         self.closed = closed
         self.rows = LoopRows(closed.constraints, closed.independent)
         self.units = gap_units(closed)
@@ -303,7 +305,7 @@ class LoopClosureSolver:
 
         Those from which none is found are moved half and then a quarter of the way towards one from which one is found.
         """
-        robot = self.closed.robot
+        robot = self.closed.open()
 
         def closed(q: Array) -> tuple[Array, Array]:
             for _ in range(ROUNDS):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from ..mechanics.algorithms import (
     constraints,
@@ -40,6 +40,8 @@ class Quantity:
     """True if the quantity requires the inverse of M."""
     needs_mass: bool = False
     """True if the quantity is divided by the mass of all moving bodies."""
+    constrained: Literal["as is", "projected", "refused"] = "as is"
+    """Quantity of a robot with constraints: that of its open tree, with constraint forces, or none."""
     unit: str = ""
     book: str = ""
     """Section or equation of Modern Robotics."""
@@ -130,18 +132,18 @@ QUANTITIES: Mapping[str, Quantity] = {
     "drive_torques": row(
         inverse_dynamics.drive_torques, "q dq ddq", "gear rotor", "nv, nv",
         "what the gears carry, and what the rotors take before them; their sum is tau",
-        options="wrenches", felt=True, unit=_TORQUE, book="section 8.9.3",
+        options="wrenches", felt=True, unit=_TORQUE, book="section 8.9.3", constrained="refused",
     ),
     "forward_dynamics": row(
         forward_dynamics.forward_dynamics, "q dq tau", "ddq", "nv", "ddq = inverse of M times (tau - h)",
         options="wrenches gravity friction", felt=True, needs_inverse=True, unit="rad/s^2 (sliding joints: m/s^2)",
-        book="section 8.5", pinocchio="aba", mujoco="mj_forward",
+        book="section 8.5", pinocchio="aba", mujoco="mj_forward", constrained="projected",
     ),
     "forward_dynamics_derivatives": row(
         forward_dynamics.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
         "derivatives of ddq by q (along the joint twists), dq and tau",
         options="wrenches", felt=True, needs_inverse=True, pinocchio="computeABADerivatives",
-        unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)",
+        unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)", constrained="refused",
     ),
     "forward_kinematics": row(
         kinematics.forward_kinematics, "q", "T", "4 4", "pose of the frame in the base frame, 4 x 4",
@@ -173,18 +175,18 @@ QUANTITIES: Mapping[str, Quantity] = {
     "holding_torques": row(
         inverse_dynamics.holding_torques, "q", "tau", "nv",
         "the torques that hold the robot at rest, springs and wrenches included",
-        options="wrenches", felt=True, unit=_TORQUE, book="section 5.2",
+        options="wrenches", felt=True, unit=_TORQUE, book="section 5.2", constrained="projected",
     ),
     "inverse_dynamics": row(
         inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "nv", "tau = M ddq + c + g",
         options="wrenches gravity friction", felt=True, unit=_TORQUE, book="eq. 8.54", pinocchio="rnea",
-        mujoco="mj_inverse",
+        mujoco="mj_inverse", constrained="projected",
     ),
     "inverse_dynamics_derivatives": row(
         forward_dynamics.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
         "derivatives of tau by q (along the joint twists) and dq",
         options="wrenches", felt=True, pinocchio="computeRNEADerivatives",
-        unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)",
+        unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)", constrained="projected",
     ),
     "jacobian": row(
         kinematics.jacobian, "q", "J", "6 nv", "J with V = J dq, V the twist (omega, v) of the frame",
@@ -204,7 +206,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "joint_wrenches": row(
         inverse_dynamics.joint_wrenches, "q dq ddq", "F", "bodies 6",
         "wrenches (m, f) that each moving body is carried with, in the frame of its link, one a row",
-        options="wrenches gravity", unit="N m, N",
+        options="wrenches gravity", unit="N m, N", constrained="projected",
     ),
     "kinetic_energy": row(
         mass_matrix.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
@@ -237,7 +239,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         inverse_dynamics.regressor, "q dq ddq", "Y", "nv parameters",
         "Y with tau = Y pi, pi the ten inertial parameters of each moving body",
         options="gravity", book="section 8.2", pinocchio="computeJointTorqueRegressor",
-        unit="that of tau over that of the parameter",
+        unit="that of tau over that of the parameter", constrained="refused",
     ),
     "subtract": row(
         kinematics.subtract, "q1 q0", "dv", "nv", "dv that moves q0 to q1 in unit time, each joint along its constant twist",
@@ -246,12 +248,13 @@ QUANTITIES: Mapping[str, Quantity] = {
     "task_bias": row(
         operational_space.task_bias, "q dq", "eta pivots", "rows, rows",
         "eta of F = Lambda dV + eta; wrong where a pivot is near zero, for there the frame cannot be moved",
-        options="frame kind rows", felt=True, needs_inverse=True, book="section 8.6", unit="N m, N",
+        options="frame kind rows", felt=True, needs_inverse=True, book="section 8.6", unit="N m, N", constrained="refused",
     ),
     "task_inertia": row(
         operational_space.task_inertia, "q", "Lambda pivots", "rows rows, rows",
         "Lambda of F = Lambda dV + eta; wrong where a pivot is near zero, for there the frame cannot be moved",
         options="frame kind rows", felt=True, needs_inverse=True, book="section 8.6", unit="kg m^2, kg m, kg",
+        constrained="refused",
     ),
     "torque_past_friction": row(
         friction.torque_past_friction, "dq tau", "tau", "nv",

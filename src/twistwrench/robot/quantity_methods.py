@@ -5,7 +5,8 @@ Shapes in docstrings are those of one state; any leading batch shape is allowed,
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Generic
 
 from numpy.typing import ArrayLike
 
@@ -13,13 +14,14 @@ from ..core.errors import UnknownNameError
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Kind, Wrenches, unlabelled
+from .base import Motion, Slopes, Torques
 from .derivatives import DerivativeMethods
 
 if TYPE_CHECKING:
     from ..mechanics.lie.twist_wrench import Wrench
 
 
-class QuantityMethods(DerivativeMethods):
+class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes]):
     """Methods for the quantities of a robot: kinematics, dynamics, statics, energies and their derivatives."""
 
     # ── configurations ──
@@ -156,23 +158,33 @@ class QuantityMethods(DerivativeMethods):
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
         out: Any = None,
-    ) -> Array:
+    ) -> Torques:
         """Inverse dynamics: joint torques τ = M q̈ + h + Σ J'F_by - Σ J'F_on of a motion.
 
-        Newton-Euler recursion, MR eq. 8.54.
+        Newton-Euler recursion, MR eq. 8.54. With constraints, τ = M q̈ + h + A'λ + … of the ``actuated`` joints and λ, for
+        a motion that satisfies them; with more motors than degrees of freedom, τ has minimal norm.
 
         Parameters
         ----------
-        friction : bool, add the torque that overcomes the joints' friction
+        friction : bool, add the torque that overcomes the joints' friction, driven or not
+            With constraints, load-dependent friction is evaluated at the tree's torques.
 
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
+            With constraints ConstrainedTorques: ``tau``, zero at the other joints, and ``lam`` (k,) [N m, N].
+
+        Raises
+        ------
+        ConstraintError
+            q, dq or ddq violates the constraints, see :meth:`forward_dynamics`, or the motors cannot produce the
+            motion.
 
         Examples
         --------
@@ -181,7 +193,9 @@ class QuantityMethods(DerivativeMethods):
         >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
         [29.43, 9.81]
         """
-        how = {"friction": True} if friction else {}
+        how: dict[str, Any] = {"friction": True} if friction else {}
+        if actuated is not None:
+            how["actuated"] = self._motors(actuated)
         return self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **how)
 
     def forward_dynamics(
@@ -194,8 +208,11 @@ class QuantityMethods(DerivativeMethods):
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
         out: Any = None,
-    ) -> Array:
+    ) -> Motion:
         """Forward dynamics: joint accelerations q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on) under torques. MR section 8.5.
+
+        With constraints, q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0:
+        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if A loses rank. MR section 8.7.
 
         Parameters
         ----------
@@ -204,11 +221,20 @@ class QuantityMethods(DerivativeMethods):
         Returns
         -------
         ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+            With constraints ConstrainedMotion: ``ddq`` and ``lam`` (k,) [N m, N], rows as in :attr:`row_names`.
 
         Raises
         ------
         SingularMassMatrixError
             A joint moves no inertia, so that M has no inverse.
+        ConstraintError
+            A gap of the loops at q exceeds 0.01 (rad, or times the joints' lever), or over a tenth of dq violates the
+            constraints.
+
+        Warns
+        -----
+        ConstraintWarning
+            The configuration of the constraints is singular.
 
         Examples
         --------
@@ -392,16 +418,20 @@ class QuantityMethods(DerivativeMethods):
     def holding_torques(
         self,
         q: ArrayLike,
+        actuated: Iterable[str] | None = None,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> Array:
+    ) -> Torques:
         """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, including springs. MR section 5.2.
+
+        With constraints, :meth:`inverse_dynamics` at rest.
 
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
+            With constraints ConstrainedTorques: ``tau``, zero at the other joints, and ``lam`` (k,) [N m, N].
 
         Examples
         --------
@@ -410,13 +440,15 @@ class QuantityMethods(DerivativeMethods):
         >>> arm.holding_torques([0, 0], wrench_on_robot={arm.tip: [0, 0, 0, 0, 0, 9.81]}).round(2).tolist()
         [29.43, 9.81]
         """
-        return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out)
+        how = {} if actuated is None else {"actuated": self._motors(actuated)}
+        return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out, **how)
 
     def joint_wrenches(
         self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
@@ -424,11 +456,15 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Wrenches across the joints (bearing loads), received by each moving body across its joint.
 
+        With constraints, they are those of the tree under λ of :meth:`inverse_dynamics`, which acts on both links of a
+        closure. Cut joints themselves carry λ.
+
         Returns
         -------
         F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of :attr:`body_names`
         """
-        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
+        how = {} if actuated is None else {"actuated": self._motors(actuated)}
+        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **how)
 
     # ── energies, momentum, centre of mass ──
 

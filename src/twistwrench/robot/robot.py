@@ -1,8 +1,10 @@
-"""Robot: the class with all methods, and the methods that only robots without closed loops have."""
+"""Robot: the class with all methods; inverse kinematics, explanation and closed form."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, Generic, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,37 +14,49 @@ from ..core.errors import ShapeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Rows, Wrenches, check_mapping, names_of, states, wrench_at
-from .conversion_methods import BridgeMethods, EditMethods, FileMethods
-from .doors import TreeDoors
+from .base import Motion, Slopes, Torques
+from .constraint_methods import ConstraintMethods
+from .conversion_methods import BridgeMethods, EditMethods, ExportMethods, FileMethods
+from .doors import MethodName, RobotDoors, RolledOut, Simulated
 from .quantity_methods import QuantityMethods
-from .shared_methods import SharedMethods
-from .task_space_methods import ActuationMethods, TaskSpaceMethods
+from .task_space_methods import ActuationMethods, TaskSpaceMethods, require_robot
 
 if TYPE_CHECKING:
     from ..compiler.runtime.dispatch import CallSignature
-    from ..mechanics.algorithms.constraints import Constraint
     from ..mechanics.algorithms.inverse_dynamics import ClosedForm
-    from ..mechanics.model.model import Model
-    from .constraints.closed_robot import ClosedRobot
+    from .doors import ConstrainedRobot
     from .explanation import Explanation
     from .ik import IKResult
 
 
+@cache
+def _inverse_kinematics() -> Callable[..., IKResult]:
+    """Import the solver at the first call; an import statement costs a large part of a nearby solution's time."""
+    from .ik import solve
+
+    return solve
+
+
 class Robot(
-    QuantityMethods,
+    QuantityMethods[Motion, Torques, Slopes],
     TaskSpaceMethods,
     ActuationMethods,
     EditMethods,
     FileMethods,
     BridgeMethods,
-    SharedMethods,
-    TreeDoors,
+    ExportMethods,
+    ConstraintMethods,
+    RobotDoors[MethodName, Simulated, RolledOut],
+    Generic[Motion, Torques, Slopes, MethodName, Simulated, RolledOut],
 ):
     """A robot: kinematics, dynamics, statics and control of a tree of joints, compiled at first use.
 
     Immutable: every edit returns a new robot. Created by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,
     :func:`~twistwrench.from_dh`, or from a model of a :class:`~twistwrench.mechanics.model.builder.ModelBuilder`. Every method
     accepts any leading batch shape and broadcasts as NumPy does; documented shapes are those of one state.
+
+    :meth:`close` and :meth:`constrain` return the robot with :attr:`constraints` A dq = 0. Its dynamics are those with
+    constraint forces, MR section 8.7; a state that violates the constraints is a ConstraintError.
 
     Parameters
     ----------
@@ -94,33 +108,50 @@ class Robot(
     [2, 2]
     >>> arm.program("inverse_dynamics").signature, arm.reference("gravity_forces", q).round(2).tolist()
     ('(2),(2),(2)->(2)', [19.62, 0.0])
+    >>> arm, rest = tw.robots.planar_3r(), np.zeros(3)
+    >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+    >>> q = held.consistent([-0.7, 1.1, 1.2], within=1.5)
+    >>> q.round(4).tolist(), arm.subtract(q, [-0.7, 1.1, 1.2]).round(4).tolist()
+    ([-0.6096, 0.1992, 2.2203], [0.0904, -0.9008, 1.0203])
+    >>> bool(abs(held.constraint_error(q)).max() < 1e-12), held.gaps(q).shape
+    (True, (2,))
+    >>> held.settled(q[None], 1e-12)[1].shape
+    (1,)
+    >>> held.open() is arm
+    True
+    >>> held.constraint_jacobian(q).shape, held.constraint_bias(q, rest).tolist()
+    ((2, 3), [0.0, 0.0])
+    >>> int(held.rank(q)), int(held.degrees_of_freedom(q))
+    (2, 1)
+    >>> P = held.projector(q)
+    >>> bool(abs(P @ P - P).max() < 1e-12)
+    True
+    >>> parts = held.split(q, [1, 2, 3])
+    >>> (parts.motion + parts.force).round(12).tolist()
+    [1.0, 2.0, 3.0]
+    >>> bool(abs(held.constraint_jacobian(q) @ held.project_velocity(q, [1, 0, 0])).max() < 1e-12)
+    True
+    >>> bool(abs(held.constraint_jacobian(q) @ held.project_acceleration(q, rest, [1, 0, 0])).max() < 1e-12)
+    True
+    >>> {name: F.round(12).tolist() for name, F in held.wrenches([10.0, 0.0]).items()}
+    {'ground–tip': [0.0, 0.0, 0.0, 10.0, 0.0, 0.0]}
+    >>> ddq, lam = held.forward_dynamics(q, rest, rest)
+    >>> bool(abs(held.constraint_jacobian(q) @ ddq).max() < 1e-12)
+    True
+    >>> tau = held.inverse_dynamics(q, rest, rest, ["joint1"]).tau
+    >>> tau.nonzero()[0].tolist(), bool(abs(tau - held.holding_torques(q, ["joint1"]).tau).max() < 1e-12)
+    ([0], True)
+    >>> bool(abs(held.explain(q, rest, rest, ["joint1"]).torque - tau).max() < 1e-10)
+    True
+    >>> held.inverse_dynamics_derivatives(q, rest, rest, ["joint1"]).tau_by_q.shape
+    (1, 1)
+    >>> held.kernel("constrained_dynamics").signature
+    '(3),(3),(3)->(3),(2),(2)'
+    >>> bool(held.simulate(q, duration=0.5).gap.max() < 1e-12)
+    True
     """
 
-    constraints: tuple[Constraint, ...] = ()
-    """Closures and velocity constraints, in the order of their creation."""
-
-    # ── hooks that differ from closed robots ──
-
-    def open(self) -> Robot:
-        """The same robot with its loops open.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.open() is arm
-        True
-        """
-        return self
-
-    def _of_model(self, model: Model) -> Robot:
-        """Robot with another model, the result of an edit."""
-        return Robot(model)
-
-    def _closed(self) -> ClosedRobot:
-        from .constraints.closed_robot import ClosedRobot
-
-        return ClosedRobot(self)
+    # ── direct calls of kernels ──
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
         """Install a builtin that calls the kernel directly for plain arrays of one state; all other calls use the method.
@@ -145,6 +176,75 @@ class Robot(
         return True
 
     # ── inverse kinematics, explanation ──
+
+    def inverse_kinematics(
+        self,
+        T: ArrayLike,
+        frame: str | Sequence[str] | None = None,
+        q0: ArrayLike | None = None,
+        *,
+        rows: Rows | Mapping[str, Rows] = None,
+        restarts: int = 30,
+        rng: np.random.Generator | int | None = 0,
+        angle: float = 1e-10,
+        distance: float = 1e-10,
+        nearest: bool = False,
+        clearance: float | None = None,
+    ) -> IKResult:
+        """Inverse kinematics: configurations, inside joint limits and with loops closed, at which a frame has the pose T.
+
+        Parameters
+        ----------
+        T : (4, 4) array_like, desired pose in the base frame [m]; (k, 4, 4) for k frames at once
+        frame : str, optional, a link of the robot; its tip if None; a sequence of k names for k frames at once
+        q0 : (nq,) array_like, optional, start of the search, loops closed or not; None: neutral, or a closed
+            configuration
+        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` selects the position only;
+            a mapping of frames to rows if frames differ
+        restarts : int, number of random starts if the first one fails; with loops closed for a closed robot
+        rng : numpy Generator or seed, for the random starts
+        nearest : bool, use the remaining degrees of freedom to come as near to ``q0`` as possible
+        clearance : float, optional, smallest distance between links [m], as computed by :meth:`clearance`
+            A solution below it is replaced by the nearest sufficient one from ``restarts`` random starts.
+
+        Returns
+        -------
+        found : IKResult
+            Poses reached, remaining errors and reasons, and for a closed robot the gaps of its loops. Only solutions
+            within the tolerances count as reached.
+
+        Notes
+        -----
+        Damped Newton method, MR section 6.2. Any batch of T and q0. The error of several frames is the root of the sum
+        of squares. ``nearest`` continues from the solution with at most 240 Newton steps in the null space of the
+        poses. It finds the nearest configuration on the same branch only (Siciliano et al., Robotics, section 3.5.1).
+        The gaps of closed loops are further rows, so that poses and loops are satisfied together. If a pose is not
+        reached, the result is the nearest closed configuration found, if there is one.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.ur5()
+        >>> found = arm.inverse_kinematics(arm.forward_kinematics([0.1, -1, 1, 0.2, 0.3, 0]))
+        >>> bool(found.converged), found.q.shape
+        (True, (6,))
+        """
+        options = angle, distance, nearest, self._searched_loops() if self.constraints else None
+        found = _inverse_kinematics()(self.open(), T, frame, q0, rows, restarts, rng, *options)
+        if clearance is None:
+            return found
+        from .ik import clear_of_links
+
+        robot, poses = self.open(), np.asarray(T)
+        core = 2 if frame is None or isinstance(frame, str) else 3
+        return clear_of_links(
+            found,
+            np.broadcast_to(poses, (*found.q.shape[:-1], *poses.shape[-core:])),
+            lambda target, starts: _inverse_kinematics()(robot, target, frame, starts, rows, 0, rng, *options),
+            robot._clearance_search(),
+            arguments.positive(clearance, "inverse_kinematics: clearance", "m", zero=True),
+            robot.random_configuration(rng, restarts),
+        )
 
     def inverse_kinematics_branches(
         self,
@@ -187,26 +287,33 @@ class Robot(
         """
         from .ik import branches
 
-        return branches(self, T, frame, rows, starts, rng, angle, distance)
+        return branches(
+            require_robot(self, "inverse_kinematics_branches"), T, frame, rows, starts, rng, angle, distance
+        )
 
     def explain(
         self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> Explanation:
-        """Joint torques split by term and by the link, rotor or payload that causes them.
+        """Joint torques of :meth:`inverse_dynamics` split by term and by the link, rotor or payload that causes them.
 
         Any batch shape is allowed; the table and the plot are of one state. Inverse dynamics is linear in the inertial
-        parameters, MR section 8.2.
+        parameters, MR section 8.2. Constraints transmit the tree's torques f to the motors: τ = f + A'λ is linear in f.
+
+        Parameters
+        ----------
+        friction : bool, include the friction of all joints, driven or not
 
         Returns
         -------
-        why : Explanation, parts that add up to τ
+        why : Explanation, parts that add up to τ; with constraints zero at joints without a motor
 
         Examples
         --------
@@ -217,6 +324,12 @@ class Robot(
         [39.24, 19.62]
         """
         wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        if self.constraints:
+            from .constraints.projections import explanation
+
+            return explanation(cast("ConstrainedRobot", self), q, dq, ddq, actuated, friction=friction, **wrenches)
+        if actuated is not None:
+            self._motors(actuated)
         q, dq, ddq = map(np.asarray, states(self.model, "explain", q=q, dq=dq, ddq=ddq))
         tau = np.asarray(self.inverse_dynamics(q, dq, ddq, **wrenches), float)
         apart: dict[str, Array] = {}
@@ -257,6 +370,7 @@ class Robot(
             )
             for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
         )
+        require_robot(self, "closed_form")
         check_mapping(wrench_by_robot)
         wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:

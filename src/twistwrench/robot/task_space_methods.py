@@ -19,6 +19,7 @@ from .base import RobotBase
 
 if TYPE_CHECKING:
     from ..mechanics.algorithms.inverse_dynamics import MotorLoads, PowerBalance
+    from .doors import ConstrainedRobot
     from .robot import Robot
 
 
@@ -55,7 +56,7 @@ class TaskSpaceMethods(RobotBase):
         >>> arm.task_inertia([0, np.pi / 2], kind="world_aligned", rows="vx vz").round(12).tolist()
         [[1.0, 0.0], [0.0, 2.0]]
         """
-        return _by_kernel(self.open(), "task_inertia", (q,), frame, kind, rows)
+        return _by_kernel(cast("Robot", self), "task_inertia", (q,), frame, kind, rows)
 
     @third_party.by_blocks(lambda _, given: [(_count(given),)])
     def task_bias(
@@ -76,7 +77,7 @@ class TaskSpaceMethods(RobotBase):
         >>> arm.task_bias([0, 1], [0, 0], kind="world_aligned", rows="vx vz").round(2).tolist()
         [6.3, 19.62]
         """
-        return _by_kernel(self.open(), "task_bias", (q, dq), frame, kind, rows)
+        return _by_kernel(cast("Robot", self), "task_bias", (q, dq), frame, kind, rows)
 
     def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Lost directions of a singular configuration: those of the selected rows along which the frame cannot move.
@@ -100,7 +101,7 @@ class TaskSpaceMethods(RobotBase):
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
-        robot = self.open()
+        robot = require_robot(self, "lost_directions")
         J = robot.jacobian(q, frame, kind)[..., chosen, :]
         return ConstraintProjector.from_rows(J, robot.mass_matrix(q), _usual_ways(robot, frame, kind)[2][chosen]).lost
 
@@ -197,16 +198,21 @@ def _of_powers(*found: Any) -> PowerBalance:
     return PowerBalance(*found)
 
 
-class ActuationMethods:
-    """Methods of a robot, open or closed, for its motors and power."""
-
-    def open(self) -> Robot:
-        """Robot with its loops open."""
-        raise NotImplementedError
+class ActuationMethods(RobotBase):
+    """Methods of a robot, with or without constraints, for its motors and power."""
 
     def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """Torques through the gears, and torques that accelerate the rotors, (nv,) each."""
         robot = self.open()
+        if self.constraints:
+            from .constraints.projections import inverse_dynamics
+
+            motors = list(robot.actuators)
+            tau = inverse_dynamics(
+                cast("ConstrainedRobot", self), q, dq, ddq, motors, friction=friction, **wrenches
+            ).tau
+            _, rotor = robot.drive_torques(q, dq, ddq)
+            return tau - rotor, rotor
         carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
             (speeds,) = states(robot.model, "friction_forces", dq=dq)
@@ -215,6 +221,11 @@ class ActuationMethods:
 
     def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """q̈ under torques τ, and τ minus friction, or None if not yet computed."""
+        if self.constraints:
+            from .constraints.projections import forward_dynamics
+
+            ddq = forward_dynamics(cast("ConstrainedRobot", self), q, dq, tau, friction=friction, **wrenches).ddq
+            return ddq, self.engine.call("torque_past_friction", dq, tau) if friction else None
         return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
     @third_party.by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _of_motors)
@@ -317,11 +328,16 @@ class ActuationMethods:
 
 
 def require_robot(robot: object, what: str) -> Robot:
-    """Return ``robot`` if it is a Robot; raises ValueRangeError otherwise."""
-    if isinstance(robot, RobotBase):
-        return cast("Robot", robot)
-    advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"
-    raise ValueRangeError(f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, {advice}.")
+    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
+    if not isinstance(robot, RobotBase):
+        raise ValueRangeError(
+            f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, as tw.load(path) makes one."
+        )
+    if robot.constraints:
+        raise ValueRangeError(
+            f"{what}: not available for a robot with constraints, {robot!r}. For the robot with its loops open: robot.open()."
+        )
+    return cast("Robot", robot)
 
 
 complete(globals())

@@ -17,7 +17,7 @@ from ..compiler.ir.loops import Scan, Source
 from ..compiler.ir.tracer import trace
 from ..compiler.runtime.gufunc import owner_of
 from ..core import arguments
-from ..core.errors import SimulationError, ValueRangeError
+from ..core.errors import SimulationError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.typing import Array
 from ..mechanics.algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
@@ -26,12 +26,14 @@ from ..mechanics.algorithms.kinematics import add
 from ..mechanics.algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import moves_joints
-from ..robot.constraints import closures as checks
-from ..robot.constraints.closures import CLOSED, gap_units
+from ..robot.constraint_methods import CLOSED
+from ..robot.constraints.closures import some_configurations
+from ..robot.constraints.tolerances import gap_units, require_met
 from ..robot.engine import compiled
 from .adaptive import Stepper
 from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
 from .forces import WORKS, System
+from .preparation import build_run, run_to_end
 from .result import SimulationResult
 from .rollout import Rollout, build_rollout, rollout_of_tree
 from .rollout_gradient import computed, room_for
@@ -39,7 +41,7 @@ from .rollout_inputs import Inputs, cleaned
 from .schemes import ADAPTIVE, Scheme
 
 if TYPE_CHECKING:
-    from ..robot.constraints.closed_robot import ClosedRobot
+    from ..robot.doors import ConstrainedRobot
 
 WIDEST, FASTEST, OPEN, PIVOT, GOOD = range(5)
 """Loop-closure state passed between steps with q and dq: largest gap [rad or m] and gap rate before projection, largest
@@ -149,8 +151,8 @@ CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
 class Loops:
     """Constraints of a closed robot in a simulation, and the constraint errors that its steps left."""
 
-    def __init__(self, closed: ClosedRobot) -> None:
-        self.closed, robot = closed, closed.robot
+    def __init__(self, closed: ConstrainedRobot) -> None:
+        self.closed, robot = closed, closed.open()
         self.with_gap = with_gaps(closed.constraints)
         self.kept = independent_constraints(closed.constraints, closed.independent)
         self._nq = robot.nq
@@ -164,8 +166,27 @@ class Loops:
         self.system: ClosedSystem
         """Forces on the robot, set later."""
 
+    # ── parts of a run ──
+
+    steps: type[CompiledSteps]
+    """Compiled steps on the constraints."""
+
+    def system_under(self, **acting: Any) -> ClosedSystem:
+        """Closed system under torques, wrenches and contacts."""
+        return ClosedSystem(self, **acting)
+
+    def scheme_on(self, scheme: Scheme) -> ClosedScheme:
+        """One-step method whose steps end on the constraints."""
+        return ClosedScheme(scheme, self)
+
+    def stepper(self, *options: float) -> ClosedStepper:
+        """Adaptive method whose steps end on the constraints."""
+        return ClosedStepper(self, *options)
+
+    # ── projections ──
+
     def _compiled(self) -> Any:
-        closed, robot = self.closed, self.closed.robot
+        closed, robot = self.closed, self.closed.open()
 
         def program(q: Array, dq: Array) -> tuple[Array, ...]:
             return projected(robot.model, q, dq, closed.constraints, closed.independent)
@@ -182,7 +203,7 @@ class Loops:
     def begin(self, y: Array) -> None:
         """Project the first state onto the constraints, in place; raises ConstraintError if it is far from them."""
         q, dq = y[: self._nq], y[self._moving]
-        checks.require_met(self.closed, q, dq)
+        require_met(self.closed, q, dq)
         with np.errstate(all="ignore"):  # the inverse may not exist
             smallest = self.smallest(y)
         if not smallest >= SAFE:
@@ -248,7 +269,7 @@ class ClosedSystem(System):
     takes_many = False
 
     def __init__(self, loops: Loops, **acting: Any) -> None:
-        super().__init__(loops.closed.robot, **acting)
+        super().__init__(loops.closed.open(), **acting)
         self.done = slice(self.size - len(WORKS), self.size)
         """Slice of the works in a state."""
         self.loops, loops.system = loops, self
@@ -373,6 +394,8 @@ class ClosedSteps(CompiledSteps):
         return states, ddq, np.empty((*batch, 0))
 
 
+Loops.steps = ClosedSteps
+
 # ── Simulations and rollouts of closed robots, with constraint forces and constraint drift
 
 
@@ -392,7 +415,7 @@ class ClosedSimulation(SimulationResult):
     """rad/s or m/s, largest rate A dq after a step, before the projection removed it."""
 
     @classmethod
-    def from_result(cls, found: SimulationResult, closed: ClosedRobot, loops: Loops | None) -> Self:
+    def from_result(cls, found: SimulationResult, closed: ConstrainedRobot, loops: Loops | None) -> Self:
         """Result with its constraint forces and errors; ``loops`` is None if no row is constrained."""
         known = {f.name: getattr(found, f.name) for f in fields(SimulationResult) if f.init}
         known |= {"row_names": closed.row_names, "gap": np.abs(closed.gaps(found.q)).max(axis=-1, initial=0.0)}
@@ -404,6 +427,25 @@ class ClosedSimulation(SimulationResult):
     def __repr__(self) -> str:
         held = f"gap {residual(self.gap.max(initial=0.0))}, before projection {residual(self.gap_before)}"
         return f"{super().__repr__()[:-1]}; {held}>"
+
+
+def simulate_closed(
+    closed: ConstrainedRobot, q0: Any, *start: Any, method: str | None, **given: Any
+) -> ClosedSimulation:
+    """Simulation from one state; see :meth:`twistwrench.Robot.simulate`."""
+    method = "rk4" if method is None else method
+    if method not in CLOSED_METHODS:
+        raise UnknownNameError.from_choices("method", method, CLOSED_METHODS)
+    loops = Loops(closed) if closed.independent else None
+    if q0 is None:
+        q0 = some_configurations(closed, closed.open().neutral)[0]
+    try:
+        found = run_to_end(build_run(closed.open(), q0, *start, method=method, loops=loops, **given))
+    except (SimulationError, KeyboardInterrupt) as problem:
+        if isinstance(result := getattr(problem, "result", None), SimulationResult):
+            problem.result = ClosedSimulation.from_result(result, closed, loops)  # type: ignore[union-attr]
+        raise
+    return ClosedSimulation.from_result(found, closed, loops)
 
 
 # ── Rollouts of closed robots, each step projected onto the constraints
@@ -429,10 +471,10 @@ class ClosedRollout(Rollout):
 
 
 def rollout_closed(
-    closed: ClosedRobot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **given: Any
+    closed: ConstrainedRobot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **given: Any
 ) -> ClosedRollout:
     """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
-    robot = closed.robot
+    robot = closed.open()
     if arguments.flag(gradients, "gradients") or out is not None:
         raise ValueRangeError(
             "gradients and out are for rollouts of open robots; leave them out where loops are closed."
@@ -473,7 +515,7 @@ def _begun(loops: Loops, given: Inputs) -> Inputs:
     closed = loops.closed
     # float64, since loops are closed to 1e-12.
     q, dq, *rest = (x.astype(float, copy=False) for x in given.arrays)
-    checks.require_met(closed, q, dq)
+    require_met(closed, q, dq)
     with np.errstate(all="ignore"):
         q, dq, pivot = loops.projected(q, dq)
     if not (pivot >= SAFE).all():

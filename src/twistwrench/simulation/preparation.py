@@ -14,17 +14,15 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import positive, whole
-from ..core.errors import ShapeError, SimulationError, TwistWrenchError, UnknownNameError, ValueRangeError
+from ..core.errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import NONE_GIVEN
-from ..robot.constraints import closures as checks
 from ..robot.task_space_methods import require_robot
 from .adaptive import Stepper, TrialSteps, run_adaptive
 from .callback_steps import CallbackSteps, use_block
-from .closed import CLOSED_METHODS, ClosedScheme, ClosedSimulation, ClosedStepper, ClosedSteps, ClosedSystem, Loops
 from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .events import Event, EventDetector, PositionLimits
@@ -46,7 +44,8 @@ from .schemes import ADAPTIVE, Scheme, SemiImplicit, scheme_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.constraints.closed_robot import ClosedRobot
+    from ..robot.doors import ConstrainedRobot
+    from .closed import Loops
 
 _MOST = 10**8
 
@@ -83,12 +82,12 @@ def build_run(
     held, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
     acting: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
-    system = System(robot, **acting) if loops is None else ClosedSystem(loops, **acting)
+    system = System(robot, **acting) if loops is None else loops.system_under(**acting)
     system.held = held
     scheme = scheme_of(method, system)
     y0 = _start(robot, system, q0, dq0)
     if loops is not None:
-        scheme = ClosedScheme(scheme, loops)
+        scheme = loops.scheme_on(scheme)
         loops.begin(y0)
     remarks = []
     if abs(h - dt) > 1e-9 * dt:
@@ -96,7 +95,7 @@ def build_run(
     planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
     remarks += [buried for plane in planes if (buried := plane.buried(y0[: robot.nq]))]
     friction = arguments.flag(friction, "friction")
-    remarks += _friction(system, scheme, method, y0, h, tau, friction=friction, creep=creep)
+    remarks += _friction(system, scheme, method, y0, h, tau, friction=friction, creep=creep, loops=loops)
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
@@ -124,19 +123,28 @@ def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops 
     """Take all steps of a run, compiled as far as possible."""
     system, options = run.system, (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
     if run.method == ADAPTIVE and loops is not None:
-        run_adaptive(run, ClosedStepper(loops, *options))
+        run_adaptive(run, loops.stepper(*options))
     elif run.method == ADAPTIVE:
         run_adaptive(run, Stepper(system, *options, trials=TrialSteps.build(system, tolerances)))
     else:
-        steps: type[CompiledSteps | ClosedSteps] | None = CallbackSteps if system.functions else CompiledSteps
+        steps: type[CompiledSteps] | None = CallbackSteps if system.functions else CompiledSteps
         if loops is not None:
-            steps = ClosedSteps if run.detector is None and run.controller is None else None
+            steps = loops.steps if run.detector is None and run.controller is None else None
         run.compiled = None if steps is None else steps.build(system, run.method, run.scheme.order, run.h)
         run.fixed()
 
 
 def _friction(
-    system: System, scheme: Scheme, method: str, y0: Array, h: float, tau: Any, *, friction: bool, creep: float | None
+    system: System,
+    scheme: Scheme,
+    method: str,
+    y0: Array,
+    h: float,
+    tau: Any,
+    *,
+    friction: bool,
+    creep: float | None,
+    loops: Loops | None,
 ) -> list[str]:
     """Set the system's friction in the form that the method requires; returns remarks on it."""
     robot = system.robot
@@ -166,7 +174,7 @@ def _friction(
         system.friction = EasedFriction(robot, speeds)
         if eased := easing_remark(robot.model, speeds):
             # Semi-implicit steps of closed robots are smoothed too.
-            remarks.append(eased.rpartition("; ")[0] if isinstance(scheme, ClosedScheme) else eased)
+            remarks.append(eased if loops is None else eased.rpartition("; ")[0])
     return remarks
 
 
@@ -246,27 +254,13 @@ def _limits(robot: Robot, given: str | None, y0: Array) -> PositionLimits | None
 # ── One simulation: preparation, run, and the result for any kind of end
 
 
-def simulated(robot: Robot | ClosedRobot, *start: Any, **given: Any) -> SimulationResult:
+def simulated(robot: Robot | ConstrainedRobot, *start: Any, **given: Any) -> SimulationResult:
     """Result of :meth:`twistwrench.Robot.simulate`; steps of robots with constraints end on them."""
     if robot.constraints:
-        return _on_constraints(cast("ClosedRobot", robot), *start, **given)
+        from .closed import simulate_closed
+
+        return simulate_closed(cast("ConstrainedRobot", robot), *start, **given)
     return run_to_end(build_run(cast("Robot", robot), *start, **given, loops=None))
-
-
-def _on_constraints(closed: ClosedRobot, q0: Any, *start: Any, method: str | None, **given: Any) -> ClosedSimulation:
-    method = "rk4" if method is None else method
-    if method not in CLOSED_METHODS:
-        raise UnknownNameError.from_choices("method", method, CLOSED_METHODS)
-    loops = Loops(closed) if closed.independent else None
-    if q0 is None:
-        q0 = checks.some_configurations(closed, closed.robot.neutral)[0]
-    try:
-        found = run_to_end(build_run(closed.robot, q0, *start, method=method, loops=loops, **given))
-    except (SimulationError, KeyboardInterrupt) as problem:
-        if isinstance(result := getattr(problem, "result", None), SimulationResult):
-            problem.result = ClosedSimulation.from_result(result, closed, loops)  # type: ignore[union-attr]
-        raise
-    return ClosedSimulation.from_result(found, closed, loops)
 
 
 def run_to_end(run: Run) -> SimulationResult:

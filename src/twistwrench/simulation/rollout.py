@@ -22,7 +22,7 @@ from .rollout_inputs import Inputs, cleaned
 if TYPE_CHECKING:
     from ..motion.motion import Motion
     from ..robot import Robot
-    from ..robot.constraints.closed_robot import ClosedRobot
+    from ..robot.doors import ConstrainedRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,12 +206,12 @@ class Rollout:
 Result = TypeVar("Result", bound=Rollout)
 
 
-def rolled_out(robot: Robot | ClosedRobot, *start: Any, **options: Any) -> Rollout:
+def rolled_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Rollout:
     """Result of :meth:`twistwrench.Robot.rollout`; steps of robots with constraints end on them."""
     if robot.constraints:
         from .closed import rollout_closed
 
-        return rollout_closed(cast("ClosedRobot", robot), *start, **options)
+        return rollout_closed(cast("ConstrainedRobot", robot), *start, **options)
     return rollout_of_tree(cast("Robot", robot), *start, **options)
 
 

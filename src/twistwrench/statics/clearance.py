@@ -364,7 +364,6 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
 
 def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | None) -> Clearance:
     """See :meth:`twistwrench.Robot.clearance`."""
-    robot = robot.open()
     given = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
     pairs = LinkPairs.from_robot(robot, exact, srdf)
     every = pairs.nearest(np.asarray(given, float).reshape(-1, robot.nq))
@@ -464,7 +463,7 @@ class PathClearance:
 
 def distances_for_search(robot: Robot) -> Callable[[Array], Clearance]:
     """Clearance function for inverse kinematics; warns of links without shapes, and raises ModelError if none has one."""
-    pairs = LinkPairs.from_robot(robot.open())
+    pairs = LinkPairs.from_robot(robot)
     if pairs.unknown and not pairs.known:
         raise ModelError(f"the clearance of robot {robot.name!r} is not known: no link has a shape that could be read.")
     for doubt in PathClearance(pairs, 0.0).verdict.reasons:

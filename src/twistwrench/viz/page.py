@@ -16,7 +16,7 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +31,6 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
-from ..robot.constraints.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot
 from ..shapes.visuals import Colour
 from .colours import force_scale, mass_scale
@@ -48,6 +47,7 @@ if TYPE_CHECKING:
     from ..diagnosis import DoctorReport
     from ..motion.load_case import Payload
     from ..reports.drawn_motion import DrawnMotion
+    from ..robot.doors import ConstrainedRobot
 
 _TRIANGLES = 300_000
 _SCRIPTS = (
@@ -71,7 +71,7 @@ KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
 def write_page(
-    robot: Robot | ClosedRobot,
+    robot: Robot | ConstrainedRobot,
     path: str | Path,
     *,
     motion: DrawnMotion | None = None,
@@ -95,7 +95,7 @@ def write_page(
     q : (nq,) array_like, optional, initial configuration
         None: the start of the motion. Without a motion, arms have the elbow up, clear of stops and singular poses,
         robots with a floating base stand on their feet, and other robots are neutral.
-    actuated : names of joints, optional, joints of a ClosedRobot with motors
+    actuated : names of joints, optional, with constraints the joints with motors
         None: joints with an actuator, otherwise as many as there are degrees of freedom.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and included in holding torques
         A motion has its own wrenches. [N m, N]
@@ -135,7 +135,7 @@ def write_page(
 
 
 def page_text(
-    robot: Robot | ClosedRobot,
+    robot: Robot | ConstrainedRobot,
     *,
     motion: DrawnMotion | None = None,
     q: ArrayLike | None = None,
@@ -158,13 +158,12 @@ def page_text(
     -------
     text : str
     """
-    closed = robot if isinstance(robot, ClosedRobot) else None
+    closed = cast("ConstrainedRobot", robot) if isinstance(robot, Robot) and robot.constraints else None
     if closed is not None and (motion is not None or section is not None):
         raise ValueRangeError(
-            "a page of a closed robot is moved by hand. Leave motion and section out, or take closed.robot."
+            "a page of a closed robot is moved by hand. Leave motion and section out, or take robot.open()."
         )
-    robot = robot.robot if isinstance(robot, ClosedRobot) else robot
-    require_robot(robot, "page")
+    robot = require_robot(robot if closed is None else closed.open(), "page")
     book = None if section is None else section_panel(section)
     if book is not None:
         if motion is not None or wrench_on_robot:
@@ -270,7 +269,7 @@ class ShownPage:
         return path
 
 
-def show(robot: Robot | ClosedRobot, **options: Any) -> ShownPage:
+def show(robot: Robot | ConstrainedRobot, **options: Any) -> ShownPage:
     """Show the page of a robot or a motion, in a notebook below the cell, otherwise in the browser.
 
     Parameters

@@ -14,14 +14,16 @@ from ..mechanics.algorithms.constraints import GROUND, Closure, independent_cons
 from ..mechanics.lie import se3
 from ..mechanics.model.model import BASE, Frame, Model
 from ..robot import Robot
-from ..robot.constraints.closures import driven, joints, named_motors, some_configurations
+from ..robot.constraints.closures import some_configurations
+from ..robot.constraints.projections import motor_mask, named_motors
+from ..robot.constraints.tolerances import joints
 from ..shapes.visuals import read_visuals
 from ..statics.contacts import Contact, pyramid_facets
 from ..statics.torque_limits import effort_limits
 from .starting_pose import clear_of_stops, starting_pose
 
 if TYPE_CHECKING:
-    from ..robot.constraints.closed_robot import ClosedRobot
+    from ..robot.doors import ConstrainedRobot
     from .scene import Scene
 
 FRICTION = 0.6
@@ -51,7 +53,7 @@ class PageLoops:
 # ── Closed robots
 
 
-def closed_by_file(robot: Robot) -> ClosedRobot | None:
+def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
     """Robot with the loops of its file closed; None if it has no loops or they cannot be closed."""
     found: Any = robot
     try:
@@ -62,18 +64,18 @@ def closed_by_file(robot: Robot) -> ClosedRobot | None:
     return None if found is robot else found
 
 
-def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
+def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
     """Loops of a closed robot. Raises ValueRangeError for a constraint on velocities only."""
     if not all(isinstance(c, Closure) for c in closed.constraints):
         raise ValueRangeError(
-            f"robot {closed.robot.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
-            "robot without them: take closed.robot."
+            f"robot {closed.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
+            "robot without them: take robot.open()."
         )
-    robot, free = closed.robot, closed.nv - len(closed.independent)
+    robot, free = closed.open(), closed.nv - len(closed.independent)
     start = closed.consistent(q) if q is not None else _closed_start(closed)
     able = np.array([body.joint.driven for body in robot.model.leaders for _ in range(body.joint.nv)], bool)
     named = named_motors(robot) if actuated is None else actuated
-    motors = driven(robot, named) if named else able & (np.cumsum(able) <= free)
+    motors = motor_mask(robot, named) if named else able & (np.cumsum(able) <= free)
     A = closed.constraint_jacobian(start)[list(closed.independent)]
     dependent = _dependent(A, 1.0 * able + motors)
     remarks: tuple[str, ...] = ()
@@ -93,9 +95,9 @@ def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | Non
     return PageLoops(found, start, loops, remarks=remarks)
 
 
-def _closed_start(closed: ClosedRobot) -> Array:
+def _closed_start(closed: ConstrainedRobot) -> Array:
     """Closed configuration within the limits: of several, the one farthest from singular configurations."""
-    robot, rows = closed.robot, list(closed.independent)
+    robot, rows = closed.open(), list(closed.independent)
     Q = some_configurations(closed, None)
     A = closed.constraint_jacobian(Q)[:, rows] / closed.sizes[rows, None]
     outside = robot.limits.exceeded(robot.model.positions(Q)).sum(axis=-1)

@@ -1,0 +1,314 @@
+"""Quantities that constraints change, marked "projected" in the table: dynamics with constraint forces, and their drives.
+
+    τ = M q̈ + h + A'λ,   A q̈ + (dA/dt) dq = 0        (MR section 8.7)
+
+λ is therefore exerted by the robot on its constraints, as F_by in τ = M q̈ + h + J'F_by. M, h and f = M q̈ + h are those
+of the robot with its loops open. :class:`.quantity_methods.QuantityMethods` documents arguments and results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments, third_party
+from ...core.errors import ConstraintError, UnknownNameError
+from ...core.numbers import printed
+from ...core.typing import Array
+from ...mechanics.algorithms.constraints import (
+    SINGULAR,
+    UNBALANCED,
+    Closure,
+    ConstrainedDerivatives,
+    ConstrainedMotion,
+    ConstrainedTorques,
+    Rolling,
+    Slopes,
+    balance,
+    constrained_derivatives,
+    names,
+    place_of,
+)
+from ...mechanics.algorithms.loop_closure import doubtful
+from ...mechanics.joints import Planar
+from ...mechanics.model.model import BASE, Body
+from ..arguments import Wrenches, finite_states
+from .tolerances import joints, place_in_batch, require_met, warn_of_singular
+
+if TYPE_CHECKING:
+    from ..doors import ConstrainedRobot
+    from ..explanation import Explanation
+    from ..robot import Robot
+
+
+@third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
+def forward_dynamics(
+    closed: ConstrainedRobot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    tau: ArrayLike,
+    *,
+    wrench_by_robot: Wrenches | None = None,
+    wrench_on_robot: Wrenches | None = None,
+    friction: bool = False,
+) -> ConstrainedMotion:
+    """q̈ and λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if A loses rank."""
+    robot, held = closed.open(), closed._independent_constraints
+    q, dq, tau = finite_states(robot.model, "forward_dynamics", q=q, dq=dq, tau=tau)
+    require_met(closed, q, dq)
+    if friction:
+        tau = robot.engine.call("torque_past_friction", dq, tau)
+    by, on = wrench_by_robot, wrench_on_robot
+    if not held:
+        ddq = robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
+        return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype))
+    rows, call = list(closed.independent), robot.engine.call_with_wrenches
+    with np.errstate(all="ignore"):
+        ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=held)
+    lam = np.zeros((*some.shape[:-1], len(closed.sizes)), some.dtype)
+    lam[..., rows] = some
+    again = doubtful(pivots, closed.sizes[rows])
+    if len(rows) < len(closed.sizes) and not again.all():
+        usual = np.broadcast_to(q, (*again.shape, closed.nq))[~again]
+        lam[~again] = (closed._projector(usual)[1].range @ lam[~again][..., None])[..., 0]
+    if again.any():  # pseudo-inverse from singular values: valid for any rank of A
+        h = call("bias_forces", (q, dq), by, on, None)
+        q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
+        _, projector = closed._projector(q)
+        warn_of_singular(projector.rank, len(rows))
+        ddq[again], lam[again] = projector.constrained(force, closed.constraint_bias(q, dq))
+    return ConstrainedMotion(ddq, lam)
+
+
+@third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
+def inverse_dynamics(
+    closed: ConstrainedRobot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    actuated: Iterable[str] | None = None,
+    *,
+    wrench_by_robot: Wrenches | None = None,
+    wrench_on_robot: Wrenches | None = None,
+    friction: bool = False,
+) -> ConstrainedTorques:
+    """τ = f + A'λ of the ``actuated`` joints, zero at the others, and λ; of minimal norm if there are more motors."""
+    robot = closed.open()
+    q, dq, ddq = finite_states(robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
+    require_met(closed, q, dq, ddq)
+    driven = motor_mask(robot, actuated)
+    by, on = wrench_by_robot, wrench_on_robot
+    with np.errstate(all="ignore"):
+        f = robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
+    f = arguments.finite(
+        f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", closed.nv
+    )
+    A, projector = closed._projector(q)
+    lam, left = balance(f, projector.range @ A, closed.sizes, driven)  # projection: λ of immovable rows is arbitrary
+    require_made(closed, left, f, driven)
+    tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
+    lam = (projector.range @ lam[..., None])[..., 0]
+    return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
+
+
+def holding_torques(
+    closed: ConstrainedRobot, q: ArrayLike, actuated: Iterable[str] | None = None, **wrenches: Any
+) -> ConstrainedTorques:
+    """:func:`inverse_dynamics` at rest, τ = g + A'λ + Σ J'F_by - Σ J'F_on."""
+    rest = np.zeros(closed.nv)
+    return inverse_dynamics(closed, q, rest, rest, actuated, **wrenches)
+
+
+def joint_wrenches(
+    closed: ConstrainedRobot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    actuated: Iterable[str] | None = None,
+    **wrenches: Any,
+) -> Array:
+    """Wrenches across the joints of the open robot under λ of :func:`inverse_dynamics`, on both links of a closure."""
+    robot, lam = closed.open(), inverse_dynamics(closed, q, dq, ddq, actuated, **wrenches).lam
+    found, free = (robot.joint_wrenches(q, dq, ddq, **more) for more in (wrenches, {}))
+    for frame, F in applied(closed, np.asarray(q, float), lam):  # a frame may occur in several constraints
+        found = found + (robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
+    return found
+
+
+def explanation(
+    closed: ConstrainedRobot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    actuated: Iterable[str] | None = None,
+    *,
+    friction: bool = False,
+    **wrenches: Any,
+) -> Explanation:
+    """Torques of :func:`inverse_dynamics` by term and cause: τ = f + A'λ is linear in f."""
+    robot = closed.open()
+    inverse_dynamics(closed, q, dq, ddq, actuated, friction=friction, **wrenches)  # checks state and motors
+    why = robot.explain(q, dq, ddq, friction=friction, **wrenches)
+    driven = motor_mask(robot, actuated)
+    (q,) = finite_states(robot.model, "explain", q=q)
+    A = closed.constraint_jacobian(q)[..., None, None, :, :]
+    lam, _ = balance(why.parts, A, closed.sizes, driven)
+    pressed = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
+    return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
+
+
+def inverse_dynamics_derivatives(
+    closed: ConstrainedRobot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    actuated: Iterable[str] | None = None,
+    **wrenches: Any,
+) -> ConstrainedDerivatives:
+    """Derivatives of the motor torques by the motors' q, dq and ddq, along motions that satisfy the constraints."""
+    robot, held = closed.open(), closed._independent_constraints
+    driven = motor_mask(robot, actuated)
+    q, dq, ddq = (x.astype(float) for x in finite_states(robot.model, "derivatives", q=q, dq=dq, ddq=ddq))
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, dq, ddq)))
+    q, dq, ddq = (np.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, dq, ddq))
+    require_met(closed, q, dq, ddq)
+    require_independent(closed, q, driven)
+    f = robot.inverse_dynamics(q, dq, ddq, **wrenches)
+    f_by_q, f_by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq, **wrenches)
+    rows, empty = list(closed.independent), np.zeros((*q.shape[:-1], 0, closed.nv))
+    A, A_by_q, b_by_q, b_by_dq = empty, empty[..., None] * np.zeros(closed.nv), empty, empty
+    if rows:
+        A = closed.constraint_jacobian(q)[..., rows, :]
+        A_by_q = robot.kernel("constraint_jacobian", constraints=held, by="q")(q)
+        b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=held, by=("q", "dq"))(q, dq)
+    slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
+    return constrained_derivatives(slopes, dq, ddq, driven)
+
+
+# ── Constraint forces as wrenches on the links of the open robot
+
+# With T_cb = (R, p), a closure's λ is the wrench F = (m, f) that {b} applies to {a} at the origin of {b}, along the axes
+# of {c}:
+#
+#     by the robot at {b}:  (R'm, R'f),        by the robot at {a}:  -(R_ac (m + p × f) + p_ac × R_ac f, R_ac f)
+
+
+def applied(closed: ConstrainedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
+    """Pairs (frame, (..., 6)): wrenches by the robot equivalent to λ (..., k) on its links; none for the ground."""
+    found: list[tuple[str, Array]] = []
+    poses: Iterator[Array] = iter(())
+    if any(isinstance(c, Closure) for c in closed.constraints):
+        T = closed.open().engine.call("closure_poses", q, constraints=closed.constraints)
+        poses = iter(np.moveaxis(T, -3, 0))
+    for name, c in zip(names(closed.constraints), closed.constraints, strict=True):
+        F = closed.wrenches(lam)[name]
+        if isinstance(c, Rolling):  # at the point and along the axes of the Jacobian's kind
+            T = closed.open().forward_kinematics(q, c.frame)
+            F = _moved(np.eye(3), -T[..., :3, 3], F) if c.kind == "space" else F
+            found.append((c.frame, F if c.kind == "body" else _turned(np.swapaxes(T[..., :3, :3], -1, -2), F)))
+            continue
+        T_cb = next(poses)
+        R = np.swapaxes(T_cb[..., :3, :3], -1, -2)
+        if place_of(closed.open().model, c.frame_b).body != BASE:
+            found.append((c.frame_b, _turned(R, F)))
+        if place_of(closed.open().model, c.frame_a).body != BASE:
+            found.append((c.frame_a, -_moved(c.T_ac[:3, :3], c.T_ac[:3, 3], _moved(np.eye(3), T_cb[..., :3, 3], F))))
+    return found
+
+
+def _turned(R: Array, F: Array) -> Array:
+    m, f = ((R @ x[..., None])[..., 0] for x in (F[..., :3], F[..., 3:]))
+    return np.concatenate([m, f], axis=-1)
+
+
+def _moved(R: Array, p: Array, F: Array) -> Array:
+    """Wrench transformed to another frame, in which the original frame has the pose (R, p)."""
+    turned = _turned(R, F)
+    return np.concatenate([turned[..., :3] + np.cross(p, turned[..., 3:]), turned[..., 3:]], axis=-1)
+
+
+# ── Joints with a motor, and torques that they can make
+
+
+def motor_mask(robot: Robot, actuated: Iterable[str] | None) -> Array:
+    """Mask of the velocities of the named joints (None: all with a motor, see :func:`motor_joints`); (nv,)."""
+    leaders = {b.joint.name: b for b in robot.model.leaders}
+    names = motor_joints(robot) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
+    found = np.zeros(robot.nv, bool)
+    for name in names:
+        if name not in leaders:
+            raise UnknownNameError.from_choices("joint", name, leaders)
+        found[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
+    return found
+
+
+def motor_joints(robot: Robot) -> list[str]:
+    """Joints that a motor may drive: those of the file's actuators, or all except free joints and a planar base.
+
+    Joints with an actuator of their own are driven in any case. If a follower of a mimic joint is driven, its leader is.
+    """
+    model = robot.model
+    if not model.motor_joints:
+        return [b.joint.name for b in model.leaders if b.joint.driven and not _is_planar_base(b)]
+    return named_motors(robot)
+
+
+def named_motors(robot: Robot) -> list[str]:
+    """Joints driven by the actuators of the robot's own file or of an actuator file; empty without both."""
+    model = robot.model
+    at = {b.v_index for b in model.bodies if b.joint.name in model.motor_joints}
+    return [b.joint.name for b in model.leaders if b.v_index in at or b.joint.name in robot.actuators]
+
+
+def _is_planar_base(body: Body) -> bool:
+    """True for a base that glides in a plane, such as a cart's: nothing drives it."""
+    return body.parent == BASE and isinstance(body.joint, Planar)
+
+
+def require_made(closed: ConstrainedRobot, left: Array, f: Array, driven: Array) -> None:
+    """Raise an error if residual torques ``left`` (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
+    rest = np.abs(left).max(axis=-1, initial=0.0)
+    allowed = UNBALANCED * np.abs(f).max(axis=-1, initial=0.0)
+    if (rest <= allowed).all():
+        return
+    worst = int((rest - allowed).argmax())
+    idle, moving = (joints(closed.open(), which) for which in (~driven, driven))
+    bases = {b.joint.name for b in closed.open().model.leaders if b.parent == BASE and not b.joint.driven}
+    loose = [name for name in idle if name in bases]
+    remedy = (
+        f"Nothing drives {', '.join(loose)}, and the closures cannot hold it: close with the ground what else holds it, such "
+        "as another foot, or give the missing force as wrench_on_robot."
+        if loose
+        else f"Degrees of freedom: {closed.nv - len(closed.independent)}; name as many joints that move them."
+    )
+    raise ConstraintError(
+        f"joints {', '.join(idle)} have no motor, and no torques at {', '.join(moving) or 'no joint'} make this motion: "
+        f"{printed(rest.flat[worst], 3)} N m or N is left over{place_in_batch(worst, rest.shape)}. {remedy}"
+    )
+
+
+def require_independent(closed: ConstrainedRobot, q: Array, driven: Array) -> None:
+    """Raise an error unless the joints ``driven`` (nv,) determine all others and match the degrees of freedom in number."""
+    free, named = closed.nv - len(closed.independent), int(driven.sum())
+    mine = ", ".join(joints(closed.open(), driven)) or "no joint"
+    if named != free:
+        raise ConstraintError(
+            f"{mine}: {named} velocities, and there are {free} degrees of freedom. Name joints of as many velocities, the "
+            "independent ones."
+        )
+    if not closed.independent or not (~driven).any():
+        return
+    rows = list(closed.independent)
+    A = closed.constraint_jacobian(q)[..., rows, :][..., ~driven] / closed.sizes[rows, None]
+    sigma = np.linalg.svd(A, compute_uv=False)
+    part = sigma[..., -1] / sigma[..., 0]
+    if not (part > SINGULAR).all():
+        worst = int(np.argmin(part))
+        raise ConstraintError(
+            f"{mine} do not determine the other joints{place_in_batch(worst, part.shape)}: a dead centre, or a singular "
+            "configuration. Choose other joints, or go round it."
+        )
