@@ -78,3 +78,43 @@ def test_any_tree_closed_anywhere_moves_by_the_equations(robot, state, rng):
     P = closed.projector(q)
     assert_close(P @ P, P, 1e-9, "P² = P", scale=np.abs(P).max() ** 2)
     assert_close(np.trace(P), closed.degrees_of_freedom(q), 1e-9, "rank of P", scale=1.0)
+
+
+def with_random_loops(robot, q, rng):
+    """The robot with one to three closures and perhaps a rolling frame, of random frames and rows, all met at q."""
+    names = [*(name for name in robot.frame_names if robot.model.frames[name].body >= 0), "ground"]
+    body_of = {name: robot.model.frames[name].body for name in names[:-1]} | {"ground": -1}
+    pose_of = {name: robot.forward_kinematics(q, name) for name in names[:-1]} | {"ground": np.eye(4)}
+    closed = robot
+    for _ in range(rng.integers(1, 4)):
+        a, b = rng.choice(names, 2)
+        if body_of[a] == body_of[b]:
+            continue
+        rows = ("vx vy vz", "wx wy vx", "vz", " ".join(ROWS))[rng.integers(4)]
+        pose = tw.se3.inverse(pose_of[a]) @ pose_of[b]
+        closed = closed.close(a, b, rows, pose=pose, near=q, redundant="accept")
+    if rng.random() < 0.5:
+        closed = closed.constrain(names[0], "vy", near=q, redundant="accept")
+    return closed
+
+
+EQUATIONS = 1e-9
+"""One factorisation of A M⁻¹ A' with conditions up to 1e6 on random trees, rounding 1e-16, and as much room again."""
+
+
+@pytest.mark.parametrize("draw", range(3))
+def test_random_trees_with_random_loops_obey_the_equations_of_constrained_motion(robot, state, draw):
+    """M q̈ + h = τ - A'λ and A q̈ + (dA/dt) dq = 0, all of them methods of one robot."""
+    rng = np.random.default_rng([draw, robot.nv])
+    closed = with_random_loops(robot, state.q, rng)
+    if not closed.constraints:
+        return
+    assert isinstance(closed, tw.Robot) and closed.open() is robot
+    q, dq, tau = state.q, closed.project_velocity(state.q, state.dq), rng.standard_normal(robot.nv)
+    ddq, lam = closed.forward_dynamics(q, dq, tau)
+    M, h, A = closed.mass_matrix(q), closed.bias_forces(q, dq), closed.constraint_jacobian(q)
+    scale = max(1.0, *(np.abs(part).max() for part in (M @ ddq, h, A.T @ lam)))
+    assert_close(M @ ddq + h + A.T @ lam, tau, EQUATIONS, "τ = M q̈ + h + A'λ", scale=scale)
+    rate = closed.constraint_bias(q, dq)
+    scale = max(1.0, np.abs(A).max() * np.abs(ddq).max(), np.abs(rate).max())
+    assert_close(A @ ddq + rate, 0 * rate, EQUATIONS, "A q̈ + (dA/dt) dq = 0", scale=scale)

@@ -325,7 +325,9 @@ WORDS = {"links": "nlinks", "bodies": "nbodies", "parameters": "10 nbodies"}
 METHODS = {name: getattr(tw.Robot, name) for name in QUANTITIES if hasattr(tw.Robot, name)}
 
 
-@pytest.mark.parametrize("name", sorted(METHODS.keys() - {"constraint_bias", "constraint_jacobian", "task_bias", "task_inertia"}))
+@pytest.mark.parametrize(
+    "name", sorted(METHODS.keys() - {"constraint_bias", "constraint_jacobian", "task_bias", "task_inertia"})
+)
 def test_a_method_of_a_quantity_says_the_sizes_of_the_table(name):
     quantity, found = QUANTITIES[name], sections(text_of(METHODS[name]))
     sizes = [tuple(WORDS.get(axis, axis) for axis in axes) for axes in quantity.sizes]
