@@ -51,9 +51,9 @@ _COSTS = """
 Sections and equations are those of Modern Robotics (Lynch and Park, 2017). Pinocchio puts the linear part of a twist
 first, and MuJoCo returns the two parts of a Jacobian separately; [`twistwrench.robot.convert`](conventions.md) translates.
 Quantities marked "M⁻¹" need an invertible mass matrix. They raise `SingularMassMatrixError` if a joint moves nothing
-with inertia. For a [robot with constraints](constraints.md), quantities are those of its open tree ("as is"), have constraint
-forces ("projected"), or are not available ("refused"). Operations are additions, multiplications and divisions for one state of the bundled Panda with its seven
-joints; sines and cosines are not counted.
+with inertia. On a [robot with constraints](constraints.md), quantities are those of its open tree ("as is"), include constraint
+forces ("projected"), or are not available ("refused"). Operations are additions, multiplications and divisions for one state of
+the bundled Panda with its seven joints; sines and cosines are not counted.
 """
 _INPUTS = {"q", "q0", "q1", "dq", "ddq", "tau", "load", "dv", "wrench"}
 
@@ -82,7 +82,11 @@ def page() -> str:
         (
             _HEAD + _table(("quantity", "meaning", "inputs", "outputs", "unit", "options"), shapes),
             _COSTS,
-            _table(("quantity", "book", "Pinocchio", "MuJoCo", "needs", "with constraints", "operations"), costs, right=(6,)),
+            _table(
+                ("quantity", "book", "Pinocchio", "MuJoCo", "needs", "with constraints", "operations"),
+                costs,
+                right=(6,),
+            ),
             "",
         )
     )
