@@ -9,7 +9,7 @@ from pathlib import Path
 
 from twistwrench.core.doubts import DoubtKind, doubt_table
 from twistwrench.motion.load_case import limits_remedy
-from twistwrench.reports.sentences import SENTENCES
+from twistwrench.motion.sentences import SENTENCES
 
 PAGE = Path(__file__).with_name("unsure.md")
 _SOURCES = PAGE.parent.parent / "src" / "twistwrench"

@@ -16,7 +16,7 @@ from rich.console import Console
 import twistwrench as tw
 from twistwrench import NotFoundError, robots
 from twistwrench.cli.info import info_view
-from twistwrench.reports.robot_summary import read_limits
+from twistwrench.motion.limits_file import read_limits
 
 pytest_plugins = ("torque_fixtures",)
 

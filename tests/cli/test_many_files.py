@@ -18,8 +18,8 @@ import twistwrench as tw
 from twistwrench.cli.identify import total_bytes
 from twistwrench.cli.main import main
 from twistwrench.core.third_party import Failure, Workers, workers_of
+from twistwrench.motion.limits_file import read_limits
 from twistwrench.motion.load_case import Payload
-from twistwrench.reports.robot_summary import read_limits
 
 ARM = tw.robots.planar_2r()
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's processes that end

@@ -18,7 +18,7 @@ from robot_files import FILES
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.motion.credible_values import arm_entries, placeholder_limits, weight_share
-from twistwrench.reports.robot_summary import read_limits
+from twistwrench.motion.limits_file import read_limits
 
 T = np.arange(0, 4, 0.01)
 S = (T / 4) ** 3 * (10 - 15 * T / 4 + 6 * (T / 4) ** 2)

@@ -23,7 +23,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.core.third_party import reason_of, third_party_errors
-from twistwrench.reports.robot_summary import read_limits
+from twistwrench.motion.limits_file import read_limits
 from twistwrench.sensing.files import read_sensor, write_sensor
 from twistwrench.simulation import SimulationResult
 

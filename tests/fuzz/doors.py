@@ -61,7 +61,7 @@ def quality(path: Path) -> None:
 
 
 def limits(path: Path) -> None:
-    from twistwrench.reports.robot_summary import read_limits
+    from twistwrench.motion.limits_file import read_limits
 
     read_limits(path, robot("planar_2r").model)
 

@@ -185,8 +185,6 @@ def targets(path: Path, node: ast.ImportFrom) -> Iterator[str]:
 
 
 UPWARD = {
-    ("motion/load_case.py", "reports/robot_summary.py"),
-    ("motion/load_case.py", "reports/sentences.py"),
     ("shapes/capsules.py", "diagnosis/parsed_file.py"),
 }
 """Files that import from rooms above them, and no doors. The list may only shrink, to none."""

@@ -16,8 +16,9 @@ import twistwrench as tw
 from twistwrench import statics, trajectories
 from twistwrench.cli.main import main
 from twistwrench.mechanics.model.couplings import motor_torques, motor_velocities
+from twistwrench.motion.limits_file import read_limits
 from twistwrench.reports.recording import Recording
-from twistwrench.reports.robot_summary import as_text, joint_rows, read_limits
+from twistwrench.reports.robot_summary import as_text, joint_rows
 from twistwrench.testing import assert_close, derivative, random_state
 from twistwrench.viz.page import write_page
 

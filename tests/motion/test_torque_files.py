@@ -14,9 +14,9 @@ from motions import LOAD, SLED, report_of, write_motion
 from twistwrench import load, robots
 from twistwrench.core.errors import TwistWrenchError, ValueRangeError
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.limits_file import read_limits
 from twistwrench.motion.load_case import TERMS, LoadCase
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.robot_summary import read_limits
 
 pytest_plugins = ("torque_fixtures",)
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"

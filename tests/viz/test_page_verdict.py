@@ -13,10 +13,10 @@ from page_under_node import under_node
 import twistwrench as tw
 from twistwrench.core import numbers
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.limits_file import read_limits
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.drawn_motion import reported_motion
-from twistwrench.reports.robot_summary import read_limits
 from twistwrench.reports.spoken_verdict import verdict_text as said
 from twistwrench.reports.torque_report import analyse
 from twistwrench.viz import motion_of, write_page

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
+from ..core.arguments import assignments
 from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode, Verdict, Word
 from ..mechanics.model.description import grouped
 from ..reports.blocks import plain, verdict
-from ..reports.robot_summary import assignments
 from ..robot.load import save
 from .main import Given, note, option, printed_blocks
 from .shared import JSON, PAYLOADS, RobotOptions, load_case, robot_command, show_written

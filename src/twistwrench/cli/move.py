@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.arguments import parse_numbers
 from ..core.colours import Style, strong
 from ..core.errors import ConstraintWarning, PathError, ValueRangeError
 from ..core.numbers import number, percent, percent_of_limit, printed, seconds, torque
@@ -23,10 +24,11 @@ from ..mechanics.model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
+from ..motion.limits_file import read_limits
 from ..motion.load_case import limit_doubts
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
-from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
+from ..reports.robot_summary import degrees_hint, parse_configuration
 from ..reports.torque_verdict import (
     as_it_hangs,
     assumed_words,

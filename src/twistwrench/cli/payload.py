@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.arguments import parse_numbers
 from ..core.colours import Style, strong
 from ..core.errors import FrameError, UnknownNameError, ValueRangeError
 from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque, without_noise
@@ -21,9 +22,10 @@ from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.model.limits import over_limit
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits, credible_load
+from ..motion.limits_file import read_limits
 from ..motion.load_case import Payload, limit_doubts, reach, unlimited
 from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
-from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
+from ..reports.robot_summary import degrees_hint, parse_configuration
 from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot
 from ..statics.equilibrium import BeyondStop, joints_beyond_stops

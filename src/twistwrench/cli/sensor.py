@@ -11,6 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
+from ..core.arguments import parse_numbers
 from ..core.colours import Style
 from ..core.doubts import Doubt, doubt
 from ..core.errors import ModelWarning, ValueRangeError
@@ -23,7 +24,6 @@ from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.lie import quaternion, so3
 from ..mechanics.lie.labelled import WRENCH
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
-from ..reports.robot_summary import parse_numbers
 from ..sensing import Identification, PoseProposal, ReadingLog, identify, propose_poses, read_log, write_sensor
 from ..sensing.contact_detection import Compensation, compensation, left_over
 from ..sensing.files import read_sensor_file

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.arguments import assignments, parse_numbers
 from ..core.errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..core.files import replacing
 from ..core.numbers import number, printed
@@ -23,7 +24,6 @@ from ..core.text import listed
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.blocks import Block, verdict
-from ..reports.robot_summary import assignments, parse_numbers
 from .main import Decorator, Given, RobotOption, command, note, option, option_group
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.arguments import parse_numbers
 from ..core.colours import Style
 from ..core.errors import SimulationError, ValueRangeError
 from ..core.numbers import number, residual, seconds
@@ -19,7 +20,7 @@ from ..mechanics.joints.units import heading_unit, unit_of
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
-from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, parse_rates
+from ..reports.robot_summary import degrees_hint, parse_configuration, parse_rates
 from ..reports.torque_verdict import friction_words
 from ..robot import Robot
 from ..simulation.contact import Plane

@@ -22,6 +22,7 @@ from ..core.verdict import ExitCode, Word
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import over_limit
 from ..motion.differentiation import Differentiation
+from ..motion.limits_file import read_limits
 from ..motion.load_case import TERMS, cause_label
 from ..motion.log_table import excerpts
 from ..motion.motion_log import MotionLog
@@ -41,7 +42,6 @@ from ..reports.blocks import (
 )
 from ..reports.log_quality import MeasuredTorque
 from ..reports.motors import Demand, MotorUse, Steps
-from ..reports.robot_summary import read_limits
 from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
 from ..reports.torque_verdict import friction_words, notes_of, verdict_of

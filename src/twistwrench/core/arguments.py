@@ -6,9 +6,10 @@ Tables are recognised by attributes, without imports: ``columns`` (pandas, Polar
 
 from __future__ import annotations
 
+import math
 import operator
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Rational
 from typing import Any, ParamSpec, TypeVar
 
@@ -388,6 +389,33 @@ def pose(T: ArrayLike, what: str) -> Array:
         last_row(M, what)
         rotation(M[..., :3, :3], what)
     return M
+
+
+# ── Texts of options: numbers separated by commas, and ``NAME=VALUE``
+
+
+def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
+    """Parse finite numbers separated by commas, of one of these counts; ValueRangeError shows the form."""
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
+        raise ValueRangeError(f"{what} {text!r}: expected {form}.")
+    return numbers
+
+
+def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
+    """Values by name from texts ``NAME=VALUE``; ValueRangeError shows the form."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise ValueRangeError(f"{option} {text!r} is not {form}.")
+        if name in found:
+            raise ValueRangeError(f"{option} {name} is given twice. Keep one of them.")
+        found[name] = value
+    return found
 
 
 # ── Signatures of functions that pass all their arguments on to another function

@@ -18,7 +18,7 @@ from ..core.tables import html_table
 from ..core.verdict import ExitCode
 from ..formats.edit import edited, encoded
 from ..formats.xml import Place
-from ..reports.robot_summary import read_limits
+from ..motion.limits_file import read_limits
 from ..robot import Robot, load
 from ..shapes.solids import METRICS
 from .checks import CHECKS, Options

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.arguments import parse_numbers
 from ..core.doubts import Doubt
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
@@ -26,11 +27,10 @@ from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
 from ..mechanics.model.limits import Limits, StatedLimits, known_velocities
 from ..mechanics.model.model import BASE, Model
-from ..reports.robot_summary import parse_numbers
-from ..reports.sentences import sentence
 from .coordinates import Coordinates
 from .credible_values import credible_load, driven_entries, placeholder_limits
 from .differentiation import MotionSamples
+from .sentences import sentence
 
 if TYPE_CHECKING:
     from ..mechanics.model.model import Body, Model

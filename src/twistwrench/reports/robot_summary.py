@@ -1,4 +1,4 @@
-"""Robot as plain data, and joint values from command-line options or limits files."""
+"""Robot as plain data, its limits as a table, and joint values from command-line options."""
 
 from __future__ import annotations
 
@@ -6,40 +6,30 @@ import io
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..core.arguments import assignments, parse_numbers
 from ..core.errors import UnknownNameError, ValueRangeError
-from ..core.files import as_path
 from ..core.numbers import number, printed
 from ..core.tables import CsvWriter, html_table
 from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.joints.units import heading_unit, unit_of
-from ..mechanics.model.couplings import coupled_entries, joint_effort, refuse_coupled
+from ..mechanics.model.couplings import coupled_entries, joint_effort
 from ..mechanics.model.limits import Limits, StatedLimits
 from ..mechanics.model.model import BASE, Body, Model
-from ..motion.column_names import known_units, si_factor, split_unit
 from ..motion.coordinates import Coordinates
-from ..motion.readers.csv_reader import CsvFile, Dialect, table_errors
+from ..motion.limits_file import COLUMNS, KINDS
 from ..robot.task_space_methods import require_robot
 from . import blocks
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-COLUMNS = (
-    "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
-    "acceleration", "deceleration", "jerk", "damping", "friction", "armature", "leader", "ratio", "offset",
-)  # fmt: skip
-"""Entries of a row of :func:`joint_rows`."""
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 """Columns of the table in notebooks."""
-_KINDS = tuple(f.name for f in fields(Limits))
-"""Kinds of limits."""
 
 
 def summary(robot: Robot) -> dict[str, Any]:
@@ -88,7 +78,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
         for k in range(b.v_index, b.v_index + b.joint.nv):
             known: dict[str, float] = {}
             if not b.follows:
-                known = {kind: getattr(limits, kind)[k] for kind in _KINDS}
+                known = {kind: getattr(limits, kind)[k] for kind in KINDS}
                 known |= {
                     "damping": friction.viscous[k], "friction": friction.coulomb[k], "armature": model.armature[k],
                 }  # fmt: skip
@@ -233,30 +223,6 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
     return found
 
 
-def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
-    """Parse finite numbers separated by commas, of one of these counts; ValueRangeError shows the form."""
-    try:
-        numbers = [float(x) for x in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
-        raise ValueRangeError(f"{what} {text!r}: expected {form}.")
-    return numbers
-
-
-def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
-    """Values by name from texts ``NAME=VALUE``; ValueRangeError shows the form."""
-    found: dict[str, str] = {}
-    for text in texts:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if not (name and equals and value):
-            raise ValueRangeError(f"{option} {text!r} is not {form}.")
-        if name in found:
-            raise ValueRangeError(f"{option} {name} is given twice. Keep one of them.")
-        found[name] = value
-    return found
-
-
 def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
     known, found = {b.joint.name: b for b in robot.model.leaders}, []
     for joint, value in assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
@@ -266,122 +232,6 @@ def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool)
         form = f"{count} number{'s' if count > 1 else ''}"
         found.append((known[joint], parse_numbers(value, f"{option} {joint}", form, count)))
     return found
-
-
-# ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``
-
-# The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored.
-
-_BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
-    "nan": math.nan
-}
-"""Words for numbers."""
-_PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
-"""Quantities of the kinds of limits, for their units; jerk is one by itself."""
-
-
-def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
-    """Limits of the model, replaced by those of a file where given.
-
-    Angles have the unit of the head, ``velocity [deg/s]``, else of the column ``unit``, else degrees if ``degrees``.
-    Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
-    :class:`~twistwrench.ValueRangeError`, naming file, line and column.
-    """
-    if path is None:
-        return model.limits
-    path = as_path(path)
-    with table_errors(path, "limits file", f"joint,{','.join(_KINDS)}, then a line per joint"):
-        file = CsvFile.open(path)
-        header, units = _header(file)
-        rows = list(file.rows())
-    joints = Coordinates.from_model(model)
-    found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
-    seen: set[str] = set()
-    stated, with_unit = np.zeros(model.nv, bool), np.zeros((len(_KINDS), model.nv), bool)
-    for line, cells in rows:
-        row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
-        if row.get("leader"):
-            continue
-        joint = row.get("velocity_name") or row["joint"]
-        values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in _KINDS if row.get(kind)}
-        k = _check(joint, values, joints, seen, where)
-        if "effort" in values:
-            refuse_coupled(
-                model, [joint], "has no effort by itself. Give the motors' in the actuator file, and leave it blank"
-            )
-        seen.add(joint)
-        stated[k] = "effort" in values
-        turns = bool(joints.angular_velocity[k])
-        unit = row.get("unit") or unit_of("q", turns, degrees=degrees)
-        angle = _factor(unit, "q", turns, f"{where}, column 'unit'")
-        for kind, value in values.items():
-            part = _PARTS.get(kind, kind)
-            of_head = _factor(units[kind], part, turns, f"{where}, column {kind!r}") if kind in units else None
-            found[kind][k] = value * (of_head or (1.0 if kind == "effort" else angle))
-            with_unit[_KINDS.index(kind), k] = of_head is not None
-        if "acceleration" in values and "deceleration" not in values:
-            found["deceleration"][k] = found["acceleration"][k]
-        if found["lower"][k] > found["upper"][k]:
-            raise ValueRangeError(
-                f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
-                f"{printed(found['upper'][k])}. Swap them."
-            )
-    return StatedLimits(**found, stated=stated, with_unit=with_unit)
-
-
-def _factor(unit: str, part: str, turns: bool, where: str) -> float:
-    """Factor from a unit to SI units; raises ValueRangeError for units of other quantities."""
-    factor = si_factor(unit, part, turns)
-    if factor is None:
-        joint = "turning" if turns else "sliding"
-        raise ValueRangeError(
-            f"{where}: {unit!r} is not a unit of this limit of a {joint} joint. Write one of {known_units(part, turns)}."
-        )
-    return factor
-
-
-def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
-    """Velocity index of a joint; raises for unknown and repeated joints and for positions of joints without one."""
-    known = joints.velocity_names
-    if joint not in known:
-        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known)}")
-    if joint in seen:
-        raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
-    k = known.index(joint)
-    bounded = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
-    if joints.position_of[k] < 0 and bounded:
-        raise ValueRangeError(
-            f"{where}, column {bounded[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
-            "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
-        )
-    return k
-
-
-def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
-    """Column names, and the units of heads that name one, ``velocity [deg/s]``."""
-    heads = [(name.lower(), unit) for name, unit in map(split_unit, file.header)]
-    header = [name for name, _ in heads]
-    unknown = [name for name in header if name not in COLUMNS]
-    if "joint" not in header or unknown or len(set(header)) < len(header):
-        raise ValueRangeError(
-            f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
-            f"{', '.join(_KINDS)}, each once, separated by commas."
-        )
-    return header, {name: unit for name, unit in heads if unit and name in _KINDS}
-
-
-def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
-    value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
-    if value is None:
-        raise ValueRangeError(
-            f"{where}, column {kind!r}: {text!r} is not a number. Leave it blank to keep the robot's."
-        )
-    if math.isnan(value) or (kind not in ("lower", "upper") and value <= 0):
-        allowed = "a number" if kind in ("lower", "upper") else "a number above 0"
-        raise ValueRangeError(
-            f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
-        )
-    return value
 
 
 def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> blocks.Table:

@@ -19,8 +19,8 @@ from ..motion.coordinates import Coordinates
 from ..motion.credible_values import driven_entries
 from ..motion.load_case import LoadCase, Payload, PayloadMargin, cause_label
 from ..motion.motion_log import ASKED
+from ..motion.sentences import SENTENCES, sentence
 from .blocks import Line, verdict
-from .sentences import SENTENCES, sentence
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
 from .torque_verdict import (

@@ -23,8 +23,8 @@ from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
 from ..motion.load_case import Payload, cause_label, limit_doubts, limits_remedy, unlimited, without_velocity_limit
 from ..motion.plausibility import Origin
+from ..motion.sentences import sentence
 from .log_quality import MeasuredTorque
-from .sentences import sentence
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 

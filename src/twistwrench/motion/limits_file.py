@@ -1,0 +1,141 @@
+"""Joint limits from a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
+
+The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.files import as_path
+from ..core.numbers import printed
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.couplings import refuse_coupled
+from ..mechanics.model.limits import Limits, StatedLimits
+from ..mechanics.model.model import Model
+from .column_names import known_units, si_factor, split_unit
+from .coordinates import Coordinates
+from .readers.csv_reader import CsvFile, Dialect, table_errors
+
+COLUMNS = (
+    "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
+    "acceleration", "deceleration", "jerk", "damping", "friction", "armature", "leader", "ratio", "offset",
+)  # fmt: skip
+"""Columns of the table of ``twistwrench info --csv``."""
+KINDS = tuple(f.name for f in fields(Limits))
+"""Kinds of limits."""
+_BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
+    "nan": math.nan
+}
+"""Words for numbers."""
+_PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
+"""Quantities of the kinds of limits, for their units; jerk is one by itself."""
+
+
+def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
+    """Limits of the model, replaced by those of a file where given.
+
+    Angles have the unit of the head, ``velocity [deg/s]``, else of the column ``unit``, else degrees if ``degrees``.
+    Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
+    :class:`~twistwrench.ValueRangeError`, naming file, line and column.
+    """
+    if path is None:
+        return model.limits
+    path = as_path(path)
+    with table_errors(path, "limits file", f"joint,{','.join(KINDS)}, then a line per joint"):
+        file = CsvFile.open(path)
+        header, units = _header(file)
+        rows = list(file.rows())
+    joints = Coordinates.from_model(model)
+    found = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
+    seen: set[str] = set()
+    stated, with_unit = np.zeros(model.nv, bool), np.zeros((len(KINDS), model.nv), bool)
+    for line, cells in rows:
+        row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
+        if row.get("leader"):
+            continue
+        joint = row.get("velocity_name") or row["joint"]
+        values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in KINDS if row.get(kind)}
+        k = _check(joint, values, joints, seen, where)
+        if "effort" in values:
+            refuse_coupled(
+                model, [joint], "has no effort by itself. Give the motors' in the actuator file, and leave it blank"
+            )
+        seen.add(joint)
+        stated[k] = "effort" in values
+        turns = bool(joints.angular_velocity[k])
+        unit = row.get("unit") or unit_of("q", turns, degrees=degrees)
+        angle = _factor(unit, "q", turns, f"{where}, column 'unit'")
+        for kind, value in values.items():
+            part = _PARTS.get(kind, kind)
+            of_head = _factor(units[kind], part, turns, f"{where}, column {kind!r}") if kind in units else None
+            found[kind][k] = value * (of_head or (1.0 if kind == "effort" else angle))
+            with_unit[KINDS.index(kind), k] = of_head is not None
+        if "acceleration" in values and "deceleration" not in values:
+            found["deceleration"][k] = found["acceleration"][k]
+        if found["lower"][k] > found["upper"][k]:
+            raise ValueRangeError(
+                f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
+                f"{printed(found['upper'][k])}. Swap them."
+            )
+    return StatedLimits(**found, stated=stated, with_unit=with_unit)
+
+
+def _factor(unit: str, part: str, turns: bool, where: str) -> float:
+    """Factor from a unit to SI units; raises ValueRangeError for units of other quantities."""
+    factor = si_factor(unit, part, turns)
+    if factor is None:
+        joint = "turning" if turns else "sliding"
+        raise ValueRangeError(
+            f"{where}: {unit!r} is not a unit of this limit of a {joint} joint. Write one of {known_units(part, turns)}."
+        )
+    return factor
+
+
+def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
+    """Velocity index of a joint; raises for unknown and repeated joints and for positions of joints without one."""
+    known = joints.velocity_names
+    if joint not in known:
+        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known)}")
+    if joint in seen:
+        raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
+    k = known.index(joint)
+    bounded = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
+    if joints.position_of[k] < 0 and bounded:
+        raise ValueRangeError(
+            f"{where}, column {bounded[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
+            "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
+        )
+    return k
+
+
+def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
+    """Column names, and the units of heads that name one, ``velocity [deg/s]``."""
+    heads = [(name.lower(), unit) for name, unit in map(split_unit, file.header)]
+    header = [name for name, _ in heads]
+    unknown = [name for name in header if name not in COLUMNS]
+    if "joint" not in header or unknown or len(set(header)) < len(header):
+        raise ValueRangeError(
+            f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
+            f"{', '.join(KINDS)}, each once, separated by commas."
+        )
+    return header, {name: unit for name, unit in heads if unit and name in KINDS}
+
+
+def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
+    value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
+    if value is None:
+        raise ValueRangeError(
+            f"{where}, column {kind!r}: {text!r} is not a number. Leave it blank to keep the robot's."
+        )
+    if math.isnan(value) or (kind not in ("lower", "upper") and value <= 0):
+        allowed = "a number" if kind in ("lower", "upper") else "a number above 0"
+        raise ValueRangeError(
+            f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
+        )
+    return value
