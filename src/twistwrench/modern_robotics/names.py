@@ -57,14 +57,13 @@ def of_chain(quantity: str, equation: str, result: str) -> Callable[[Declared], 
 
     def decorate(declared: Declared) -> Declared:
         names = [*inspect.signature(declared).parameters]
-        lists = [name for name in names if name.endswith("list") and name[0].isupper()]
-        inputs = sorted(set(names) - set(lists), key=lambda name: (name == "g", names.index(name)))
+        whole = names[-3:] == ["Mlist", "Glist", "Slist"]
+        inputs = [(name, place) for place, name in enumerate(names) if name not in LISTS]
+        inputs.sort(key=lambda one: one[0] == "g")
 
         def evaluate(given: tuple[Any, ...]) -> Array:
-            values = dict(zip(names, given, strict=True))
-            described = [values[name] for name in lists]
-            chain = chain_of(*described) if len(lists) == 3 else screws_of(described[0], lists[0])
-            return chain.run(quantity, **{name: chain.checked(values[name], name) for name in inputs})
+            chain = chain_of(*given[-3:]) if whole else screws_of(given[0], names[0])
+            return chain.run(quantity, **{name: chain.checked(given[place], name) for name, place in inputs})
 
         return _built_from(declared, evaluate, equation, result)
 
@@ -158,6 +157,9 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
 
 CACHED = 64
 """Maximum number of cached sets of lists (least recently used are dropped). Machine code remains cached on disk."""
+LISTS = ("Mlist", "Glist", "Slist", "Blist")
+SIZES = {"g": 3, "Ftip": 6}
+"""Numbers of an input that is not one per joint."""
 _AT_TIP: dict[str, Any] = {"gravity": "input", "wrenches": True}
 _KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "pose": ("forward_kinematics", {}),
@@ -198,8 +200,7 @@ class Chain:
 
     def checked(self, x: ArrayLike, name: str) -> Array:
         """Input of a kernel: gravity, a wrench at the tip, or one number per joint."""
-        size = {"g": 3, "Ftip": 6}.get(name)
-        return self.joints(x, name) if size is None else arguments.real(x, name, size)
+        return arguments.real(x, name, SIZES[name]) if name in SIZES else self.joints(x, name)
 
     def run(self, quantity: str, **arrays: Array) -> Array:
         """Evaluate a quantity; raises ShapeError for batches that do not broadcast."""
