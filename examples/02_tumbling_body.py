@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ellipk
 
 import twistwrench as tw
-from twistwrench.viz.plots.style import BLUE, GREY, LINE, ORANGE, VERMILION, figure, save
+from twistwrench.viz.style import BLUE, GREY, LINE, ORANGE, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="tumbling_body.png", help="where to write it")

@@ -11,7 +11,7 @@ from argparse import ArgumentParser
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.viz.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, figure, save
+from twistwrench.viz.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="arm_with_payload.png", help="where to write it")

@@ -12,7 +12,7 @@ from argparse import ArgumentParser
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.viz.plots.style import BLUE, GREEN, GREY, VERMILION, figure, save
+from twistwrench.viz.style import BLUE, GREEN, GREY, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="controllers.png", help="where to write it")

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 import twistwrench as tw
-from twistwrench.viz.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, figure, save
+from twistwrench.viz.style import BLUE, GREY, ORANGE, SKY, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="quadruped_standing.png", help="where to write it")

@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.viz.plots.style import AXIS, VERMILION, figure, save
+from twistwrench.viz.style import AXIS, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="ten_thousand_rollouts.png", help="where to write it")

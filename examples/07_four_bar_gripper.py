@@ -13,8 +13,7 @@ from argparse import ArgumentParser
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.mechanics.model.builder import ModelBuilder
-from twistwrench.viz.plots.style import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, figure, save
+from twistwrench.viz.style import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="four_bar_gripper.png", help="where to write it")
@@ -40,7 +39,7 @@ def bar(length, mass):
     return tw.SpatialInertia.from_com(mass, (0, 0, length / 2), mass * length**2 / 12 * np.diag([1, 1, 0.02]))
 
 
-builder = ModelBuilder("gripper")
+builder = tw.ModelBuilder("gripper")
 builder.add_link("palm")
 builder.add_link("nut", bar(0.01, 0.05))
 builder.add_joint("spindle", "prismatic", "palm", "nut", axis=(0, 0, 1))

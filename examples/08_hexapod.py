@@ -13,8 +13,7 @@ from argparse import ArgumentParser
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.mechanics.model.builder import ModelBuilder
-from twistwrench.viz.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, figure, save
+from twistwrench.viz.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, figure, save
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="hexapod.png", help="where to write it")
@@ -39,7 +38,7 @@ def at(p):
     return tw.se3.pose(np.eye(3), p)
 
 
-builder = ModelBuilder("hexapod")
+builder = tw.ModelBuilder("hexapod")
 builder.add_link("base")
 builder.add_link("platform", tw.SpatialInertia.cylinder(radius=0.5, length=0.03, mass=25.0))
 builder.add_joint("float", "floating", "base", "platform")

@@ -20,7 +20,6 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import twistwrench as tw
-from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.simulation.closed import ClosedSimulation
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
@@ -41,7 +40,7 @@ def turned(k: int) -> np.ndarray:
 
 def delta() -> tw.Robot:
     """The robot; x of a leg points outward, and a positive angle of its motor lowers its arm."""
-    builder = ModelBuilder("delta")
+    builder = tw.ModelBuilder("delta")
     builder.add_link("base")
     builder.add_link("plate", tw.SpatialInertia.cylinder(radius=PLATE, length=0.02, mass=0.8))
     builder.add_joint("float", "floating", "base", "plate")

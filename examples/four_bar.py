@@ -20,7 +20,6 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import twistwrench as tw
-from twistwrench.mechanics.model.builder import ModelBuilder
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
 LENGTHS = {"crank": 0.3, "coupler": 0.8, "rocker": 0.6}  # m; the ground's is 0.7
@@ -29,7 +28,7 @@ MASSES = {"crank": 1.0, "coupler": 2.0, "rocker": 1.5}  # kg
 
 def linkage() -> tw.Robot:
     """The linkage in the plane (x, z), its angles from x toward z."""
-    builder = ModelBuilder("four_bar")
+    builder = tw.ModelBuilder("four_bar")
     builder.add_link("ground_link")
     for bar, L in LENGTHS.items():
         moment = MASSES[bar] * L**2 / 12 * np.diag([0.001, 1, 1])

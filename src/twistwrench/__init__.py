@@ -39,6 +39,7 @@ __all__ = [
     "InertiaError",
     "KernelError",
     "MissingExtraError",
+    "ModelBuilder",
     "ModelError",
     "ModelWarning",
     "Motion",
@@ -102,6 +103,7 @@ if _typing.TYPE_CHECKING:
     from .mechanics.lie.twist_wrench import Pose as Pose
     from .mechanics.lie.twist_wrench import Twist as Twist
     from .mechanics.lie.twist_wrench import Wrench as Wrench
+    from .mechanics.model.builder import ModelBuilder as ModelBuilder
     from .motion.motion import Motion as Motion
     from .robot import convert as convert
     from .robot import pointwise as pointwise
@@ -121,6 +123,7 @@ _MODULES = {
 
 _NAMES = {
     "Ad": "mechanics.lie.adjoint",
+    "ModelBuilder": "mechanics.model.builder",
     "Motion": "motion.motion",
     "Pose": "mechanics.lie.twist_wrench",
     "RigidBody": "mechanics.bodies.rigid_body",

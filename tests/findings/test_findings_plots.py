@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.viz.plots import style
+from twistwrench.viz import style
 
 TREE = '<robot name="many"><link name="base"/>{}</robot>'
 JOINT = (
@@ -77,7 +77,7 @@ def drawn(monkeypatch):
     """Figures in place of the files."""
     pytest.importorskip("matplotlib")
     figures = []
-    monkeypatch.setattr("twistwrench.viz.plots.style.save", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr("twistwrench.viz.style.save", lambda figure, path: figures.append(figure))
     return figures
 
 

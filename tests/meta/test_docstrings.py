@@ -26,7 +26,7 @@ from twistwrench.robot.quantities import QUANTITIES
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
     "robot.export", "mechanics.joints", "mechanics.model.actuators", "mechanics.model.builder", "mechanics.model.edit", "mechanics.model.limits", "motion", "viz.plots.explanation",
-    "viz.plots.motion", "viz.plots.payload", "viz.plots.simulation", "viz.plots.style", "viz.plots.torques", "reports", "mechanics.lie.axis",
+    "viz.plots.motion", "viz.plots.payload", "viz.plots.simulation", "viz.style", "viz.plots.torques", "reports", "mechanics.lie.axis",
     "mechanics.lie.twist_wrench", "core.verdict", "testing.verify",
 )  # fmt: skip
 """Modules that are imported by their own path, beside those of ``dir(twistwrench)``."""

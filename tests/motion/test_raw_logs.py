@@ -225,7 +225,7 @@ def test_smooth_leaves_out_what_is_raw_and_changes_no_estimate(arm, tmp_path):
 
 def test_the_picture_of_a_noisy_log_shows_the_estimate_and_cuts_off_what_is_raw(arm, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
     from twistwrench.viz.plots.torques import plot_report
 
     drawn = []

@@ -152,7 +152,7 @@ def test_the_title_says_where_friction_is_left_out(robot, friction):
 
 def test_limits_of_torque_are_drawn_on_the_sides_that_come_near_them(robot, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
     from twistwrench.viz.plots.torques import plot_report
 
     drawn, report = [], analysed(robot, 5.0)[0]
@@ -171,7 +171,7 @@ def test_limits_of_torque_are_drawn_on_the_sides_that_come_near_them(robot, tmp_
 def test_regions_of_motors_are_the_same_turned_by_half_a_turn(robot, tmp_path, monkeypatch):
     """A motor that runs backwards has the same limits the other way."""
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
     from twistwrench.viz.plots.torques import plot_motors
 
     drawn = []
@@ -189,7 +189,7 @@ def test_regions_of_motors_are_the_same_turned_by_half_a_turn(robot, tmp_path, m
 @pytest.mark.parametrize(("way", "push", "beyond"), [(1, -1, 0), (-1, 1, 0), (1, 1, 2), (-1, -1, 2)])
 def test_near_its_no_load_speed_a_motor_brakes_and_does_not_drive(robot, tmp_path, monkeypatch, way, push, beyond):
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
     from twistwrench.viz.plots.torques import plot_motors
 
     drawn, report = [], analysed(robot, 5.0)[0]

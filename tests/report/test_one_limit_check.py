@@ -20,8 +20,8 @@ from twistwrench.mechanics.model.limits import TOLERANCE
 from twistwrench.reports.motors import Demand, MotorUse
 from twistwrench.statics import largest_payload
 from twistwrench.trajectories import bounds_of
-from twistwrench.viz.plots.style import OVER
 from twistwrench.viz.plots.torques import plot_report
+from twistwrench.viz.style import OVER
 
 SHARES = [pytest.param(1 + TOLERANCE / 2, False, id="at"), pytest.param(1 + 2 * TOLERANCE, True, id="over")]
 

@@ -494,7 +494,7 @@ def test_pictures_are_drawn(result, tmp_path):
 def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monkeypatch):
     """Lengths, angles and quaternions apart; the eight that move most in colours or dashes of their own."""
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
 
     drawn = []
     save = style.save
@@ -516,7 +516,7 @@ def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monke
 
 def test_a_joint_has_one_colour_in_every_picture(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
 
     drawn = []
     monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure))

@@ -97,7 +97,7 @@ def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
 
 def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots import style
+    from twistwrench.viz import style
 
     titles, figure = [], style.figure
     monkeypatch.setattr(style, "figure", lambda w, h, title: (titles.append(title), figure(w, h, title))[1])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from twistwrench import MissingExtraError, ValueRangeError
-from twistwrench.viz.plots.style import STYLE, figure, require_matplotlib, save
+from twistwrench.viz.style import STYLE, figure, require_matplotlib, save
 
 
 def drawn(title="a title"):
@@ -100,6 +100,6 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch):
 
 
 def test_matplotlib_is_left_for_later():
-    code = "import sys, twistwrench.viz.plots.style, twistwrench.viz.plots.torques, twistwrench.viz.plots.payload; print('matplotlib' in sys.modules)"
+    code = "import sys, twistwrench.viz.style, twistwrench.viz.plots.torques, twistwrench.viz.plots.payload; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.viz.plots.style import figure
+from twistwrench.viz.style import figure
 
 pytest.importorskip("matplotlib")
 

@@ -469,7 +469,7 @@ def printed_output(given: dict[str, Any]) -> Iterator[None]:
 
 def check_matplotlib() -> None:
     """Raise if a picture cannot be drawn, before a long run."""
-    from ..viz.plots.style import require_matplotlib
+    from ..viz.style import require_matplotlib
 
     require_matplotlib("Drawing the report (--plot)")
 

@@ -95,7 +95,7 @@ def write_json(given: Given, code: int | None) -> None:
 
 def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
     """Picture of a plot for the page."""
-    from ..viz.plots.style import page_svg
+    from ..viz.style import page_svg
 
     return Picture(title, page_svg(plot))
 

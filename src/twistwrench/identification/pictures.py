@@ -14,7 +14,7 @@ from ..core.numbers import number, percent
 from ..mechanics.joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates
 from ..reports.page import Picture
-from ..viz.plots import style
+from ..viz import style
 from ..viz.plots.diagnosis import VIEWS, draw_inertias
 
 if TYPE_CHECKING:

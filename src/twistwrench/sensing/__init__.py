@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from .contact_detection import CollisionThreshold, contact_nearest, contact_on_plane, contact_on_sphere
+from .contact_detection import (
+    CollisionThreshold,
+    contact_nearest,
+    contact_on_plane,
+    contact_on_sphere,
+    residual_moment,
+)
 from .files import read_log, read_sensor, write_log, write_sensor
 from .identification import identify
 from .log import ReadingLog
-from .poses import PoseProposal, propose_poses, simulate
+from .poses import PoseProposal, lively_motion, propose_poses, simulate
 from .result import Identification
-from .sensor import ForceTorqueSensor
+from .sensor import ForceTorqueSensor, gravity_in_frame
 
 __all__ = [
     "CollisionThreshold",
@@ -19,10 +25,13 @@ __all__ = [
     "contact_nearest",
     "contact_on_plane",
     "contact_on_sphere",
+    "gravity_in_frame",
     "identify",
+    "lively_motion",
     "propose_poses",
     "read_log",
     "read_sensor",
+    "residual_moment",
     "simulate",
     "write_log",
     "write_sensor",

@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from . import style as style
     from .plots.motion import Energies, energies, plot_phase, plot_power, plot_split
 
 _PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
@@ -37,6 +38,8 @@ _PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
 
 
 def __getattr__(name: str) -> object:
+    if name == "style":
+        return importlib.import_module(".style", __name__)
     if name in _PLOTS:
         return getattr(importlib.import_module(".plots.motion", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,7 +13,7 @@ from ..core.colours import COLOURS as MEANINGS
 from ..core.colours import NEAR_LIMIT, Style
 from ..core.typing import Array
 from ..mechanics.lie import se3, so3
-from .plots import style
+from . import style
 from .scene import Scene, turned_z
 
 if TYPE_CHECKING:

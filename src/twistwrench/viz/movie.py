@@ -23,8 +23,8 @@ from ..mechanics.model.limits import over_limit
 from ..mechanics.model.model import BASE
 from ..reports.drawn_motion import DrawnMotion, motion_of
 from ..reports.spoken_verdict import verdict_text
+from . import style
 from .colours import share_colours
-from .plots import style
 from .scene import Scene, Shape, scene_of
 from .starting_pose import starting_pose
 
@@ -192,7 +192,7 @@ def draw(
     Examples
     --------
     >>> import twistwrench as tw
-    >>> from twistwrench.viz.plots.style import figure
+    >>> from twistwrench.viz.style import figure
     >>> from twistwrench.viz import draw
     >>> with figure(4, 3, "two poses") as drawn:
     ...     camera = draw(drawn.subplots(), tw.robots.planar_2r(), [[0.0, 0.5], [0.3, 0.8]])

@@ -12,8 +12,8 @@ from ...core.errors import ValueRangeError
 from ...core.typing import Array
 from ...mechanics.bodies.inertia import SpatialInertia
 from ...mechanics.bodies.mesh import hull_faces
+from .. import style
 from ..scene import equal_inertia_ellipsoid
-from . import style
 
 if TYPE_CHECKING:
     from ...diagnosis import DoctorReport

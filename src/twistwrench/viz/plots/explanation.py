@@ -16,7 +16,7 @@ from ...robot.explanation import MOTION_TERMS, Explanation, require_one_state
 from ...sensing.log import ReadingLog
 from ...sensing.outliers import runs
 from ...sensing.sensor import ForceTorqueSensor
-from . import style
+from .. import style
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
 _APART = {"friction": style.GREY, "springs": style.OLIVE}

@@ -18,7 +18,7 @@ from ...mechanics.model.limits import Limits, over_limit
 from ...motion.bounds import bounds_or_own
 from ...motion.coordinates import Coordinates
 from ...reports.drawn_motion import DrawnMotion
-from . import style
+from .. import style
 
 if TYPE_CHECKING:
     from ...motion.motion import Motion
@@ -321,7 +321,7 @@ def legend(axis: style.Axes) -> None:
 
     Examples
     --------
-    >>> from twistwrench.viz.plots.style import figure
+    >>> from twistwrench.viz.style import figure
     >>> with figure(4, 3, "velocities") as drawn:
     ...     axis = drawn.subplots()
     ...     _ = axis.plot([0, 1], label="joint1")
@@ -346,7 +346,7 @@ def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tupl
 
     Examples
     --------
-    >>> from twistwrench.viz.plots.style import figure
+    >>> from twistwrench.viz.style import figure
     >>> with figure(4, 3, "velocities") as drawn:
     ...     axis = drawn.subplots()
     ...     curves(axis, np.arange(3.0), np.ones((3, 1)), np.full(1, 2.0), ("joint1",), "velocity")

@@ -22,7 +22,7 @@ from ...statics.force_capability import (
     wrench_polytope,
 )
 from ...statics.payload import SLICES, LargestPayload, PayloadMap
-from . import style
+from .. import style
 
 if TYPE_CHECKING:
     from ...robot import Robot

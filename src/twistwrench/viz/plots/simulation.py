@@ -14,7 +14,7 @@ from ...mechanics.model.limits import Limits
 from ...motion.bounds import bounds_or_own
 from ...trajectories.fastest import Fastest
 from ...trajectories.trajectory import required_torques
-from . import style
+from .. import style
 from .motion import curves, legend
 
 if TYPE_CHECKING:

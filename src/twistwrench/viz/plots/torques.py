@@ -18,7 +18,7 @@ from ...reports.statistics import INTERVAL
 from ...reports.torque_report import ZERO, JointTorque, TorqueReport
 from ...sizing.choice import SizedJoint, Sizing
 from ...sizing.drives import hot_motor
-from . import style
+from .. import style
 
 _SEEN = 0.02
 """Minimum width of a visible interval, as a share of the curve's range."""

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ...core.colours import COLOURS, Style
-from ...core.errors import MissingExtraError
-from ...core.files import picture_path, replacing
-from ...core.glossary import complete
-from ...core.typing import Array
+from ..core.colours import COLOURS, Style
+from ..core.errors import MissingExtraError
+from ..core.files import picture_path, replacing
+from ..core.glossary import complete
+from ..core.typing import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
