@@ -711,21 +711,27 @@ def SimulateControl(
         ``plot=True`` without matplotlib.
     """
     robot, model = chain_of(Mlist, Glist, Slist), chain_of(Mtildelist, Gtildelist, Slist)
-    q, dq = _start(robot, thetalist, dthetalist)
-    q_d, dq_d, ddq_d = _motion(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd).values()
-    gains, dt, steps = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
-    gravity, believed, F = (
-        arguments.one(g, "g", 3),
-        arguments.one(gtilde, "gtilde", 3),
-        _tip_wrenches(Ftipmat, len(q_d)),
-    )
-    eint, taumat, thetamat = np.zeros(robot.n), np.empty(q_d.shape), np.empty(q_d.shape)
-    for i in range(len(q_d)):
-        taumat[i] = _torque(model, believed, q, dq, eint, q_d[i], dq_d[i], ddq_d[i], *gains)
-        q, dq = _euler(robot, q, dq, taumat[i], gravity, F[i], dt, steps)
-        thetamat[i], eint = q, eint + dt * (q_d[i] - q)
+    start, gains = _start(robot, thetalist, dthetalist), _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd)
+    motion = _motion(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd)
+    q_d, dt, steps = motion["thetamatd"], arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
+    F, gravity = _tip_wrenches(Ftipmat, len(q_d)), arguments.one(g, "g", 3)
+    believed = arguments.one(gtilde, "gtilde", 3)
+    taumat, thetamat = _closed_loop(robot, model, *start, [*motion.values()], F, gravity, believed, gains, dt, steps)
     if plot:
         _show(dt * np.arange(1, len(q_d) + 1), thetamat, q_d)
+    return taumat, thetamat
+
+
+def _closed_loop(
+    robot: Chain, model: Chain, q: Array, dq: Array, motion: list[Array], F: Array, gravity: Array, believed: Array,
+    gains: list[Array], dt: float, steps: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Torques and joint angles (N, n) of a motion q_d, dq_d, ddq_d that a controller with its own model tracks."""
+    eint, taumat, thetamat = np.zeros(robot.n), np.empty(motion[0].shape), np.empty(motion[0].shape)
+    for i, (q_d, dq_d, ddq_d) in enumerate(zip(*motion, strict=True)):
+        taumat[i] = _torque(model, believed, q, dq, eint, q_d, dq_d, ddq_d, *gains)
+        q, dq = _euler(robot, q, dq, taumat[i], gravity, F[i], dt, steps)
+        thetamat[i], eint = q, eint + dt * (q_d - q)
     return taumat, thetamat
 
 
