@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...core.child_process import ChildLimits, run_in_child
 from ...core.errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
 from ...core.text import clipped, listed
 from ..known_elements import KNOWN, READ, Entry, Rows
@@ -108,6 +107,8 @@ def expand_xacro(
         )
 
     declared: dict[str, None] = {}
+    from ...core.child_process import ChildLimits, run_in_child
+
     limits = ChildLimits(SECONDS, MEMORY, 8 * MOST_BYTES)
     request = _request(text, path, arguments, folders)
     answer = run_in_child("twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=failed)

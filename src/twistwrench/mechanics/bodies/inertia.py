@@ -13,7 +13,6 @@ from ...core import arguments
 from ...core.errors import FrameError, InertiaError, ValueRangeError
 from ...core.glossary import complete
 from ...core.numbers import number, vector, without_noise
-from ...core.tables import html_table
 from ...core.typing import Array
 from ..lie import so3
 from ..lie.labelled import Labelled
@@ -73,6 +72,8 @@ class SpatialInertia:
             return None  # notebooks show repr
         I = [[float(x) for x in row] for row in self.moment_about_com]
         title = f"{number(self.mass, 6)} kg, com {vector(self.com)} m; moments of inertia about the com, in kg m²"
+        from ...core.tables import html_table
+
         return html_table(title, ("x", "y", "z"), I)
 
     # ── constructors ──

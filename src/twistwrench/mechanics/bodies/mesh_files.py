@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ...core.entities import refuse_entities
 from ...core.errors import ModelError
 from ...core.files import read_bytes
 
@@ -40,6 +39,8 @@ def load_mesh(path: Path, load: Callable[..., Any], **options: Any) -> Any:
 
     data, kind = read_bytes(path, _MOST_BYTES), path.suffix.lower()
     if kind == ".dae":
+        from ...core.entities import refuse_entities
+
         refuse_entities(data, lambda name: ModelError(f"declares the entity {name[:200]!r}, which is refused"))
     elif kind in (".gltf", ".glb"):
         _check_gltf(data)
