@@ -24,8 +24,8 @@ from .engine import ConstrainedEngine
 if TYPE_CHECKING:
     from ..mechanics.algorithms.constraints import Constraint, MotionForceSplit
     from ..mechanics.algorithms.loop_closure import ConstraintProjector
+    from .constraints.closures import LoopClosureSolver
     from .doors import ConstrainedRobot
-    from .ik_search import LoopClosureSolver
     from .robot import Robot
 
 CLOSED = 1e-12
@@ -222,7 +222,7 @@ class ConstraintMethods(RobotBase):
 
     def _searched_loops(self) -> LoopClosureSolver:
         """Solver for the loop gaps, as rows of a search."""
-        from .ik_search import LoopClosureSolver
+        from .constraints.closures import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
         found: LoopClosureSolver = self.open().engine.cached(

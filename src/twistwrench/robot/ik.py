@@ -22,9 +22,10 @@ from ..mechanics.joints.screw_joint import ScrewJoint
 from ..mechanics.lie import se3, so3
 from ..mechanics.model.assembly import random_configuration
 from ..mechanics.model.description import frames_to_user
-from .ik_search import Frames, LoopClosureSolver, PoseSearch, SinglePose
+from .ik_search import Frames, PoseSearch, SinglePose
 
 if TYPE_CHECKING:
+    from .constraints.closures import LoopClosureSolver
     from .robot import Robot
 
 _OPEN = 1e-9

@@ -1,4 +1,4 @@
-"""Kernel of the inverse-kinematics search with restarts, also for closed loops."""
+"""Kernel of the inverse-kinematics search with restarts."""
 
 from __future__ import annotations
 
@@ -14,22 +14,14 @@ from ..compiler.ir.tracer import trace
 from ..compiler.runtime import batch_threads
 from ..compiler.runtime.batch_threads import Part
 from ..compiler.runtime.dispatch import make_call
-from ..core.errors import ConstraintError
 from ..core.typing import Array
-from ..mechanics.algorithms.constraints import Closure
-from ..mechanics.algorithms.loop_closure import LoopRows
 from ..mechanics.algorithms.newton_step import NewtonStep
 from ..mechanics.model.assembly import random_configuration
 from ..mechanics.model.model import Model
-from .constraint_methods import CLOSED
-from .constraints.closures import some_configurations
-from .constraints.tolerances import gap_units
 from .engine import compiled
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from .doors import ConstrainedRobot
+    from .constraints.closures import LoopClosureSolver
 
 STEPS = 60
 """Largest number of steps from one start."""
@@ -259,73 +251,3 @@ class _NoFallback:
 
     def found(self, T: Any, start: Any, settings: Array, places: Array, reached: Array) -> None:
         """None: the general search follows."""
-
-
-# ── Loops of a closed robot in inverse kinematics: rows, start configurations, closure errors
-
-ROUNDS = 4
-"""Number of alternating projections of starts into the limits and onto the loops."""
-
-
-class LoopClosureSolver:
-    """Loops of one closed robot in a search for poses."""
-
-    def __init__(self, closed: ConstrainedRobot) -> None:
-        self.closed = closed
-        self.rows = LoopRows(closed.constraints, closed.independent)
-        self.units = gap_units(closed)
-        mine = self.rows.places[0]
-        self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
-        """Index in a twist of each row."""
-        self.allowed = tuple((CLOSED * self.units[mine]).tolist())
-        """Largest gap of each row, rad or m."""
-
-    @cached_property
-    def start(self) -> Array:
-        """A configuration with the loops closed; raises ConstraintError if none is found."""
-        try:
-            return np.asarray(some_configurations(self.closed, None)[0])
-        except ConstraintError as problem:
-            raise ConstraintError(
-                f"inverse_kinematics: {str(problem).partition('. ')[0]}. Give q0, a configuration near a closed one."
-            ) from None
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """Cache key: searches of one robot with equal keys are shared."""
-        return self.rows.constraints, self.rows.independent
-
-    def settled(self, q: Array) -> Array:
-        """Configurations (n, nq) moved onto the loops; unchanged if no closed configuration is found."""
-        found, left = self.closed.settled(q, CLOSED)
-        return np.where((left <= CLOSED)[:, None], found, q)
-
-    def closed_starts(self, some: Array, inside: Callable[[Array], Array]) -> Array:
-        """Configurations (n, nq) with closed loops inside the limits, from configurations that may be open.
-
-        Those from which none is found are moved half and then a quarter of the way towards one from which one is found.
-        """
-        robot = self.closed.open()
-
-        def closed(q: Array) -> tuple[Array, Array]:
-            for _ in range(ROUNDS):
-                q = inside(self.settled(q))
-            found = self.settled(q)
-            return found, (inside(found) == found).all(axis=-1) & (self.open_by(found)[1] <= CLOSED)
-
-        q, good = closed(some)
-        for part in (0.5, 0.25):
-            if good.all() or not good.any():
-                break
-            rows = np.flatnonzero(~good)
-            known = np.resize(np.flatnonzero(good), len(rows))
-            q[rows], good[rows] = closed(robot.add(q[known], part * robot.subtract(some[rows], q[known])))
-        rows = np.flatnonzero(~good)
-        if good.any():
-            q[rows] = q[np.resize(np.flatnonzero(good), len(rows))]
-        return inside(q)
-
-    def open_by(self, q: Array) -> tuple[Array, Array]:
-        """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
-        gaps = self.closed.gaps(q)
-        return gaps[:, self.rows.places[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)

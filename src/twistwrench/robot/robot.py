@@ -229,13 +229,15 @@ class Robot(
         >>> bool(found.converged), found.q.shape
         (True, (6,))
         """
-        options = angle, distance, nearest, self._searched_loops() if self.constraints else None
-        found = _inverse_kinematics()(self.open(), T, frame, q0, rows, restarts, rng, *options)
+        loops = self._searched_loops() if self.constraints else None
+        robot = cast("Robot", self) if loops is None else self.open()
+        options = angle, distance, nearest, loops
+        found = _inverse_kinematics()(robot, T, frame, q0, rows, restarts, rng, *options)
         if clearance is None:
             return found
         from .ik import clear_of_links
 
-        robot, poses = self.open(), np.asarray(T)
+        poses = np.asarray(T)
         core = 2 if frame is None or isinstance(frame, str) else 3
         return clear_of_links(
             found,

@@ -14,7 +14,7 @@ columns of the joints that are not held at a limit. A configuration that has con
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,9 +26,11 @@ from ..model.model import Model
 from . import kinematics
 from .friction import either, largest, positive
 from .kinematics import forward_kinematics, jacobian
-from .loop_closure import LoopRows
 from .mass_matrix import factored, solved
 from .recursion import zeros
+
+if TYPE_CHECKING:
+    from .loop_closure import LoopRows
 
 PATIENCE, NEARER = 6, 0.99
 """Number of steps allowed without progress, and the factor on the least residual that counts as progress."""

@@ -1,7 +1,9 @@
-"""Closures and velocity constraints from frames and rows, and configurations at which loops are closed."""
+"""Closures and velocity constraints from frames and rows, configurations at which loops are closed, and searches for them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,13 +15,14 @@ from ...core.numbers import printed
 from ...core.typing import Array
 from ...mechanics.algorithms.constraints import Closure, Rolling, place_of
 from ...mechanics.algorithms.kinematics import KINDS
-from ...mechanics.algorithms.loop_closure import through
+from ...mechanics.algorithms.loop_closure import LoopRows, through
 from ...mechanics.algorithms.operational_space import row_numbers
 from ...mechanics.lie.labelled import TWIST
 from ...mechanics.model.couplings import refuse_couplings
 from ...mechanics.model.model import BASE, Model
 from ..arguments import Rows
-from .tolerances import all_rows, in_units, six_sizes
+from ..constraint_methods import CLOSED
+from .tolerances import all_rows, gap_units, in_units, six_sizes
 
 if TYPE_CHECKING:
     from ..doors import ConstrainedRobot
@@ -114,3 +117,73 @@ def refuse_redundant(closed: ConstrainedRobot) -> None:
         f"or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', which "
         "takes the λ of least norm."
     )
+
+
+# ── Loops of a closed robot in inverse kinematics: rows, start configurations, closure errors
+
+ROUNDS = 4
+"""Number of alternating projections of starts into the limits and onto the loops."""
+
+
+class LoopClosureSolver:
+    """Loops of one closed robot in a search for poses."""
+
+    def __init__(self, closed: ConstrainedRobot) -> None:
+        self.closed = closed
+        self.rows = LoopRows(closed.constraints, closed.independent)
+        self.units = gap_units(closed)
+        mine = self.rows.places[0]
+        self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
+        """Index in a twist of each row."""
+        self.allowed = tuple((CLOSED * self.units[mine]).tolist())
+        """Largest gap of each row, rad or m."""
+
+    @cached_property
+    def start(self) -> Array:
+        """A configuration with the loops closed; raises ConstraintError if none is found."""
+        try:
+            return np.asarray(some_configurations(self.closed, None)[0])
+        except ConstraintError as problem:
+            raise ConstraintError(
+                f"inverse_kinematics: {str(problem).partition('. ')[0]}. Give q0, a configuration near a closed one."
+            ) from None
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Cache key: searches of one robot with equal keys are shared."""
+        return self.rows.constraints, self.rows.independent
+
+    def settled(self, q: Array) -> Array:
+        """Configurations (n, nq) moved onto the loops; unchanged if no closed configuration is found."""
+        found, left = self.closed.settled(q, CLOSED)
+        return np.where((left <= CLOSED)[:, None], found, q)
+
+    def closed_starts(self, some: Array, inside: Callable[[Array], Array]) -> Array:
+        """Configurations (n, nq) with closed loops inside the limits, from configurations that may be open.
+
+        Those from which none is found are moved half and then a quarter of the way towards one from which one is found.
+        """
+        robot = self.closed.open()
+
+        def closed(q: Array) -> tuple[Array, Array]:
+            for _ in range(ROUNDS):
+                q = inside(self.settled(q))
+            found = self.settled(q)
+            return found, (inside(found) == found).all(axis=-1) & (self.open_by(found)[1] <= CLOSED)
+
+        q, good = closed(some)
+        for part in (0.5, 0.25):
+            if good.all() or not good.any():
+                break
+            rows = np.flatnonzero(~good)
+            known = np.resize(np.flatnonzero(good), len(rows))
+            q[rows], good[rows] = closed(robot.add(q[known], part * robot.subtract(some[rows], q[known])))
+        rows = np.flatnonzero(~good)
+        if good.any():
+            q[rows] = q[np.resize(np.flatnonzero(good), len(rows))]
+        return inside(q)
+
+    def open_by(self, q: Array) -> tuple[Array, Array]:
+        """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
+        gaps = self.closed.gaps(q)
+        return gaps[:, self.rows.places[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)
