@@ -22,6 +22,7 @@ from twistwrench.mechanics.model.limits import Friction
 from twistwrench.robot.constraints import projections
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.testing import assert_close, derivative, random_robot
+from twistwrench.testing.verify import verify
 
 pytest_plugins = ("mechanism_fixtures",)
 
@@ -685,6 +686,9 @@ def test_what_has_no_meaning_on_constraints_is_refused_with_the_way_out(linkage)
         lambda: linkage.attach(linkage.open()), lambda: tw.robots.ur5().attach(linkage), linkage.to_mjcf, linkage.to_sdf,
         lambda: linkage.closed_form([0, 0, 0], [0, 0, 0]), lambda: linkage.inverse_kinematics_branches(np.eye(4)),
         lambda: linkage.simulate_batch([[0, 0, 0]]), lambda: linkage.lost_directions([0, 0, 0], "coupler"), linkage.info,
+        lambda: tw.statics.largest_payload(linkage, [0, 0, 0]), lambda: tw.statics.wrench_ellipsoid(linkage, [0, 0, 0], "coupler"),
+        lambda: tw.statics.wrench_from_torques(linkage, [0, 0, 0], [0, 0, 0], "coupler"), lambda: tw.symbolic.derive(linkage),
+        lambda: tw.statics.torques_per_kilogram(linkage, [0, 0, 0], frame="coupler"), lambda: verify(linkage),
     )  # fmt: skip
     for call in calls:
         with pytest.raises(tw.ValueRangeError, match=r"robot with constraints, .*robot\.open\(\)"):

@@ -14,6 +14,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, vector
 from ..core.typing import Array
 from ..mechanics.model.couplings import motor_torques
+from ..robot.task_space_methods import require_robot
 from .equilibrium import RANK_TOLERANCE
 from .torque_limits import (
     effort_limits,
@@ -128,7 +129,7 @@ def wrench_ellipsoid(
     >>> wrench_ellipsoid(arm, [0.0, np.pi / 2], part="moment")
     WrenchEllipsoid of moments, world_aligned: 0.7071 along (0, 1, 0), unbounded in 2 directions
     """
-    J = np.asarray(robot.jacobian(q, frame, kind))[..., part_rows(part), :]
+    J = np.asarray(require_robot(robot, "wrench_ellipsoid").jacobian(q, frame, kind))[..., part_rows(part), :]
     if limits is not None:
         J = motor_torques(robot.model, J) * effort_weights(robot, limits)
     A = J @ np.swapaxes(J, -1, -2)

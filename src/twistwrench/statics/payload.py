@@ -18,6 +18,7 @@ from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, motor_torques
 from ..mechanics.model.limits import margin
 from ..motion.load_case import least_torque_per_kilogram
+from ..robot.task_space_methods import require_robot
 from .torque_limits import (
     effort_limits,
     growth,
@@ -109,6 +110,7 @@ def torques_per_kilogram(
     >>> torques_per_kilogram(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
     [19.62, 9.81]
     """
+    require_robot(robot, "torques_per_kilogram")
     return robot.wrench_torques(q, _wrench_per_kilogram(robot, q, com, frame), frame)
 
 

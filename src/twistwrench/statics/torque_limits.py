@@ -15,6 +15,7 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import number, printed
 from ..core.typing import Array
 from ..mechanics.model.limits import margin
+from ..robot.task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
@@ -31,7 +32,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     motor's torque, so the motor's limit applies to the joint. Raises :class:`~twistwrench.ShapeError`, and
     :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot has a limit.
     """
-    names = robot.model.drive_names
+    names = require_robot(robot, "statics").model.drive_names
     try:
         given = robot.limits.effort if limits is None else limits
         effort = arguments.one(given, "limits", robot.nv, names=names).copy()
@@ -65,7 +66,7 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
     Torques of elastic transmissions are left out. At rest their deflection balances the load, so motor positions in
     ``q`` have no effect: see :func:`effort_limits`.
     """
-    tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
+    tau = np.asarray(require_robot(robot, "statics").holding_torques(q, wrench_on_robot=wrench_on_robot))
     motors = {name for name, a in robot.actuators.items() if name != a.joint}
     gears = tuple(s for s in robot.model.springs if any(joint in motors for joint, _ in s.terms))
     if not gears:
@@ -147,6 +148,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
 
 def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
     """Check that ``q`` is one finite configuration (nq,). ShapeError and ValueRangeError quote ``what`` and ``why``."""
+    require_robot(robot, what)
     array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 1:
         raise ShapeError(

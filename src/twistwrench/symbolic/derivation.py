@@ -13,6 +13,7 @@ from ..core.numbers import printed, residual
 from ..core.text import listed
 from ..core.typing import Array
 from ..robot import Robot
+from ..robot.task_space_methods import require_robot
 from .equations import Equations, Label, Line, Step, assembled
 from .expanded_form import (
     RingArithmetic,
@@ -272,6 +273,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     require_sympy()
     if not isinstance(robot, Robot):
         raise ShapeError(f"derive takes a robot, got {robot!r}: tw.load(path) or one of tw.robots.")
+    require_robot(robot, "derive")
     if form not in FORMS:
         raise ValueRangeError(f"form={form!r} is not allowed. Choose from: {', '.join(map(repr, FORMS))}.")
     model = robot.model

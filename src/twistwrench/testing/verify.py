@@ -26,6 +26,7 @@ from ..mechanics.model.assembly import ROOT_JOINT
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
+from ..robot.task_space_methods import require_robot
 from . import State, derivative, derivative_along, random_state, relative_gap
 
 __all__ = ["Check", "VerifyReport", "verify"]
@@ -103,6 +104,7 @@ def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
     >>> verify(tw.robots.planar_2r(), states=2).passed
     True
     """
+    require_robot(robot, "verify")
     rng = np.random.default_rng(seed)
     motions = [random_state(robot, rng) for _ in range(max(states, 1))]
     checks = [_check(robot, motions, *row) for row in _LAWS]
