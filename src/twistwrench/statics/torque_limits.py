@@ -66,7 +66,8 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
     Torques of elastic transmissions are left out. At rest their deflection balances the load, so motor positions in
     ``q`` have no effect: see :func:`effort_limits`.
     """
-    tau = np.asarray(require_robot(robot, "statics").holding_torques(q, wrench_on_robot=wrench_on_robot))
+    require_robot(robot, "statics")
+    tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
     motors = {name for name, a in robot.actuators.items() if name != a.joint}
     gears = tuple(s for s in robot.model.springs if any(joint in motors for joint, _ in s.terms))
     if not gears:
