@@ -231,8 +231,8 @@ def _parts_mirrored(pair: SymmetricLinks) -> bool:
     If all shapes were read, their boxes must also be mirrored.
     """
     a, b = pair.left, pair.right
-    files = [{spec.file for spec in link.shapes.specs if spec.kind == "mesh"} for link in (a, b)]
-    signs = [{np.prod(np.sign(spec.sizes)) for spec in link.shapes.specs if spec.kind == "mesh"} for link in (a, b)]
+    files = [{shape.mesh for shape in link.shapes.shapes if shape.kind == "mesh"} for link in (a, b)]
+    signs = [{np.prod(np.sign(shape.sizes)) for shape in link.shapes.shapes if shape.kind == "mesh"} for link in (a, b)]
     if not files[0] or not files[1] or (files[0] == files[1] and signs[0] == signs[1]):
         return False
     if not (a.shapes.complete and b.shapes.complete):
@@ -244,7 +244,7 @@ def _parts_mirrored(pair: SymmetricLinks) -> bool:
 
 
 def _shapes(link: ParsedLink) -> list[tuple[str, tuple[float, ...], str]]:
-    return sorted((spec.kind, spec.sizes, spec.file) for spec in link.shapes.specs)
+    return sorted((shape.kind, shape.sizes, shape.mesh) for shape in link.shapes.shapes)
 
 
 # ── Centres of mass outside the shapes, and shapes in another unit of length

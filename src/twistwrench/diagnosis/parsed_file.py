@@ -18,19 +18,20 @@ from ..core.files import as_path
 from ..core.text import bounded_message
 from ..core.typing import Array
 from ..formats import FORMATS, load_model, usd_path
-from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
-from ..formats.robot_text import TEXTS, MjcfText, RobotText, SdfText, WrittenInertia
-from ..formats.sdf import pose, with_text, word
-from ..formats.source import is_text, robot_file
-from ..formats.urdf import add_joint, add_link, origin_of
-from ..formats.xacro import EXPAND, xacro_in
+from ..formats.robot_file import RobotFile, file_of
+from ..formats.robot_text import TEXTS, RobotText, WrittenInertia
+from ..formats.source import is_text
+from ..formats.urdf import add_joint, add_link
+from ..formats.xacro import EXPAND
 from ..formats.xml import Element, parse
 from ..mechanics.algorithms.recursion import base_poses, joint_poses
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.model import BASE, Model
 from ..robot import Robot
-from ..shapes.solids import LinkShapes, ShapeReader, ShapeSpec
+from ..shapes.meshes import MeshFiles
+from ..shapes.reader import link_shapes
+from ..shapes.solids import LinkSolids, SolidReader
 from .findings import Effect, Effects, FileRepair, Finding, Severity
 
 # ── All load errors of a URDF
@@ -117,12 +118,12 @@ class ParsedLink:
     written: WrittenInertia | None = None
     assumed: tuple[str, ...] = ()
     """Missing parts of its inertia (mass, inertia) for which the format defines a value."""
-    read_shapes: Callable[[], LinkShapes] = LinkShapes
+    read_solids: Callable[[], LinkSolids] = LinkSolids
 
     @cached_property
-    def shapes(self) -> LinkShapes:
+    def shapes(self) -> LinkSolids:
         """Shapes of the link; meshes are read at the first access."""
-        return self.read_shapes()
+        return self.read_solids()
 
     def finding(
         self,
@@ -258,14 +259,8 @@ def _mirrored(T_a: Array, T_b: Array) -> Array | None:
 
 # ── Readers
 
-_SIZES = {
-    "box": (("size", 3),), "sphere": (("radius", 1),), "cylinder": (("radius", 1), ("length", 1)),
-    "capsule": (("radius", 1), ("length", 1)), "ellipsoid": (("radii", 3),),
-}  # fmt: skip
-"""Dimensions of shapes in URDF (attributes) and SDF (elements)."""
 
-
-def _parsed(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> ParsedFile:
+def _parsed(root: Element, model: Model, reader: SolidReader, path: Path | None) -> ParsedFile:
     """Links and joints of a root element that the loader accepts."""
     form = next(name for name, tag in FORMATS.items() if root.tag == tag)
     text = TEXTS[form](root, model.name, path)
@@ -275,11 +270,15 @@ def _parsed(root: Element, model: Model, reader: ShapeReader, path: Path | None)
             written = text.inertia(name)
             if form == "mjcf":
                 written = _compiled(written, model.link_inertias[name], element)
-            shapes = partial(_shapes, text, name, reader)
-            links[name] = ParsedLink(name, element.line, element.file, written, text.assumed(name), shapes)
+            solids = partial(_solids, text, name, reader)
+            links[name] = ParsedLink(name, element.line, element.file, written, text.assumed(name), solids)
     changes = " of <compiler> change ", "settotalmass"
     changed = [one for one in model.defects if form == "mjcf" and (changes[0] in one or one.startswith(changes[1]))]
     return ParsedFile(model, form, links, text.joints, tuple(changed))
+
+
+def _solids(text: RobotText, link: str, reader: SolidReader) -> LinkSolids:
+    return reader.read(link_shapes(text, link))
 
 
 def _compiled(written: WrittenInertia | None, final: SpatialInertia, body: Element) -> WrittenInertia | None:
@@ -287,64 +286,6 @@ def _compiled(written: WrittenInertia | None, final: SpatialInertia, body: Eleme
     if written is not None and np.allclose(written.inertia.parameters, final.parameters, rtol=1e-9, atol=1e-12):
         return written
     return WrittenInertia.from_inertia(final, body.line, body.file)
-
-
-def _shapes(text: RobotText, name: str, reader: ShapeReader) -> LinkShapes:
-    """Shapes of a link; other elements are skipped."""
-    if isinstance(text, MjcfText):
-        specs = [_mjcf_shape(part, text) for part in text.bodies[name].geoms]
-    else:
-        parts = ((part, role) for role in ("visual", "collision") for part in text.links[name].all(role))
-        specs = [_shape(part, role, in_elements=isinstance(text, SdfText)) for part, role in parts]
-    return reader.read([spec for spec in specs if spec is not None])
-
-
-def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
-    """Shape of a ``<visual>`` or ``<collision>`` of URDF or SDF; None without a geometry."""
-    try:
-        geometry = part.child("geometry")
-        if geometry is None or not geometry.children or (in_elements and geometry.children[0].tag == "plane"):
-            return None
-        shape, at = geometry.children[0], part.child("pose") if in_elements else None
-        if at is not None and at.attributes.get("relative_to", "").strip():
-            return ShapeSpec("unknown", (), np.eye(4), role=role)
-        T = pose(at) if in_elements else origin_of(part)
-        if shape.tag == "mesh":
-            given = shape.child("scale") is not None if in_elements else "scale" in shape.attributes
-            scale = _numbers(shape, "scale", 3, in_elements) if given else [1.0, 1.0, 1.0]
-            file = word(shape, "uri") if in_elements else shape.text("filename")
-            return ShapeSpec("mesh", tuple(scale), T, file, role)
-        sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in _numbers(shape, name, count, in_elements)]
-        return ShapeSpec(shape.tag, tuple(sizes), T, role=role)
-    except RobotFileError:  # visuals that cannot be read do not prevent loading
-        return ShapeSpec("unknown", (), np.eye(4), role=role)
-
-
-def _numbers(shape: Element, name: str, count: int, in_elements: bool) -> list[float]:
-    if not in_elements:
-        return shape.values(name, count)
-    return with_text(shape.required(name, f"<{name}>")).values("text", count)
-
-
-def _mjcf_shape(part: PlacedElement, text: MjcfText) -> ShapeSpec | None:
-    """Shape of a geom; None for planes and height fields."""
-    geom = part.element
-    kind = geom.attributes.get("type", "sphere").strip()
-    if kind in WITHOUT_SHAPE:
-        return None
-    try:
-        if "mesh" in geom.attributes:
-            file, scale = text.meshes.named(geom.text("mesh"))
-            # MuJoCo moves a mesh to its centre of mass and back, so the geom's frame is also the mesh's.
-            known = "mesh" if kind == "mesh" else "fitted"
-            return ShapeSpec(known, scale, part.frame @ placement(geom, text.settings), file)
-        T, half = shape_of(geom, kind, text.settings)
-    except RobotFileError:
-        return ShapeSpec("unknown", (), np.eye(4))
-    sizes = list(half)
-    if kind in ("box", "capsule", "cylinder"):
-        sizes = [2.0 * x for x in half] if kind == "box" else [half[0], 2.0 * half[1]]
-    return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")
 
 
 # ── From a file or a robot to the input of the checks
@@ -379,38 +320,39 @@ def read_subject(
     """Read a file, accepting impossible inertias; raises NotFoundError, and ModelError if it is not a robot."""
     of = source.model.name if isinstance(source, Robot) else None
     if isinstance(source, Robot):
-        path = Path(source.model.source) if source.model.source else None
-        if path is None or not path.is_file() or usd_path(path) is not None or xacro_in(robot_file(path)[1]):
+        kept = file_of(source.model)
+        if kept is None or kept.xacro:
             links = {
                 name: ParsedLink(name, 0, written=WrittenInertia.from_inertia(G))
                 for name, G in source.model.link_inertias.items()
             }
             return Subject(ParsedFile(source.model, "", links))
         floating_base = (source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names) or None
-        source = path
+        source = kept
     path = None if is_text(source) else as_path(source)
     if path is not None and usd_path(path) is not None:
         raise RobotFileError(
             f"{path} is USD, whose files are not examined. Examine the robot, twistwrench.doctor(twistwrench.load(path)), or "
             "the URDF that `twistwrench convert` makes of it."
         )
-    data, text = b"", str(source)
+    file, text = None, str(source)
     if path is not None:
-        data, text = robot_file(path)
-        if xacro := xacro_in(text):
+        file = RobotFile.from_path(source)
+        text = file.text
+        if xacro := file.xacro:
             raise RobotFileError(
                 f"{path}: {xacro}, and xacro files are not examined. Examine what {EXPAND} makes of it, or the robot: "
                 "twistwrench.doctor(twistwrench.load(path))."
             )
-    given = text if path is None or not path.is_file() else source
-    if of is not None:
-        model = _model_of(text, of)
+    given = text if file is None else file
+    if of is not None and file is not None:
+        model = _model_of(file.root, of)
     problems: list[LoadError] = []
     try:
         made = _loaded(given, floating_base, "follow", model, max_bodies)
     except ModelError as error:
         with suppress(ModelError):
-            problems = load_errors(parse(text, max_bodies=MOST_BODIES))
+            problems = load_errors(parse(text, max_bodies=MOST_BODIES) if file is None else file.parsed(MOST_BODIES))
         if not problems:
             raise
         if any(not problem.mimic for problem in problems):  # the loader's error is the first one
@@ -421,20 +363,19 @@ def read_subject(
             more = f"{str(error).rstrip('.')}. Besides: {besides}" if others else str(error)
             raise type(error)(bounded_message(more)) from None
         made = _loaded(given, floating_base, "independent", model, max_bodies)
-    root = parse(text)
+    root = parse(text) if file is None else file.root
     folders = [Path(folder) for folder in meshes] if not isinstance(meshes, bool) else []
-    shapes = ShapeReader(path, folders, meshes is not False)
-    parsed = replace(_parsed(root, made, shapes, path), load_errors=tuple(problems))
-    return Subject(parsed, text, path, data, floating_base, model)
+    solids = SolidReader(MeshFiles(path, folders) if meshes is not False else None)
+    parsed = replace(_parsed(root, made, solids, path), load_errors=tuple(problems))
+    return Subject(parsed, text, path, b"" if file is None else file.data, floating_base, model)
 
 
 _MOST_ERRORS = 12
 """Largest number of listed errors beside the first one."""
 
 
-def _model_of(text: str, name: str) -> str | None:
+def _model_of(root: Element, name: str) -> str | None:
     """Model name in an SDF file with several models, found by the robot's name."""
-    root = parse(text)
     models = [one for place in (root, *root.all("world")) for one in place.all("model")]
     return name if len(models) > 1 and name in [one.text("name") for one in models] else None
 

@@ -14,14 +14,13 @@ from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.text import bounded_message
 from ..mechanics.model.assembly import DEFAULT_SNAP
 from ..mechanics.model.model import Model
+from .robot_file import USD, RobotFile
 from .source import bytes_of, is_text, read_robot_text
 from .xacro import ENDING, EXPAND, expand_xacro, is_marked, xacro_arguments, xacro_in
 from .xml import MOST_BODIES, Element, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 
-_USD = (".usd", ".usda", ".usdc", ".usdz")
-"""Suffixes of USD files."""
 FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
 """Root element of each XML format."""
 
@@ -57,12 +56,16 @@ def load_model(
     max_bodies = integer(max_bodies, "max_bodies")
     usd = usd_path(source)
     arguments, folders_given = xacro_arguments(xacro), [Path(folder) for folder in include_paths]
-    text, origin = ("", str(usd)) if usd is not None else read_robot_text(source, data)
+    file = None if usd is not None or is_text(source) else RobotFile.from_path(source, data)
+    if file is not None:
+        text, origin = file.text, str(file)
+    else:
+        text, origin = ("", str(usd)) if usd is not None else read_robot_text(source)
     home = None if is_text(source) else Path(source).parent
     shown = origin
     try:
         if usd is None:
-            root = parse(text, max_bodies=max_bodies)
+            root = parse(text, max_bodies=max_bodies) if file is None else file.parsed(max_bodies)
             if (expanded := _expanded(source, text, root, arguments, folders_given)) is not None:
                 text, shown = expanded, f"{origin} (lines are those that xacro expands it to)"
                 root = parse(text, max_bodies=max_bodies)
@@ -90,16 +93,16 @@ def load_model(
 
             folders = Folders(home, folders_given)
             builder, floating = read_mjcf(
-                root, origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
+                root, file or origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
             )
         elif found == "sdf":
             from .sdf import read_sdf
 
-            builder, floating = read_sdf(root, origin, floating_base=floating_base, model=model), False
+            builder, floating = read_sdf(root, file or origin, floating_base=floating_base, model=model), False
         else:
             from .urdf import read_urdf
 
-            builder, floating = read_urdf(root, origin, snap), bool(floating_base)
+            builder, floating = read_urdf(root, file or origin, snap), bool(floating_base)
         if floating_base is False:
             builder.mount()
         return builder.build(
@@ -115,15 +118,14 @@ def format_of_file(path: Path) -> str:
     """Format of a robot file, one of :data:`FORMATS` or ``"usd"``; raises as :func:`load_model`."""
     if usd_path(path) is not None:
         return "usd"
-    text = read_robot_text(path)[0]
-    return _format_of(parse(text))
+    return _format_of(RobotFile.from_path(path).root)
 
 
 def usd_path(source: object) -> Path | None:
     """Path of a file with a USD suffix; otherwise None."""
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
-    return path if (path := Path(source)).suffix.lower() in _USD else None
+    return path if (path := Path(source)).suffix.lower() in USD else None
 
 
 def _format_of(root: Element) -> str:

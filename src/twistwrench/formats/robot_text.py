@@ -15,7 +15,7 @@ from ..core.numbers import in_file
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import se3
-from . import sdf, urdf
+from . import FORMATS, sdf, urdf
 from .edit import ELSEWHERE, FOUND, Edit, TextChanges
 from .mjcf import bodies as mjcf
 from .mjcf.preprocess import Defaults, Folders, Meshes, Settings, expand
@@ -136,6 +136,7 @@ class UrdfText(RobotText):
     def __init__(self, root: Element, _model: str, _path: Path | None) -> None:
         self.links = {element.text("name"): element for element in root.all("link")}
         self.joints = {element.text("name"): element for element in root.all("joint")}
+        self.materials = {element.attributes.get("name", ""): element for element in root.all("material")}
 
     def inertia(self, name: str) -> WrittenInertia | None:
         """Inertia of a link in the file."""
@@ -383,3 +384,9 @@ TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
     "mjcf": MjcfText,
     "sdf": SdfText,
 }
+
+
+def text_of(root: Element, model: str, path: Path | None) -> UrdfText | MjcfText | SdfText:
+    """File with editable numbers; ``model`` names the model of an SDF world."""
+    form = next(name for name, tag in FORMATS.items() if root.tag == tag)
+    return TEXTS[form](root, model, path)

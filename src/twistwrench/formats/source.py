@@ -26,17 +26,22 @@ _NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode
 DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
 
 
-def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -> tuple[str, str]:
+def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
     """Text of a robot description, and its name in messages: the path, or "the text given".
 
     ``source`` is a path, or XML text, whose first non-blank character is "<". A path may be a pipe, which can be read
-    only once. ``data``: content of the file, if already read.
-    Raises :class:`~twistwrench.NotFoundError` with similar file names, or :class:`~twistwrench.RobotFileError`.
+    only once. Raises :class:`~twistwrench.NotFoundError` with similar file names, or :class:`~twistwrench.RobotFileError`.
     """
     if is_text(source):
         source = str(source)
         _check_size(len(source), "the text given")
         return source, "the text given"
+    path = path_given(source)
+    return decoded(bytes_of(path), str(path)), str(path)
+
+
+def path_given(source: object) -> Path:
+    """Path of a robot file; raises RobotFileError for anything else."""
     if not isinstance(source, str | os.PathLike):
         raise RobotFileError(
             f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. Pass a str or a Path."
@@ -44,14 +49,7 @@ def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -
     if isinstance(source, str) and (not source.strip() or "\n" in source):
         beginning = f"it begins with {source.strip()[:20]!r}" if source.strip() else "it is empty"
         raise RobotFileError(f"the text given is neither XML nor a path: {beginning}. XML text begins with '<'.")
-    path = Path(source)
-    return _decoded(bytes_of(path) if data is None else data, str(path)), str(path)
-
-
-def robot_file(path: Path) -> tuple[bytes, str]:
-    """Content of a robot file as bytes and text; raises as :func:`read_robot_text`."""
-    data = bytes_of(path)
-    return data, _decoded(data, str(path))
+    return Path(source)
 
 
 def is_text(source: object) -> bool:
@@ -62,7 +60,7 @@ def is_text(source: object) -> bool:
 def standard_input_text() -> str:
     """Robot description from standard input. Raises :class:`~twistwrench.RobotFileError`."""
     with third_party_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
-        text = _decoded(read_standard_input(MAX_BYTES), "standard input")
+        text = decoded(read_standard_input(MAX_BYTES), "standard input")
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
         beginning = f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
         raise RobotFileError(f"standard input is no XML: {beginning}. XML text begins with '<'.")
@@ -121,7 +119,7 @@ def _offer(names: list[str]) -> str:
     return f": {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
 
 
-def _decoded(data: bytes, name: str) -> str:
+def decoded(data: bytes, name: str) -> str:
     """Decode by byte order mark, XML declaration, or UTF-8, in this order."""
     declared = DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
     if data.startswith(b"\xef\xbb\xbf"):

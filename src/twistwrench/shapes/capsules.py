@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,9 +28,10 @@ import numpy as np
 from ..core.typing import Array
 from ..mechanics.model.model import BASE
 from ..robot import Robot
+from .reader import read_shapes
 
 if TYPE_CHECKING:
-    from .solids import LinkShapes, Solid
+    from .solids import LinkSolids, Solid
 
 _WORTH = 0.6
 """Volume ratio above which one capsule around all shapes replaces the overlapping capsules around single shapes."""
@@ -98,15 +100,17 @@ class LinkCapsules:
 
 def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
     """Shapes of each link in the robot file, and the links with mass and a missing or unreadable shape."""
-    from ..diagnosis.parsed_file import read_subject
-    from .solids import LinkShapes
+    from .meshes import MeshFiles
+    from .solids import LinkSolids, SolidReader
 
-    described, solids, lacking = read_subject(robot).robot, [], []
+    model = robot.model
+    reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
+    described = {shapes.link: shapes for shapes in read_shapes(model)}
+    known, solids, lacking = described if described else model.link_inertias, [], []
     for name in robot.link_names:
-        link = described.links.get(name)
-        shapes = LinkShapes() if link is None else link.shapes
+        shapes = reader.read(described[name]) if name in described else LinkSolids()
         solids.append(_looked_at(shapes))
-        heavy = link is None or (link.written is not None and link.written.mass > 0)
+        heavy = name not in known or model.link_inertias[name].mass > 0
         if heavy and not (solids[-1] and shapes.complete):
             lacking.append(name)
     return solids, lacking
@@ -147,9 +151,9 @@ def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
     return found
 
 
-def _looked_at(shapes: LinkShapes) -> list[Solid]:
+def _looked_at(shapes: LinkSolids) -> list[Solid]:
     """Collision shapes of a link, or its visual shapes if it has none."""
-    roles = ([s for s in shapes.solids if s.spec.role == role] for role in ("collision", "visual"))
+    roles = ([s for s in shapes.solids if s.shape.role == role] for role in ("collision", "visual"))
     return next((mine for mine in roles if mine), [])
 
 
@@ -165,16 +169,16 @@ def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
 
 def _bulge(solid: Solid) -> float:
     """Largest distance between a round surface and its facets [m]."""
-    return 0.0 if solid.spec.kind in ("box", "mesh") else _FACETS * max(solid.spec.sizes)
+    return 0.0 if solid.shape.kind in ("box", "mesh") else _FACETS * max(solid.shape.sizes)
 
 
 def _around(solid: Solid) -> tuple[Array, float]:
     """Segment (2, 3) and radius of the capsule around one shape."""
-    spec = solid.spec
-    if spec.kind in ("sphere", "capsule"):
-        half = 0.5 * spec.sizes[1] if spec.kind == "capsule" else 0.0
-        along = spec.pose[:3, 2] * half
-        return spec.pose[:3, 3] + np.array([-along, along]), spec.sizes[0]
+    shape = solid.shape
+    if shape.kind in ("sphere", "capsule"):
+        half = 0.5 * shape.sizes[1] if shape.kind == "capsule" else 0.0
+        along = shape.pose[:3, 2] * half
+        return shape.pose[:3, 3] + np.array([-along, along]), shape.sizes[0]
     ends, radius = capsule_around(solid.points)
     return ends, radius + _bulge(solid)
 

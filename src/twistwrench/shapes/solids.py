@@ -3,66 +3,46 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from pathlib import Path
+from functools import cached_property
 
 import numpy as np
 
 from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from ..core.typing import Array
-from ..formats.source import find_resource
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.bodies.mesh import convex_hull
-from ..mechanics.bodies.mesh_files import SUFFIXES
 from ..mechanics.bodies.solids import clipped, rotational_inertia, second_moments
 from . import surface
-
-_LARGEST = 200 * 2**20
-"""Largest mesh file that is read [bytes]."""
-
-
-@dataclass(frozen=True, eq=False)
-class ShapeSpec:
-    """Shape as described in a file."""
-
-    kind: str
-    """box, sphere, cylinder, capsule, ellipsoid, mesh, or an unsupported kind."""
-    sizes: tuple[float, ...]
-    """Edges; radius; radius and length; semi-axes; or the scale of a mesh."""
-    pose: Array
-    """Pose (4, 4) in the link's frame."""
-    file: str = ""
-    """File name of a mesh, as in the robot file."""
-    role: str = "visual"
-    """visual or collision."""
+from .meshes import MeshFiles
+from .reader import LinkShapes, ShapeSpec
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
     """Shape that was read."""
 
-    spec: ShapeSpec
+    shape: ShapeSpec
     points: Array
     """Corners (n, 3) in the link's frame [m]."""
     inertia: SpatialInertia | None
     """Inertia of the uniform solid at 1 kg/m³; for a mesh, of its convex hull. None without volume."""
-    path: Path | None = None
-    """File of a mesh."""
+    surface: surface.Surface | None = None
+    """Surface of a mesh, in the units of the mesh."""
 
 
 @dataclass(frozen=True, eq=False)
-class LinkShapes:
-    """All shapes of a link."""
+class LinkSolids:
+    """All shapes of a link, and the solids of those that were read."""
 
-    specs: tuple[ShapeSpec, ...] = ()
+    shapes: tuple[ShapeSpec, ...] = ()
     solids: tuple[Solid, ...] = ()
 
     @property
     def complete(self) -> bool:
         """True if there are shapes and all were read."""
-        return bool(self.specs) and len(self.solids) == len(self.specs)
+        return bool(self.shapes) and len(self.solids) == len(self.shapes)
 
     @cached_property
     def points(self) -> Array:
@@ -78,7 +58,7 @@ class LinkShapes:
     def uniform(self) -> SpatialInertia | None:
         """Inertia of the visuals, or else the colliders, as solids at 1 kg/m³; None without volume."""
         for role in ("visual", "collision"):
-            mine = [s.inertia for s in self.solids if s.spec.role == role and s.inertia is not None]
+            mine = [s.inertia for s in self.solids if s.shape.role == role and s.inertia is not None]
             if mine:
                 return sum(mine, SpatialInertia.zero())
         return None
@@ -96,86 +76,65 @@ class LinkShapes:
 
 
 @dataclass(eq=False)
-class ShapeReader:
-    """Reader of the shapes of links; each mesh is read once."""
+class SolidReader:
+    """Solids of shapes; the hull of each mesh is computed once."""
 
-    path: Path | None
-    """The robot's file, relative to which meshes are searched; None without a file."""
-    folders: Sequence[Path] = ()
-    """Additional search folders; meshes are found by name or by their path within the package."""
-    meshes: bool = True
-    _known: dict[str, Array | None] = field(default_factory=dict)
+    meshes: MeshFiles | None
+    """None: meshes are not read."""
+    _hulls: dict[str, tuple[surface.Surface, Array] | None] = field(default_factory=dict)
 
-    def read(self, specs: Sequence[ShapeSpec]) -> LinkShapes:
-        """Read shapes; ``solids`` omits those that cannot be read."""
-        found = [self._solid(spec) for spec in specs]
-        return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
+    def read(self, link: LinkShapes) -> LinkSolids:
+        """Solids of a link; shapes that cannot be read have none."""
+        shapes = [shape for shape in link.parts if shape.kind]
+        found = [self._solid(shape) for shape in shapes]
+        return LinkSolids(tuple(shapes), tuple(solid for solid in found if solid is not None))
 
-    def _solid(self, spec: ShapeSpec) -> Solid | None:
-        known = self._mesh(spec) if spec.kind == "mesh" else _simple(spec.kind, spec.sizes)
+    def _solid(self, shape: ShapeSpec) -> Solid | None:
+        known = self._mesh(shape) if shape.kind == "mesh" else _simple(shape.kind, shape.sizes)
         if known is None:
             return None
-        corners, inertia = known
-        points = corners @ spec.pose[:3, :3].T + spec.pose[:3, 3]
-        path = self._find(spec.file) if spec.kind == "mesh" else None
-        return Solid(spec, points, None if inertia is None else inertia.in_frame(spec.pose), path)
+        corners, inertia, walls = known
+        points = corners @ shape.pose[:3, :3].T + shape.pose[:3, 3]
+        return Solid(shape, points, None if inertia is None else inertia.in_frame(shape.pose), walls)
 
-    def _mesh(self, spec: ShapeSpec) -> tuple[Array, SpatialInertia | None] | None:
+    def _mesh(self, shape: ShapeSpec) -> tuple[Array, SpatialInertia | None, surface.Surface] | None:
         """Corners (n, 3) and hull of a mesh; None if it is missing or cannot be read."""
-        if spec.file not in self._known:
-            self._known[spec.file] = self._read(spec.file) if self.meshes else None
-        corners = self._known[spec.file]
-        if corners is None:
+        if shape.mesh not in self._hulls:
+            self._hulls[shape.mesh] = self._hull(shape.mesh)
+        known = self._hulls[shape.mesh]
+        if known is None:
             return None
-        corners = corners * np.asarray(spec.sizes)
-        return corners, hull_solid(corners)
+        walls, corners = known
+        corners = corners * np.asarray(shape.sizes)
+        return corners, hull_solid(corners), walls
 
-    def _read(self, name: str) -> Array | None:
-        """Corners of a mesh's hull, in the units of the mesh."""
-        path = self._find(name)
+    def _hull(self, name: str) -> tuple[surface.Surface, Array] | None:
+        """Surface of a mesh and the corners of its hull, in the units of the mesh."""
+        if self.meshes is None:
+            return None
         try:
-            if path is None or path.stat().st_size > _LARGEST:
-                return None
-            points = np.concatenate([part.vertices for part, _ in surface.read_mesh(path)])
+            walls = surface.joined([part for part, _ in self.meshes.read(name)])
         except (TwistWrenchError, OSError):
             return None
-        hull = convex_hull(points)
-        return points if hull is None else hull[0]
-
-    def _find(self, name: str) -> Path | None:
-        found = None if self.path is None else find_resource(name, self.path)
-        if found is not None:
-            return found
-        parts = [part for part in name.partition("://")[2].split("/") or [name] if part] or name.split("/")
-        if ".." in parts:
-            return None
-        for folder in self.folders:
-            for k in range(len(parts)):
-                place = folder.joinpath(*parts[k:])
-                if place.suffix.lower() in SUFFIXES and place.is_file():
-                    return place
-        return None
+        hull = convex_hull(walls.vertices)
+        return walls, walls.vertices if hull is None else hull[0]
 
 
-def _simple(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia] | None:
+def _simple(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia, None] | None:
     """Corners and uniform solid at 1 kg/m³; None for unsupported kinds and for shapes without volume."""
-    if not sizes or min(sizes) <= 0 or max(sizes) > 1e6:
+    if not sizes or min(sizes) <= 0 or max(sizes) > 1e6 or kind not in _SOLIDS:
         return None
-    if kind not in _SOLIDS:
-        return None
-    skin, solid = _SOLIDS[kind]
-    numbers = (sizes,) if kind in ("box", "ellipsoid") else sizes
-    return skin(*numbers).vertices, solid(*numbers, density=1.0)
+    return surface.SIMPLE[kind](*sizes).vertices, _SOLIDS[kind](*sizes, density=1.0), None
 
 
-_SOLIDS: Mapping[str, tuple[Callable[..., surface.Surface], Callable[..., SpatialInertia]]] = {
-    "box": (surface.box, SpatialInertia.box),
-    "sphere": (surface.sphere, SpatialInertia.sphere),
-    "ellipsoid": (surface.ellipsoid, SpatialInertia.ellipsoid),
-    "cylinder": (surface.cylinder, SpatialInertia.cylinder),
-    "capsule": (partial(surface.cylinder, round_ends=True), SpatialInertia.capsule),
+_SOLIDS: Mapping[str, Callable[..., SpatialInertia]] = {
+    "box": lambda *edges, density: SpatialInertia.box(edges, density=density),
+    "sphere": SpatialInertia.sphere,
+    "ellipsoid": lambda *semi_axes, density: SpatialInertia.ellipsoid(semi_axes, density=density),
+    "cylinder": SpatialInertia.cylinder,
+    "capsule": SpatialInertia.capsule,
 }
-"""Surface and uniform solid of each kind of shape."""
+"""Uniform solid of each kind of shape."""
 
 
 def hull_solid(corners: Array) -> SpatialInertia | None:

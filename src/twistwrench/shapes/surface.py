@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.errors import MissingExtraError, ModelError
-from ..core.third_party import third_party_errors
+from ..core.errors import ModelError
 from ..core.typing import Array
-from ..mechanics.bodies.mesh_files import check_faces, load_mesh
+from ..mechanics.bodies.mesh_files import read_parts
+
+Colour = tuple[float, float, float]
 
 _CREASE = np.cos(np.radians(38.0))
 """Cosine of the crease angle; faces that meet at a smaller angle are shaded smoothly."""
@@ -194,36 +196,26 @@ def box(size: ArrayLike) -> Surface:
     return Surface(corners * np.asarray(size, float), np.array(faces))
 
 
-def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | None]]:
+SIMPLE: Mapping[str, Callable[..., Surface]] = {
+    "box": lambda *edges: box(edges),
+    "sphere": sphere,
+    "ellipsoid": lambda *semi_axes: ellipsoid(semi_axes),
+    "cylinder": cylinder,
+    "capsule": partial(cylinder, round_ends=True),
+}
+"""Surface of each kind of shape from its sizes."""
+
+
+def read_mesh(path: Path) -> list[tuple[Surface, Colour | None]]:
     """Surfaces of a mesh file, one per colour or None; raises MissingExtraError and, if unreadable, ModelError."""
-    try:
-        import trimesh
-    except ImportError:
-        raise MissingExtraError.from_extra("trimesh", "viz", "Showing meshes") from None
-    with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
-        scene: Any = load_mesh(path, trimesh.load_scene)
-        parts: dict[tuple[float, float, float] | None, list[Surface]] = {}
-        for node in scene.graph.nodes_geometry:
-            T, name = scene.graph[node]
-            mesh = scene.geometry[name]
-            if len(getattr(mesh, "faces", ())):
-                check_faces(mesh.faces, len(mesh.vertices))
-                surface = Surface(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)).placed(T)
-                parts.setdefault(_colour_of(mesh), []).append(surface)
+    parts: dict[Colour | None, list[Surface]] = {}
+    for part in read_parts(path):
+        parts.setdefault(part.colour, []).append(Surface(part.vertices, part.faces))
     found = [(_merged(joined(surfaces)), colour) for colour, surfaces in parts.items()]
-    found = [(s, colour) for s, colour in found if len(s.faces)]
+    found = [(surface, colour) for surface, colour in found if len(surface.faces)]
     if not found:
         raise ModelError("holds no triangles")
     return found
-
-
-def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
-    """Colour in the file, if any; trimesh's default grey is ignored."""
-    if mesh.visual.kind not in ("texture", "face", "vertex"):
-        return None
-    source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
-    r, g, b = (np.asarray(source.main_color[:3], float) / 255).tolist()
-    return r, g, b
 
 
 def _merged(surface: Surface) -> Surface:

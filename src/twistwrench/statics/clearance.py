@@ -302,16 +302,13 @@ def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
     """Shapes of a link for coal; meshes as triangles."""
     import coal
 
-    from ..shapes.surface import joined, read_mesh
-
     built = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
     made = list[LinkShape]()
     for solid in solids:
-        spec, walls = solid.spec, None
-        if spec.kind == "mesh" and solid.path is not None:
-            surface = joined([part for part, _ in read_mesh(solid.path)])
+        described, surface, walls = solid.shape, solid.surface, None
+        if surface is not None:
             points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            vertices = surface.vertices * np.asarray(spec.sizes)
+            vertices = surface.vertices * np.asarray(described.sizes)
             walls = Enclosure(vertices, surface.faces)
             points.extend(list(vertices))
             triangles.extend([coal.Triangle(*corners) for corners in surface.faces.tolist()])
@@ -320,8 +317,8 @@ def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
             shape.addSubModel(points, triangles)
             shape.endModel()
         else:
-            shape = built.get(spec.kind, coal.Ellipsoid)(*spec.sizes)
-        made.append(LinkShape(shape, spec.pose, walls))
+            shape = built.get(described.kind, coal.Ellipsoid)(*described.sizes)
+        made.append(LinkShape(shape, described.pose, walls))
     return made
 
 

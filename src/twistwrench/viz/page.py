@@ -32,7 +32,7 @@ from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..shapes.visuals import Colour
+from ..shapes.surface import Colour
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, robot_data, wrench_data
 from .page_loops import loops_of, standing_of

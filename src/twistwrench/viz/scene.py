@@ -15,8 +15,8 @@ from ..core.typing import Array
 from ..mechanics.algorithms.recursion import base_poses, joint_poses
 from ..mechanics.lie import se3, so3
 from ..mechanics.model.model import BASE, Body, Model
-from ..shapes.surface import Surface, box, cylinder, ellipsoid, sphere
-from ..shapes.visuals import Colour, read_visuals
+from ..shapes.surface import Colour, Surface, box, cylinder, ellipsoid, sphere
+from ..shapes.visuals import read_visuals
 
 if TYPE_CHECKING:
     from ..mechanics.bodies.inertia import SpatialInertia

@@ -11,18 +11,17 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core import arguments
-from ...core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
+from ...core.errors import ModelError, ModelWarning, ShapeError, ValueRangeError
 from ...core.glossary import complete
 from ...core.numbers import printed
-from ...core.third_party import third_party_errors
 from ...core.typing import Array
-from .mesh_files import check_faces, load_mesh
+from .mesh_files import read_parts
 from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
 
 if TYPE_CHECKING:
@@ -32,6 +31,8 @@ _USUAL_SIZE = 1e-4, 10.0
 """Plausible extent of a robot part [m]. A part drawn in millimetres but read in metres is 1000 times too large."""
 _USUAL_DENSITY = 1.0, 23_000.0
 """Plausible density [kg/m³], from thin shells filled with air to osmium."""
+_COINCIDENT = 1e-8
+"""Distance of coincident vertices, in the units of the mesh."""
 
 
 def mesh(
@@ -153,26 +154,15 @@ def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array
 def read_surface(path: Path) -> tuple[Array, Array]:
     """Vertices (n, 3) and triangles (k, 3) of a file that trimesh reads, with coincident vertices merged."""
     try:
-        import trimesh
-    except ImportError:
-        raise MissingExtraError.from_extra("trimesh", "mesh", f"Reading the mesh {path.name}") from None
-    if not path.is_file():
-        raise NotFoundError(f"no mesh file {str(path)!r}.")
-    with third_party_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):
-        try:
-            loaded: Any = load_mesh(path, trimesh.load, force="mesh")
-        except ModelError as problem:
-            raise ModelError(f"{path} {problem}.") from None
-    if not hasattr(loaded, "faces") or not len(loaded.faces):
-        raise ModelError(f"{path} holds no triangles.")
-    if np.shape(loaded.vertices)[1:] != (3,):
-        raise ModelError(f"{path} has vertices of {np.shape(loaded.vertices)[-1]} numbers, and three are needed.")
-    try:
-        check_faces(loaded.faces, len(loaded.vertices))
+        parts = read_parts(path)
     except ModelError as problem:
         raise ModelError(f"{path} {problem}.") from None
-    loaded.merge_vertices(merge_tex=True, merge_norm=True)  # formats such as STL repeat each vertex
-    return np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = np.concatenate([part.vertices for part in parts])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    # Formats such as STL repeat each vertex.
+    _, first, numbered = np.unique(np.round(vertices / _COINCIDENT), axis=0, return_index=True, return_inverse=True)
+    return vertices[first], numbered.reshape(-1)[faces]
 
 
 def _require_closed(name: str, vertices: Array, faces: Array) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import io
 import json
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from ...core.errors import ModelError
+import numpy as np
+
+from ...core.errors import MissingExtraError, ModelError, NotFoundError
 from ...core.files import read_bytes
+from ...core.third_party import third_party_errors
+from ...core.typing import Array
 
 SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
 """Suffixes of the mesh files that a robot file may name. Others are never opened."""
@@ -20,14 +23,58 @@ _GLB, _JSON = b"glTF", slice(20, None)
 """First bytes of binary glTF, and its JSON behind two heads."""
 
 
-def load_mesh(path: Path, load: Callable[..., Any], **options: Any) -> Any:
-    """Content of a mesh file by a loader of trimesh. Raises OSError, and ModelError with a sentence without its subject.
+class MeshPart(NamedTuple):
+    """Triangles of one part of a file, in the file's frame."""
 
+    vertices: Array
+    """(n, 3)"""
+    faces: Array
+    """(k, 3) vertex numbers."""
+    colour: tuple[float, float, float] | None
+    """Colour in the file; trimesh's default grey is ignored."""
+
+
+def read_parts(path: Path) -> list[MeshPart]:
+    """Parts of a mesh file that trimesh reads.
+
+    Raises MissingExtraError, NotFoundError, and ModelError with a sentence without its subject.
     Materials and buffers in other files are read only from the folder of the mesh and those below.
     """
-    from trimesh.resolvers import FilePathResolver
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingExtraError.from_extra("trimesh", "mesh", f"Reading the mesh {path.name}") from None
+    if not path.is_file():
+        raise NotFoundError(f"no mesh file {str(path)!r}.")
+    with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
+        found, scene = [], _scene(path, trimesh)
+        for node in scene.graph.nodes_geometry:
+            T, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if not len(getattr(mesh, "faces", ())):
+                continue
+            if np.shape(mesh.vertices)[1:] != (3,):
+                raise ModelError(f"has vertices of {np.shape(mesh.vertices)[-1]} numbers, and three are needed")
+            check_faces(mesh.faces, len(mesh.vertices))
+            vertices = np.asarray(mesh.vertices, float) @ T[:3, :3].T + T[:3, 3]
+            found.append(MeshPart(vertices, np.asarray(mesh.faces, np.int64), _colour_of(mesh)))
+    if not found:
+        raise ModelError("holds no triangles")
+    return found
 
-    class Neighbours(FilePathResolver):
+
+def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
+    if mesh.visual.kind not in ("texture", "face", "vertex"):
+        return None
+    source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
+    r, g, b = (np.asarray(source.main_color[:3], float) / 255).tolist()
+    return r, g, b
+
+
+def _scene(path: Path, trimesh: Any) -> Any:
+    """Content of a mesh file, checked before it is unpacked."""
+
+    class Neighbours(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         """Files beside a mesh; versions of trimesh before 5 read any file."""
 
         def get(self, name: str) -> bytes:
@@ -44,7 +91,7 @@ def load_mesh(path: Path, load: Callable[..., Any], **options: Any) -> Any:
         refuse_entities(data, lambda name: ModelError(f"declares the entity {name[:200]!r}, which is refused"))
     elif kind in (".gltf", ".glb"):
         _check_gltf(data)
-    return load(io.BytesIO(data), file_type=kind[1:], resolver=Neighbours(str(path)), **options)
+    return trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=Neighbours(str(path)))
 
 
 def check_faces(faces: Any, count: int) -> None:

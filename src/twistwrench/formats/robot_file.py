@@ -1,0 +1,71 @@
+"""Robot file with its content and its elements, each read once."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from pathlib import Path
+
+from ..mechanics.model.model import Model
+from .source import bytes_of, decoded, path_given
+from .xacro import xacro_in
+from .xml import MOST_BODIES, Element, parse
+
+USD = (".usd", ".usda", ".usdc", ".usdz")
+"""Suffixes of USD files."""
+
+
+class RobotFile(str):
+    """Path of a robot file that keeps what was read of it; in another process the path alone is left, and is read again.
+
+    Its properties raise as :func:`~twistwrench.formats.source.read_robot_text` and :func:`~twistwrench.formats.xml.parse`.
+    """
+
+    @classmethod
+    def from_path(cls, path: str | os.PathLike[str], data: bytes | None = None) -> RobotFile:
+        """File at a path, with its content if it was read before; raises RobotFileError for what is not a path."""
+        if isinstance(path, cls):
+            return path
+        file = cls(path_given(path))
+        if data is not None:
+            file.data = data
+        return file
+
+    @cached_property
+    def data(self) -> bytes:
+        """Content of the file."""
+        return bytes_of(Path(self))
+
+    @cached_property
+    def text(self) -> str:
+        """Text of the file."""
+        return decoded(self.data, str(self))
+
+    @cached_property
+    def root(self) -> Element:
+        """Root element; after loading, with the included files of MJCF in place."""
+        return self.parsed()
+
+    def parsed(self, max_bodies: int = MOST_BODIES) -> Element:
+        """Root element, parsed now if it has not been before; the number of bodies is checked only then."""
+        if "root" not in vars(self):
+            self.root = parse(self.text, max_bodies=max_bodies)
+        return self.root
+
+    @cached_property
+    def xacro(self) -> str:
+        """Name of the first element that only xacro can read; empty if there is none."""
+        return xacro_in(self.text, vars(self).get("root"))
+
+    def __reduce__(self) -> tuple[type[RobotFile], tuple[str]]:
+        return type(self), (str(self),)
+
+
+def file_of(model: Model) -> RobotFile | None:
+    """File that a model was read from; None for robots without a file, for USD, and if the file is gone before it was read."""
+    source = model.source
+    file = source if isinstance(source, RobotFile) else RobotFile(source)
+    if "root" in vars(file):
+        return file
+    there = source and Path(source).suffix.lower() not in USD and Path(source).is_file()
+    return file if there else None

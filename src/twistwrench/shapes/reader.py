@@ -1,0 +1,182 @@
+"""Shapes of links as URDF, SDF and MJCF files describe them; those of USD files are not read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ..core.errors import RobotFileError
+from ..core.typing import Array
+from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
+from ..formats.robot_file import file_of
+from ..formats.robot_text import MjcfText, RobotText, UrdfText, text_of
+from ..formats.sdf import pose, with_text, word
+from ..formats.urdf import origin_of
+from ..formats.xml import Element
+from ..mechanics.lie.identity import IDENTITY
+from ..mechanics.model.model import Model
+from .surface import Colour
+
+Role = Literal["visual", "collision"]
+
+_SIZES = {
+    "box": (("size", 3),), "sphere": (("radius", 1),), "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)), "ellipsoid": (("radii", 3),),
+}  # fmt: skip
+"""Dimensions of shapes in URDF (attributes) and SDF (elements)."""
+_IN_URDF = ("box", "sphere", "cylinder", "capsule", "mesh")
+"""Shapes that URDF defines."""
+_GEOMETRY = '<geometry><box size="1 1 1"/></geometry>'
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeSpec:
+    """Shape as described in a file."""
+
+    kind: str
+    """box, sphere, cylinder, capsule, ellipsoid, mesh, another kind, or empty without a geometry."""
+    sizes: tuple[float, ...]
+    """Edges; radius; radius and length; semi-axes; or the scale of a mesh."""
+    pose: Array
+    """Pose (4, 4) in the link's frame."""
+    mesh: str = ""
+    """File name of a mesh, as in the robot file."""
+    role: Role = "visual"
+    colour: Colour | None = None
+    element: str = ""
+    """Element of the file, for messages."""
+    problem: str = ""
+    """Reason why the shape cannot be drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkShapes:
+    """Shapes of one link."""
+
+    link: str
+    parts: tuple[ShapeSpec, ...] = ()
+
+
+def read_shapes(model: Model, role: Role | None = None) -> tuple[LinkShapes, ...]:
+    """Shapes of the links in the model's file, of one role or of both; empty for robots without a file, xacro and USD.
+
+    Raises what reading the file again raises, if the model comes from another process.
+    """
+    file = file_of(model)
+    if file is None or file.xacro:
+        return ()
+    text = text_of(file.root, model.name, Path(file))
+    return tuple(link_shapes(text, name, role) for name in text.links if name in model.frames)
+
+
+def link_shapes(text: RobotText, link: str, role: Role | None = None) -> LinkShapes:
+    """Shapes of one link; planes, height fields and empty elements are left out."""
+    found = _mjcf_shapes(text, link) if isinstance(text, MjcfText) else _shapes(text, link)
+    return LinkShapes(link, tuple(shape for shape in found if role in (None, shape.role)))
+
+
+def _shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
+    """Visuals, then collision shapes, of URDF or SDF."""
+    roles: tuple[Role, ...] = ("visual", "collision")
+    for role in roles:
+        for part in text.links[link].all(role):
+            found = _urdf_shape(part, role, text) if isinstance(text, UrdfText) else _sdf_shape(part, role)
+            if found is not None:
+                yield found
+
+
+def _urdf_shape(part: Element, role: Role, text: UrdfText) -> ShapeSpec | None:
+    """Shape of a ``<visual>`` or ``<collision>`` of URDF; None for an empty geometry."""
+    try:
+        geometry = part.required("geometry", _GEOMETRY)
+        if not geometry.children:
+            return None
+        shape = geometry.children[0]
+        mesh = shape.text("filename") if shape.tag == "mesh" else ""
+        sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in shape.values(name, count)]
+        if mesh:
+            sizes = shape.values("scale", 3) if "scale" in shape.attributes else [1.0, 1.0, 1.0]
+        T = origin_of(part)
+    except RobotFileError as error:  # such a file can be loaded
+        kind = "unknown" if part.all("geometry") else ""
+        return ShapeSpec(kind, (), IDENTITY, role=role, element=str(part), problem=str(error))
+    if shape.tag not in _IN_URDF:
+        problem = f"{shape} cannot be drawn"
+        return ShapeSpec(shape.tag, tuple(sizes), T, role=role, element=str(shape), problem=problem)
+    try:
+        colour, problem = _colour(part, text), ""
+    except RobotFileError as error:
+        colour, problem = None, str(error)
+    return ShapeSpec(shape.tag, tuple(sizes), T, mesh, role, colour, str(part), problem)
+
+
+def _colour(part: Element, text: UrdfText) -> Colour | None:
+    """Colour of an element's ``<material>``, or of the robot's material of the same name."""
+    material = part.child("material")
+    if material is None:
+        return None
+    named = text.materials.get(material.attributes.get("name", ""))
+    return _rgb(material) or (None if named is None else _rgb(named))
+
+
+def _rgb(material: Element) -> Colour | None:
+    try:
+        colour = material.child("color")
+        if colour is None:
+            return None
+        r, g, b, _ = np.clip(colour.numbers("rgba", 4), 0.0, 1.0).tolist()
+    except RobotFileError:
+        return None
+    return r, g, b
+
+
+def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
+    """Shape of a ``<visual>`` or ``<collision>`` of SDF; None for planes and without a geometry."""
+    unknown = ShapeSpec("unknown", (), IDENTITY, role=role, element=str(part))
+    try:
+        geometry = part.child("geometry")
+        if geometry is None or not geometry.children or geometry.children[0].tag == "plane":
+            return None
+        shape, place = geometry.children[0], part.child("pose")
+        if place is not None and place.attributes.get("relative_to", "").strip():
+            return unknown
+        T, mesh = pose(place), word(shape, "uri") if shape.tag == "mesh" else ""
+        sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in _values(shape, name, count)]
+        if shape.tag == "mesh":
+            sizes = _values(shape, "scale", 3) if shape.child("scale") is not None else [1.0, 1.0, 1.0]
+    except RobotFileError:
+        return unknown
+    return ShapeSpec(shape.tag, tuple(sizes), T, mesh, role, element=str(part))
+
+
+def _values(shape: Element, name: str, count: int) -> list[float]:
+    return with_text(shape.required(name, f"<{name}>")).values("text", count)
+
+
+def _mjcf_shapes(text: MjcfText, body: str) -> Iterator[ShapeSpec]:
+    for part in text.bodies[body].geoms:
+        kind = part.element.attributes.get("type", "sphere").strip()
+        if kind not in WITHOUT_SHAPE:
+            yield _mjcf_shape(part, kind, text)
+
+
+def _mjcf_shape(part: PlacedElement, kind: str, text: MjcfText) -> ShapeSpec:
+    """Shape of a geom; meshes and what cannot be read count as visuals, primitives as collision shapes."""
+    geom = part.element
+    try:
+        if "mesh" in geom.attributes:
+            file, scale = text.meshes.named(geom.text("mesh"))
+            # MuJoCo moves a mesh to its centre of mass and back, so the geom's frame is also the mesh's.
+            known = "mesh" if kind == "mesh" else "fitted"
+            return ShapeSpec(known, scale, part.frame @ placement(geom, text.settings), file)
+        T, half = shape_of(geom, kind, text.settings)
+    except RobotFileError:
+        return ShapeSpec("unknown", (), IDENTITY)
+    sizes = list(half)
+    if kind in ("box", "capsule", "cylinder"):
+        sizes = [2.0 * x for x in half] if kind == "box" else [half[0], 2.0 * half[1]]
+    return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")
