@@ -304,6 +304,8 @@ class Subject:
     path: Path | None = None
     data: bytes = b""
     """Bytes of the file."""
+    root: Element | None = None
+    """Root element of the file."""
     floating_base: bool | None = None
     model: str | None = None
     """Name of the model in an SDF world."""
@@ -367,7 +369,7 @@ def read_subject(
     folders = [Path(folder) for folder in meshes] if not isinstance(meshes, bool) else []
     solids = SolidReader(MeshFiles(path, folders) if meshes is not False else None)
     parsed = replace(_parsed(root, made, solids, path), load_errors=tuple(problems))
-    return Subject(parsed, text, path, b"" if file is None else file.data, floating_base, model)
+    return Subject(parsed, text, path, b"" if file is None else file.data, root, floating_base, model)
 
 
 _MOST_ERRORS = 12

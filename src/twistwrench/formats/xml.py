@@ -181,6 +181,12 @@ class Element:
         """Copy of the element with other attributes."""
         return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content, self.index)
 
+    def copied(self) -> Element:
+        """Copy of the element and its descendants, whose changes leave the original as it is."""
+        found = self.with_attributes(dict(self.attributes))
+        found.children = [child.copied() for child in self.children]
+        return found
+
     def _numbers(self, attribute: str, text: str) -> list[float]:
         if _NUMBERS.fullmatch(text):
             values = list(map(float, text.split()))

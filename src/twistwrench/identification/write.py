@@ -18,7 +18,7 @@ from ..core.version import __version__
 from ..diagnosis.parsed_file import Subject, read_subject
 from ..formats.edit import TextChanges, encoded
 from ..formats.robot_text import TEXTS
-from ..formats.xml import parse
+from ..formats.xml import Element
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.units import unit_of
 from ..mechanics.lie import se3
@@ -125,16 +125,17 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
     the text gives other values.
     """
     subject = read_subject(original, meshes=False)
-    if not subject.text:
+    if subject.root is None:
         raise ModelError(
             f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
             "writes a new one."
         )
+    root = subject.root
     inertias, folded = _link_inertias(found, TEXTS[subject.robot.format].share_left)
     drives = wanted = _drives(found)
 
     def off(wanted: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
-        return _off(_again(_text(subject, found, said, inertias, wanted), subject, found), drives)
+        return _off(_again(_text(subject, root, found, said, inertias, wanted), subject, found), drives)
 
     beside = off(wanted)
     if any(value > 0 for of_kind in beside.values() for value in of_kind.values()):
@@ -146,19 +147,23 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
         beside = off(wanted)
     missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in beside.items()}
     lacking = [f"{kind} {joint} {number(x)}" for kind, of_kind in missing.items() for joint, x in of_kind.items()]
-    text = _text(subject, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted)
+    text = _text(
+        subject, root, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted
+    )
     difference = _difference(_again(text, subject, found), found)
     if not difference <= _SAME:
         raise RobotFileError(
             f"what was written does not come back: torques differ by {number(difference, 2)} of the largest. Please report it."
         )
-    folder = subject.path.resolve().parent if subject.path is not None and _names_files(subject.text) else None
+    folder = subject.path.resolve().parent if subject.path is not None and _names_files(root) else None
     return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)
 
 
-def _names_files(text: str) -> bool:
+def _names_files(root: Element) -> bool:
     """True if the file refers to others by relative paths: includes, meshes, textures."""
-    elements = list(parse(text).walk())
+    elements = list(root.walk())
+    if any(element.file for element in elements):
+        return True
     named = [element.attributes.get(key, "") for element in elements for key in ("file", "filename")]
     named += [element.content.strip() for element in elements if element.tag == "uri"]
     return any(name and "://" not in name and not name.startswith("/") for name in named)
@@ -166,13 +171,13 @@ def _names_files(text: str) -> bool:
 
 def _text(
     subject: Subject,
+    root: Element,
     found: ConsistentRobot,
     said: str,
     inertias: Mapping[str, SpatialInertia],
     drives: Mapping[str, Mapping[str, float]],
 ) -> str:
     """Text of the file with new inertias of links and values of joints; values of mimic joints are 0."""
-    root = parse(subject.text)
     changes = TextChanges(SIGNATURE)
     model = found.base.unknown.model
     file = TEXTS[subject.robot.format](root, model.name, subject.path)

@@ -20,7 +20,8 @@ from ..core.files import as_path, replacing
 from ..core.numbers import seconds
 from ..core.typing import Array
 from ..core.verdict import Word
-from ..formats.source import find_resource, read_robot_text
+from ..formats.robot_file import file_of
+from ..formats.source import find_resource
 from ..formats.writers import write_urdf
 from ..formats.xml import Element, parse, xml_text
 from ..mechanics.joints.units import unit_of
@@ -156,17 +157,17 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
     robot = parse(write_urdf(model).text)
     links = {link.attributes["name"]: link for link in robot.all("link")}
     try:
-        path = Path(model.source)
-        own = parse(read_robot_text(path)[0]) if model.source and path.is_file() else robot
+        file = file_of(model)
+        own = robot if file is None else file.root
     except (ModelError, NotFoundError, OSError, ValueError):  # the file changed since the robot was loaded
         return robot
-    if own is robot or own.tag != "robot":
+    if file is None or own.tag != "robot":
         return robot
     robot.children = [*own.all("material"), *robot.children]
     for link in own.all("link"):
-        for shape in (*link.all("visual"), *link.all("collision")):
+        for shape in [one.copied() for one in (*link.all("visual"), *link.all("collision"))]:
             meshes = [element for element in shape.walk() if element.tag == "mesh"]
-            found = [find_resource(mesh.attributes.get("filename", ""), path) for mesh in meshes]
+            found = [find_resource(mesh.attributes.get("filename", ""), Path(file)) for mesh in meshes]
             if link.attributes.get("name") not in links or (local and None in found):
                 continue
             for mesh, place in zip(meshes, found, strict=True):
