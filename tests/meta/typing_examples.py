@@ -8,6 +8,7 @@ import numpy as np
 
 import twistwrench as tw
 from twistwrench import trajectories
+from twistwrench.mechanics.algorithms.constraints import ConstrainedMotion, ConstrainedTorques
 from twistwrench.simulation import SimulationBatch, SimulationResult
 from twistwrench.simulation.closed import ClosedRollout, ClosedSimulation
 from twistwrench.simulation.rollout import Rollout
@@ -31,6 +32,9 @@ if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it
     held = bundled.close("ground", "tool0").constrain("forearm_link", "vx")
     assert_type(held.simulate(q, method="rk4"), ClosedSimulation)
     assert_type(held.rollout(q, q, steps=10), ClosedRollout)
+    assert_type(held.forward_dynamics(q, q, q), ConstrainedMotion)
+    assert_type(held.holding_torques(q, ["wrist_1_joint"]), ConstrainedTorques)
+    opened: tw.Robot = held.open()
     wrong_method = held.simulate(q, method="variational")  # type: ignore[arg-type]
     many = bundled.rollout([q, q], q, steps=10, method="rk4", torque_limits=True)
     assert_type(many, Rollout)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NoReturn, Unpack
+from typing import TYPE_CHECKING, Any, NoReturn, Unpack, cast
 from weakref import WeakMethod
 
 import numpy as np
@@ -44,6 +44,8 @@ class RobotBase:
 
     constraints: tuple[Constraint, ...] = ()
     """Closures and velocity constraints, in the order of their creation; () with its loops open."""
+    _tree: Robot | None = None
+    """The robot with its loops open, of a robot with constraints."""
 
     def __init__(self, model: Model | CachedModel) -> None:
         self.engine = Engine(model, WeakMethod(self._put_in_front))  # weak: a robot without references is freed at once
@@ -72,8 +74,13 @@ class RobotBase:
         type(self).__init__(self, state)
 
     def open(self) -> Robot:
-        """The same robot with its loops open."""
-        raise NotImplementedError
+        """The same robot with its loops open, without constraints.
+
+        Returns
+        -------
+        robot : Robot
+        """
+        return cast("Robot", self if self._tree is None else self._tree)
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
         """Register a kernel for direct calls; see :class:`.robot.Robot`."""

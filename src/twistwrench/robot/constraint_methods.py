@@ -55,7 +55,6 @@ class ConstraintMethods(RobotBase):
     """Indices of the rows of A that do not depend on earlier rows."""
     spans: Array = np.zeros(0)
     """Scale of each row's gap: 1 rad, or the typical lever of its joints in m, at most 1 m."""
-    _tree: Robot | None = None
 
     def __repr__(self) -> str:
         if self._tree is None:
@@ -86,15 +85,6 @@ class ConstraintMethods(RobotBase):
         self._tree, self.constraints, self.independent = tree, constraints, independent
         self.sizes, self.spans = sizes, spans
         self.engine = ConstrainedEngine(tree.engine, self._independent_constraints)
-
-    def open(self) -> Robot:
-        """The same robot with its loops open, without constraints.
-
-        Returns
-        -------
-        robot : Robot
-        """
-        return cast("Robot", self if self._tree is None else self._tree)
 
     def close(
         self,
