@@ -186,6 +186,6 @@ def test_a_robot_starts_where_it_may_be(tmp_path, name):
 
 def test_a_closed_robot_is_refused_with_the_way_out(tmp_path):
     closed = tw.robots.planar_3r().constrain("tip", "vx")
-    with pytest.raises(tw.ValueRangeError, match=r"take closed\.robot"):
+    with pytest.raises(tw.ValueRangeError, match=r"take robot\.open\(\)"):
         write_page(closed, tmp_path / "page.html")
     assert not any(tmp_path.iterdir())
