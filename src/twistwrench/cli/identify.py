@@ -21,7 +21,7 @@ from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
 from ..formats.actuators import actuator_content, read_log_side
 from ..identification.parameters import PARAMETER_UNITS, group_units
-from ..identification.payload import motor_side, read_motion
+from ..identification.payload import motor_side
 from ..identification.pictures import identification_pictures
 from ..identification.report import bodies_view, identification_view
 from ..identification.write import OF_COUPLED_MOTORS
@@ -38,6 +38,9 @@ from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
 _AUTO = "auto"
+_ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
+_REMOVED = click.option("--add", "--information", "add", hidden=True)
+"""Options of earlier versions, which are answered with the new way for one version."""
 FRICTION_LAWS = option(
     "--friction-model LAWS",
     "Friction of each joint: viscous, coulomb, stribeck, offset, or none.",
@@ -100,8 +103,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
     shared.JSON,
     option("--force", "Write all files even if the verdict is LOOK AGAIN."),
     shared.worker_options,
-    option("--add OLD.npz", "Add the logs to the normal equations saved by --information."),
-    option("--information OUT.npz", "Save the normal equations, for --add."),
+    _REMOVED,
     option("--out OUT", "Write the robot file with the identified parameters."),
     option("--out-actuators OUT.yaml", "Write friction and motor inertias as an actuator file."),
     option("--keep-close STRENGTH", "Weight of the prior from the robot file, 0.01 to 100000.", default=_AUTO),
@@ -116,9 +118,9 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
     inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
-    # --add may name an input as output: the file is replaced once complete.
-    added = None if given.add == given.information else given.add
-    outputs = given.check_files({**inputs, **options.files, "--add": added})
+    if given.add is not None:
+        raise ValueRangeError(f"--add and --information are gone: give all logs at once. {_ALL_LOGS}")
+    outputs = given.check_files({**inputs, **options.files})
     fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
     check_payload(given.payload_only, outputs)
     given.columns = shared.parse_columns(given.columns, [*given.logs, *given.tests])
@@ -129,7 +131,6 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     notes = write_robot(found, given, strength, options)
     blocks = list(identification_view(found, essential=given.essential))
     show(*blocks)
-    shared.show_written(given.information)
     write_results(found, given, notes)
     if given.report is not None:
         files = {**inputs, **options.files}
@@ -168,30 +169,15 @@ def _fitting(given: Given) -> dict[str, Any]:
 def _identified(
     robot: Robot, options: RobotOptions, given: Given, fitting: dict[str, Any]
 ) -> identification.IdentifiedRobot:
-    """Fit to the logs: in memory, or in chunks for long logs and with --add."""
+    """Fit to the logs, which this process or the workers read."""
     reading: dict[str, Any] = {
         "columns": given.columns,
         "gain": shared.current_gains(given.gain, robot.model, options.actuator_file, of_side=True),
         "degrees": options.degrees,
         **given.pick("rate", "topic", "episode"),
     }
-    paths = (*given.logs, *given.tests)
-    portions = any(x is not None for x in (given.information, given.add, given.workers, given.scheduler))
-    if portions or total_bytes(paths) > LARGE:
-        if given.assume:
-            raise ValueRangeError(
-                "--assume takes logs that fit into memory, without --information, --add or --workers."
-            )
-        del fitting["assume"]
-        return robot_from_portions(robot, given, {**fitting, **reading})
-    motions = {path: read_motion(path, robot, side=fitting["motor_side"], **reading) for path in dict.fromkeys(paths)}
-    if lacking := [path for path, motion in motions.items() if motion.tau is None]:
-        raise ValueRangeError(
-            f"{lacking[0]}: no torque for every joint. Name the columns JOINT.torque, or assign them with --columns "
-            f"'{robot.model.velocity_names[0]}.tau=COLUMN'; currents, JOINT.current, need --gain."
-        )
-    train, test = [motions[path] for path in given.logs], [motions[path] for path in given.tests]
-    return identification.identify(robot, train, test=test, **fitting)
+    with workers_of(given.workers, given.scheduler) as team:
+        return identification.identify(robot, given.logs, test=given.tests, client=team.client, **fitting, **reading)
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
@@ -229,41 +215,6 @@ def _number(text: str, option: str) -> float | None:
         return float(text)
     except ValueError:
         raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
-
-
-# ── Logs of any length: information in portions, added to what was saved
-
-LARGE = 1 << 26
-"""Total size of the logs [bytes] above which they are read in chunks."""
-
-
-def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> identification.IdentifiedRobot:
-    """Robot identified from all rows of the logs and of ``--add``; ``options`` are arguments of :func:`accumulate`."""
-    with workers_of(given.workers, given.scheduler) as team:
-        before = None if given.add is None else identification.NormalEquationBlocks.load(given.add, robot)
-        if before is not None and (twice := sorted(set(before.logs) & set(given.logs))):
-            raise ValueRangeError(f"{given.add} has the rows of {twice[0]!r} already. Leave that log out.")
-        information = identification.accumulate(robot, given.logs, like=before, client=team.client, **options)
-        information = information if before is None else before + information
-        tested = None
-        if given.tests:
-            tested = identification.accumulate(robot, given.tests, like=information, client=team.client, **options)
-    found = information.identified(tested)
-    if given.information is not None:
-        information.save(given.information)
-    return found
-
-
-def total_bytes(paths: Sequence[str]) -> int:
-    """Total size of files, including ``a.csv+b.csv``; unreadable files count as zero."""
-    total = 0
-    for path in paths:
-        for part in [path] if Path(path).exists() else path.split("+"):
-            try:
-                total += Path(part.strip()).stat().st_size * (10 if part.endswith(".gz") else 1)
-            except OSError:
-                continue
-    return total
 
 
 # ── Known values of parameters, ``--known``

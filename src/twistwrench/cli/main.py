@@ -429,7 +429,7 @@ class Given(SimpleNamespace):
                     path = picture_path(path)
                     setattr(self, name, path)
                 files[param.opts[0] if isinstance(param, click.Option) else form] = path
-                if _DATA.fullmatch(form) and path != getattr(self, "add", None):  # --add updates its file
+                if _DATA.fullmatch(form):
                     data.append(path)
         check_outputs(files, inputs)
         for path in data:

@@ -9,11 +9,9 @@ from .consistent import ConsistentRobot
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings
 from .identify import identify, measured_causes
-from .normal_equation_blocks import NormalEquationBlocks
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion
 from .result import IdentifiedRobot, without_links
-from .streaming import accumulate
 
 __all__ = [
     "BaseParameters",
@@ -28,9 +26,7 @@ __all__ = [
     "IdentifiedPayload",
     "IdentifiedRobot",
     "MotorSide",
-    "NormalEquationBlocks",
     "UnknownParameters",
-    "accumulate",
     "exciting_trajectory",
     "identify",
     "measured_causes",

@@ -65,10 +65,8 @@ class CauseFit:
 
     def __init__(self, states: LogStates, prior: Prior, live: Array, laws: Sequence[Array] = ()) -> None:
         self.states, self.live, self.laws, self._groups = states, live, tuple(laws), prior
-        tau = states.measured
-        W = np.concatenate([states.columns, *(e[..., None] for e in laws)], axis=2) if laws else states.columns
-        W, tau = np.asarray(W * live[:, None]), np.asarray(tau * live)
-        self.W, self.tau = W, tau
+        W, tau = self.W, np.asarray(states.measured * live)
+        self.tau = tau
         size = np.sqrt((tau**2).mean(axis=0))
         if laws:
             usual = [float(size.max() / max(np.abs(e).max(), 1e-9)) for e in laws]
@@ -98,6 +96,19 @@ class CauseFit:
         left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
         self.left = left / self.spread
         self.floor = (_FLOOR * size) ** 2 + 1e-300
+
+    @cached_property
+    def W(self) -> Array:
+        """(m, nv, r) columns of the groups and of the laws."""
+        columns = self.states.columns
+        W = np.concatenate([columns, *(e[..., None] for e in self.laws)], axis=2) if self.laws else columns
+        return np.asarray(W * self.live[:, None])
+
+    def release(self, before: CauseFit) -> None:
+        """Release columns that another fit does not share, to limit memory; they are computed again when needed."""
+        self.__dict__.pop("W", None)
+        for name in ("columns", "bodies", "drives") if self.states is not before.states else ():
+            self.states.__dict__.pop(name, None)
 
     def refit(self, states: LogStates, *laws: Array) -> CauseFit:
         """Fit of other states, with additional laws."""

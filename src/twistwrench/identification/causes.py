@@ -448,7 +448,8 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
     near = [SpatialInertia.from_com(1.0, c, np.zeros((3, 3))).in_frame(frame.pose).parameters for c in _NEAR]
     point, *moved = np.array(near)
     mine = slice(10 * frame.body, 10 * frame.body + 10)
-    Y = s.base.unknown.regressor(s.q, s.dq, s.ddq, s.gravity)[:, :, mine]
+    portions = (slice(k, k + _PORTION) for k in range(0, len(s.time), _PORTION))
+    Y = np.concatenate([s.base.unknown.regressor(s.q[p], s.dq[p], s.ddq[p], s.gravity)[:, :, mine] for p in portions])
     e = Y @ np.stack([point, *(0.5 * (a - b) / _OFF for a, b in zip(moved[::2], moved[1::2], strict=True))], axis=1)
     size = np.maximum(np.linalg.norm(e, axis=(0, 1)), 1e-300)
     R = np.linalg.qr((e / size).reshape(-1, 4))[1]

@@ -225,7 +225,7 @@ def law_changes(fit: CauseFit) -> Array:
 
 def _at_best_speed(fit: CauseFit) -> CauseFit:
     """Fit with the best common friction speed, if it is significantly better."""
-    others = [fit.refit(fit.states.changed(friction_speed=np.full(len(fit.live), speed))) for speed in SPEEDS]
+    others = (fit.refit(fit.states.changed(friction_speed=np.full(len(fit.live), speed))) for speed in SPEEDS)
     best = max(others, key=fit.gained)
     return best if fit.gained(best) > _WORTH else fit
 
@@ -359,6 +359,7 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCa
             span = None if law.since is None else (law.since[1], float(s.time[s.rows[-1]]))
             log = 0 if law.since is None else s.logs[law.since[0]]
             value, deviation = refit.x[-k:][:1], refit.law_deviation(k)[:1]
+            refit.release(fit)
             found.append(replace(told, law=law, value=value, deviation=deviation, span=span, log=log))
     return found
 
@@ -395,10 +396,9 @@ def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
 
 
 def _judged(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
-    S = fit.gained(refit)
-    return FoundCause(
-        cause.kind, cause.joints, S, refit.t_value(fit), fit, refit, cause.correct, number=cause.number, cost=cause.cost
-    )
+    S, t = fit.gained(refit), refit.t_value(fit)
+    refit.release(fit)
+    return FoundCause(cause.kind, cause.joints, S, t, fit, refit, cause.correct, number=cause.number, cost=cause.cost)
 
 
 def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:

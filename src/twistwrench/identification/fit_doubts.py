@@ -21,9 +21,9 @@ from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.model import BASE
 
 if TYPE_CHECKING:
-    from ..motion.motion import Motion
     from ..robot import Robot
     from .hyperparameters import FitSettings
+    from .log_windows import ReadLog
     from .parameters import BaseParameters
 
 _UNEXPLAINED = 0.35
@@ -60,7 +60,7 @@ class FittedLog:
     """Rows (m, nv, r) and torques (m, nv) at the chosen settings, with the fit to them."""
 
     base: BaseParameters
-    motions: Sequence[Motion]
+    logs: Sequence[ReadLog]
     W: Array
     tau: Array
     settings: FitSettings
@@ -96,8 +96,8 @@ _COARSE = 0.15
 
 def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts about dead, saturated and coarse columns."""
-    moved = np.any([moves(motion.q[:, : len(seen.names)]) for motion in seen.motions], axis=0)
-    rests = not moved.any() and not any(moves(np.asarray(motion.tau)).any() for motion in seen.motions)
+    moved = np.any([moves(log.q[:, : len(seen.names)]) for log in seen.logs], axis=0)
+    rests = not moved.any() and not any(moves(log.tau).any() for log in seen.logs)
     if rests:
         yield doubt("unexciting", said="the robot stood still: no position or torque changes by more than its noise.")
     for kind, which in (("dead-torque", seen.dead), ("dead-position", ~seen.dead & ~moved)):
@@ -106,11 +106,11 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
             yield doubt(kind, joints, named="all joints" if still else None, level="refuse" if still else None)
     cutoff = seen.settings.cutoff
     for k in np.flatnonzero(~seen.dead).tolist():
-        tau = np.concatenate([np.asarray(m.tau)[:, k] for m in seen.motions])
+        tau = np.concatenate([log.tau[:, k] for log in seen.logs])
         if (cut := cut_off(tau)) is not None:
             yield doubt("saturated", seen.names[k : k + 1], extreme=number(cut[0]), rows=percent(cut[1], 3))
     for k, name in enumerate(seen.names):
-        step = quantum([motion.q[:, k] for motion in seen.motions])
+        step = quantum([window.q[:, k] for log in seen.logs for window in log.windows])
         size = float(np.sqrt((seen.acceleration[:, k] ** 2).mean()))
         # White noise of that size, low-passed and differentiated twice: sqrt(∫ (2 π f)^4 df) over 0 to the cut-off.
         noise = step / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / seen.rate / 5.0)
@@ -171,7 +171,7 @@ _SPOILED = ("buffered", "saturated", "unexciting")
 
 def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that reject the log first; insufficient motion is reported only without other doubts."""
-    read = [*(one for motion in seen.motions for one in of_reading(motion.doubts)), *column_doubts(seen)]
+    read = [*(one for log in seen.logs for one in of_reading(log.doubts, log.name)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
     causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *seen.causes]
     known = spoiled or any(one.level != "note" for one in causes)
@@ -183,6 +183,11 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
         *(_negative(seen, known=known) or ([] if known else _negative_energy(seen))),
         *_unexplained(seen, known=known),
     ]
+    return sorted_doubts(found)
+
+
+def sorted_doubts(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
+    """Doubts in the order of their levels: those that reject the log first, notes last."""
     return tuple(sorted(found, key=lambda one: ("refuse", "unsure", "note").index(one.level)))
 
 
@@ -238,7 +243,7 @@ def _unexciting(seen: FittedLog) -> list[Doubt]:
 def _undetermined(seen: FittedLog) -> list[Doubt]:
     """Joints whose torques are poorly predicted in another motion, as fast as the logs and as wide as the limits."""
     base, rng = seen.base, np.random.default_rng(0)
-    q = np.concatenate([motion.q for motion in seen.motions])
+    q = np.concatenate([log.q for log in seen.logs])
     wide = rng.uniform(*_reach(base.unknown.robot, q), (_MOTION, q.shape[1]))
     dq, ddq = (
         rng.normal(size=(_MOTION, x.shape[1])) * np.sqrt((x**2).mean(axis=0)) for x in (seen.speed, seen.acceleration)
@@ -318,7 +323,7 @@ def _negative_energy(seen: FittedLog) -> list[Doubt]:
     from scipy.special import chdtri
 
     base, speed = seen.base, seen.settings.friction_speed
-    q, n = np.concatenate([motion.q for motion in seen.motions]), len(seen.names)
+    q, n = np.concatenate([log.q for log in seen.logs]), len(seen.names)
     q = q[:: max(1, len(q) // _POSES)]
     still = np.zeros((len(q), n))
     holding = base.unknown.columns(base.kept, q, still, still, speed)

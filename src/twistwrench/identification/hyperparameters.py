@@ -262,6 +262,11 @@ class SettingRows:
         self._trials = lru_cache(2)(self._trial)
         self._parts = lru_cache(2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS)))(self._undelayed)
 
+    def release(self) -> None:
+        """Release the rows of all candidates, to limit memory; they are computed again when needed."""
+        for cache in (self.rows, self._judged, self._trials, self._parts):
+            cache.cache_clear()
+
     def _rows(self, cutoff: float, most: float) -> FilteredRows:
         """Rows at a cut-off, with the usual friction speed."""
         rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, most)

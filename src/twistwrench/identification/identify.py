@@ -6,47 +6,41 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.doubts import Doubt
+from ..core.doubts import Doubt, doubt
 from ..core.errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
-from ..core.estimation.covariance import autocorrelation_length
 from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..core.estimation.sampling import SingleRowGlitches, dropouts, gaps, held_rows, moves, new_rows, pauses, spikes
+from ..core.estimation.sampling import moves
+from ..core.third_party import Failure, Workers
 from ..core.typing import Array
-from ..motion.contradictions import row_doubts
 from ..motion.motion import Motion
-from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .cause_fit import log_fit
-from .chunks import gap_notes
 from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
-from .fit_doubts import LEFT_OUT, FittedLog, doubts_of
+from .fit_doubts import LEFT_OUT, FittedLog, doubts_of, sorted_doubts
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
+from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed, uncoupled
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
-from .rows import MOST_ROWS, PAUSE, ROW_RATE, SteadySamples
+from .rows import MOST_ROWS, ROW_RATE, SteadySamples, gap_notes
 
-MOST_SAMPLES = 90_000
-"""Maximum number of samples of all logs; beyond, rows are accumulated by chunk."""
 METHODS = ("irls", "wls", "ols")
-_WRONG = 0.01  # maximum share of single-row glitches that are removed from a log
-_CLOSED = 0.06, 6.0  # pause with closed-up time stamps: minimum [s], and minimum in usual steps
 _DEAD = 0.8  # share of rows with one constant torque, from which a measured torque is dead
 
 
 def identify(
     robot: Robot,
-    logs: Motion | Sequence[Motion],
+    logs: Log | Sequence[Log],
     *,
-    test: Motion | Sequence[Motion] = (),
+    test: Log | Sequence[Log] = (),
     motor_inertia: bool = True,
     friction: Sequence[str] = FRICTION,
     cutoff: float | None = None,
@@ -58,6 +52,13 @@ def identify(
     payload_only: str | None = None,
     stribeck_speed: float = STRIBECK_SPEED,
     assume: str | Sequence[str] = (),
+    columns: Mapping[str, str] | None = None,
+    rate: float | None = None,
+    degrees: bool = False,
+    gain: Mapping[str, float] | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
+    client: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> IdentifiedRobot:
     """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
@@ -66,9 +67,9 @@ def identify(
     ----------
     robot : Robot
         Robot without actuators. Groups that the logs do not determine keep the values of its file.
-    logs : Motion or sequence of Motion
+    logs : Motion, path, or sequence of them
         Logs with torques, on a fixed base.
-    test : Motion or sequence of Motion, optional
+    test : Motion, path, or sequence of them, optional
         Test logs that are not used for the fit. Without test logs, each fifth of the time is predicted from the others,
         with settings chosen on the others.
     motor_inertia : bool, identify a motor inertia for each joint
@@ -87,7 +88,10 @@ def identify(
         ``gain:JOINT``, ``position-scale:JOINT``, ``zero:JOINT``, ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``;
         ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``,
         ``both-signs``, ``degrees`` and ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and
-        ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``; ``time-scale``. The logs are then kept in memory.
+        ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``; ``time-scale``.
+    columns, rate, degrees, gain, topic, episode : options for reading files, as for
+        :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    client : dask.distributed.Client, optional, whose workers read the logs; results do not depend on it, to the bit
     progress : callable, optional, called with the completed share
 
     Returns
@@ -97,12 +101,16 @@ def identify(
     Raises
     ------
     ShapeError
-        A log has no torques.
+        There is no log, or a motion has no torques.
     TrajectoryError
-        A log is too short, or belongs to another robot.
+        A motion belongs to another robot, or no log can be read. If one of several logs cannot be read, it is left out with a
+        doubt.
 
     Notes
     -----
+    All rows are checked. If all logs together have more than 200,000 samples, the fit uses that many, in windows spread
+    evenly over every log.
+
     Equations and sources: see the modules of this package, and the documentation page on identification.
 
     Examples
@@ -117,88 +125,74 @@ def identify(
     (True, 12)
     """
     require_robot(robot, "identify")
-    trained, tested = (
-        tuple(_believed(motion) for motion in checked_motions(robot, given, what))
-        for given, what in ((logs, "logs"), (test, "test"))
-    )
-    if not trained:
-        raise ShapeError("identify: there is no log. Give one with torques at least.")
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
     asked, wanted = fit_options(cutoff, friction_speed, shift), wanted_causes(assume, robot.model.velocity_names)
-    same: dict[str, Any] = {
-        "motor_inertia": motor_inertia,
-        "friction": friction,
-        "motor_side": motor_side,
-        "known": known,
-        "stribeck_speed": stribeck_speed,
-    }
-    if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES and not wanted:
-        from .streaming import accumulate
-
-        fixed: dict[str, Any] = {"method": method, "cutoff": cutoff, "friction_speed": friction_speed, "shift": shift}
-        whole = accumulate(robot, trained, **same, payload_only=payload_only, **fixed, progress=progress)
-        return whole.identified(accumulate(robot, tested, like=whole) if tested else None)
-    unknown = unknown_of(robot, payload_only=payload_only, **same)
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
+    reading |= {"topic": topic, "episode": episode}
+    sources, tests = (log_sources(robot, given, what, reading) for given, what in ((logs, "logs"), (test, "test")))
+    if not sources:
+        raise ShapeError("identify: there is no log. Give one with torques at least.")
+    unknown = unknown_of(
+        robot, motor_inertia=motor_inertia, friction=friction, motor_side=motor_side, known=known,
+        payload_only=payload_only, stribeck_speed=stribeck_speed,
+    )  # fmt: skip
     tell = progress or (lambda _share: None)
-    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only, wanted=wanted)[0]
+    read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: tell(0.2 * share))
+    trained, tested = _readable(read[: len(sources)]), _readable(read[len(sources) :])
+    lost = [
+        doubt("left-out", path=source.path, reason=one.reason)
+        for source, one in zip((*sources, *tests), read, strict=True)
+        if isinstance(one, Failure)
+    ]
+    return _identified(unknown, robot, trained, tested, asked, method, tell, payload_only, wanted, lost)
 
 
-def identified(
+def log_sources(
+    robot: Robot, given: Log | Sequence[Log], what: str, reading: Mapping[str, Any]
+) -> tuple[LogSource, ...]:
+    """Sources of logs; raises ShapeError and TrajectoryError for motions without torques or of another robot."""
+    logs = (given,) if isinstance(given, Motion | str | Path) else tuple(given)
+    return tuple(LogSource.from_log(robot, log, f"{what} number {k}", reading) for k, log in enumerate(logs, 1))
+
+
+def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
+    """Logs that could be read; raises TrajectoryError if there are logs, and none could."""
+    found = tuple(log for log in logs if isinstance(log, ReadLog))
+    if logs and not found:
+        raise TrajectoryError(next(log.reason for log in logs if isinstance(log, Failure)))
+    return found
+
+
+def _identified(
     unknown: UnknownParameters,
     robot: Robot,
-    trained: Sequence[Motion],
-    tested: Sequence[Motion],
+    trained: Sequence[ReadLog],
+    tested: Sequence[ReadLog],
     asked: FitOptions,
     method: Method,
     tell: Callable[[float], None],
-    *,
-    payload_only: str | None = None,
-    anew: bool = True,
-    most_rows: float = MOST_ROWS,
-    wanted: Sequence[WantedCause] = (),
-) -> tuple[IdentifiedRobot, Array, float]:
-    """Identify from checked logs, joints without a torque (nv,), and the autocorrelation length of the residuals.
-
-    If ``anew``, settings are chosen again for each held-out fifth.
-    """
+    payload_only: str | None,
+    wanted: Sequence[WantedCause],
+    lost: Sequence[Doubt],
+) -> IdentifiedRobot:
+    """Identify from logs that were read; ``lost`` are doubts about the others."""
     samples, dead, asked = *_rows_of(trained, asked), _without_delay(asked, wanted)
-
-    def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
-        source = SettingRows(base, samples, asked, dead, most_rows)
-        sizes = base.unknown.scales(*source.typical())
-        return source, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
-
-    assumed = None
-    if wanted:
-        begin = begin_settings(unknown.model.nv, samples, asked)
-        start = AssumedCauses.estimated(unknown, samples, wanted, begin, dead)
-        assumed, settings, (source, sizes, prior) = start.refined(build, method, most_rows)
-    else:
-        source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
-        tell(0.2)
-        settings = source.choose(prior, range(FOLDS))
-    base, unknown = source.base, source.base.unknown
+    source, sizes, prior, settings, assumed = _settings(unknown, samples, dead, asked, method, wanted)
     tell(0.4)
-    trial = Trial(source, settings)
+    without = [settings] * FOLDS if tested else _settings_without(source, prior, lambda share: tell(0.4 + 0.3 * share))
+    source.release()
+    base, unknown, trial = source.base, source.base.unknown, Trial(source, settings)
     rows, fold = trial.rows, trial.fold
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
-    E = np.zeros((*trial.tau.shape, 0)) if assumed is None else assumed.columns(most_rows)
+    E = np.zeros((*trial.tau.shape, 0)) if assumed is None else assumed.columns(MOST_ROWS)
     covariance = fit_covariance(trial, E, x, sigma, weights, prior)
     if assumed is not None:
         settings = replace(settings, assumed=assumed.found(covariance))
         covariance = covariance.of_first(base.count)
-    tell(0.5)
-
-    def settings_without(block: int) -> FitSettings:
-        if tested or not anew:
-            return settings
-        chosen = source.choose(prior, [b for b in range(FOLDS) if b != block])
-        tell(0.6 + 0.1 * block)
-        return chosen
-
-    among = _five_fold(source, prior, method, settings_without)
+    among = _five_fold(source, prior, method, without)
     held_out = _predicted(source, tested, settings, x, assumed) if tested else among
+    tell(0.8)
     begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may have another cause
     causes, of_noise = list[Doubt](), covariance.matrix  # doubts are judged by the covariance of noise and states alone
     if not payload_only:
@@ -206,12 +200,13 @@ def identified(
         told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
         causes = cause_doubts(unknown.model.velocity_names, told, settings.shift)
         covariance = covariance.widened(law_changes(before) @ base.grouping.T)
+    logs = (*trained, *tested)
     seen = FittedLog(
-        base, (*trained, *tested), trial.W, trial.tau, settings, prior, x, of_noise, held_out, among,
+        base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
-    found = IdentifiedRobot(
+    return IdentifiedRobot(
         original=uncoupled(robot),
         base=base,
         values=x,
@@ -220,16 +215,47 @@ def identified(
         settings=settings,
         held_out=held_out,
         trained=among,
-        doubts=doubts_of(seen),
+        doubts=sorted_doubts([*lost, *doubts_of(seen)]),
         prior=prior,
         method=method,
         sizes=sizes,
-        information=_weighted(trial, sigma, weights).together(),
-        folds=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
+        _fifths=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
         payload_frame=payload_only,
-        notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks((*trained, *tested))),
+        notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks(logs)),
     )
-    return found, source.dead, autocorrelation_length((trial.tau - trial.W @ x) / sigma)
+
+
+def _settings(
+    unknown: UnknownParameters,
+    samples: Sequence[SteadySamples],
+    dead: Array,
+    asked: FitOptions,
+    method: Method,
+    wanted: Sequence[WantedCause],
+) -> tuple[SettingRows, Array, Prior, FitSettings, AssumedCauses | None]:
+    """Rows, sizes of the unknowns, weak prior and chosen settings; with assumed causes if there are any."""
+
+    def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
+        source = SettingRows(base, samples, asked, dead)
+        sizes = base.unknown.scales(*source.typical())
+        return source, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
+
+    if not wanted:
+        source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
+        return source, sizes, prior, source.choose(prior, range(FOLDS)), None
+    begin = begin_settings(unknown.model.nv, samples, asked)
+    start = AssumedCauses.estimated(unknown, samples, wanted, begin, dead)
+    assumed, settings, (source, sizes, prior) = start.refined(build, method, MOST_ROWS)
+    return source, sizes, prior, settings, assumed
+
+
+def _settings_without(source: SettingRows, prior: Prior, progress: Callable[[float], None]) -> list[FitSettings]:
+    """Settings chosen without each fifth of the time."""
+    found = list[FitSettings]()
+    for block in range(FOLDS):
+        found.append(source.choose(prior, [b for b in range(FOLDS) if b != block]))
+        progress(len(found) / FOLDS)
+    return found
 
 
 _HIGHEST, _FEWEST_ROWS = 5.0, 2.0
@@ -238,7 +264,7 @@ _USUAL_SPEED = 0.03
 """Initial Coulomb smoothing speed of that search [rad/s, m/s]."""
 
 
-def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doubt, ...]:
+def measured_causes(robot: Robot, logs: Log | Sequence[Log]) -> tuple[Doubt, ...]:
     """Find causes of the part of measured torques that the robot's equations cannot explain with any parameters.
 
     The search equals that of :func:`identify`, at one cut-off and without a choice of settings.
@@ -246,7 +272,7 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
     Parameters
     ----------
     robot : Robot
-    logs : Motion or sequence of Motion, with torques
+    logs : Motion, path, or sequence of them, with torques
 
     Returns
     -------
@@ -266,14 +292,13 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
     """
     try:
         unknown = UnknownParameters(robot)
-        motions = [_believed(motion) for motion in checked_motions(robot, logs, "logs")]
-        samples = _samples(motions, "logs")
+        read = _readable(read_logs(log_sources(robot, logs, "logs", {}), Workers(), lambda _share: None))
     except (ModelError, TrajectoryError):
         return ()
-    dead, nv = _dead(motions), robot.nv
+    samples, dead, nv = steady_samples(read), _dead(read), robot.nv
     cutoff = min(_HIGHEST, 0.1 * min(s.rate for s in samples))
     rows = ROW_RATE * cutoff * sum(s.seconds for s in samples)
-    still = not any(moves(motion.q).any() for motion in motions)
+    still = not any(moves(log.q).any() for log in read)
     if still or dead.all() or rows < _FEWEST_ROWS * BaseParameters.from_unknowns(unknown).count:
         return ()
     settings = FitSettings(cutoff, np.full(nv, _USUAL_SPEED), 0.0)
@@ -281,9 +306,9 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
     return tuple(doubt_of_cause(unknown.model.velocity_names, cause) for cause in causes)
 
 
-def _rows_of(trained: Sequence[Motion], asked: FitOptions) -> tuple[list[SteadySamples], Array]:
+def _rows_of(trained: Sequence[ReadLog], asked: FitOptions) -> tuple[list[SteadySamples], Array]:
     """Samples of the logs, and (nv,) bool, True for joints without a torque."""
-    samples = _samples(trained, "logs")
+    samples = steady_samples(trained)
     if asked.cutoff is not None:  # checks for pieces that are too short for the cut-off
         samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
     dead = _dead(trained)
@@ -314,88 +339,34 @@ def fit_options(cutoff: float | None, friction_speed: float | None, shift: float
     )
 
 
-def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
-    """Return the logs if they are motions of the robot with torques; raises ShapeError and TrajectoryError."""
-    motions = (given,) if isinstance(given, Motion) else tuple(given)
-    for k, motion in enumerate(motions):
-        if not isinstance(motion, Motion):
-            raise ShapeError(
-                f"identify: {what} number {k + 1} is not a tw.Motion. tw.Motion.from_file(path, robot) reads one."
-            )
-        if motion.tau is None:
-            raise ShapeError(
-                f"identify: {what} number {k + 1} has no torques for every joint. Name their columns JOINT.torque, or "
-                "assign them: columns={'JOINT.tau': 'COLUMN'}."
-            )
-        if motion.robot.coordinate_names != robot.coordinate_names:
-            raise TrajectoryError(
-                f"identify: {what} number {k + 1} is of {motion.robot.name!r}, whose joints are not those of {robot.name!r}."
-            )
-    return motions
+def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
+    """Notes on rows left out of the logs, on their gaps, and on the windows of long logs."""
+    said = [one.sentence for log in logs for one in log.doubts if one.kind == LEFT_OUT]
+    used, total = sum(log.count for log in logs), sum(log.checks.count for log in logs)
+    if used < total:
+        count = sum(len(log.windows) for log in logs)
+        said.append(f"{_rounded(used)} of {_rounded(total)} samples, in {count} windows.")
+    return (*said, *gap_notes(np.concatenate([log.gaps for log in logs])))
 
 
-def _samples(motions: Sequence[Motion], what: str) -> list[SteadySamples]:
-    found, spans = list[SteadySamples](), sorted((float(m.time[0]), float(m.time[-1])) for m in motions)
-    common = any(after[0] <= before[1] for before, after in pairwise(spans))
-    for k, motion in enumerate(motions, 1):
-        q = continuous(motion.robot.model, motion.q)
-        pieces = SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {k}")
-        found += [replace(piece, log=k if common else 0) for piece in pieces]
-    return found
+def _rounded(count: int) -> str:
+    """Number with three digits and separators of thousands."""
+    return f"{float(f'{count:.3g}'):,.0f}"
 
 
-def _believed(motion: Motion) -> Motion:
-    """Remove repeated rows and rows with a wrong number, time stamp or spike; reinsert pauses that were closed up."""
-    c = motion.coordinates
-    at = c.position_of[c.position_of >= 0]
-    glitches = SingleRowGlitches(len(at), c.angular[at])
-    glitches.add(motion.time, motion.q[:, at])
-    wrong, kept, doubts = glitches.times(), ~spikes(np.asarray(motion.tau)).any(axis=1), motion.doubts
-    found, time, q = {doubt.kind for doubt in doubts}, motion.time, continuous(motion.robot.model, motion.q)
-    if "repeated" in found and (new := new_rows(q)) is not None:
-        kept &= new
-    if "pause" in found:
-        length = max(_CLOSED[0], _CLOSED[1] * float(np.median(np.diff(time))))
-        closed_up = [gap.time for gap in gaps(time, q) if not gap.held]
-        time = time + length * np.searchsorted(closed_up, time)
-    if "held" in found:
-        kept &= ~held_rows(motion.time, gaps(motion.time, q))
-    if "dropout" in found:
-        kept &= ~dropouts(time, np.asarray(motion.tau), q).any(axis=1)
-    if 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):
-        kept &= ~np.isin(motion.time, wrong)
-        names = [motion.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
-        others = (doubt for doubt in doubts if doubt.kind not in ("single-row", "stamp"))
-        doubts = (*others, *row_doubts(glitches, names, left_out=True))
-    if kept.all() and time is motion.time:
-        return motion
-    columns = {name: getattr(motion, name)[kept] for name in ("q", "dq", "ddq", "tau")}
-    return replace(motion, time=time[kept], **columns, read=doubts)
-
-
-def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
-    """Notes on rows left out of the logs, and on their gaps."""
-    said = [doubt.sentence for motion in motions for doubt in motion.doubts if doubt.kind == LEFT_OUT]
-    whole = [motion for motion in motions if all(doubt.kind != "pause" for doubt in motion.doubts)]  # not split yet
-    lengths = [float(np.diff(motion.time)[k]) for motion in whole for k in pauses(motion.time, PAUSE).tolist()]
-    return (*said, *gap_notes(np.array(lengths)))
-
-
-def _dead(motions: Sequence[Motion]) -> Array:
+def _dead(logs: Sequence[ReadLog]) -> Array:
     """(nv,) bool, True if the torque is constant in nearly all rows, as for a disconnected channel."""
-    tau = np.concatenate([np.asarray(m.tau) for m in motions])
-    moved = np.any([np.any(np.diff(m.q, axis=0) != 0, axis=0) for m in motions], axis=0)
+    tau = np.concatenate([log.tau for log in logs])
+    moved = np.any([np.any(np.diff(log.q, axis=0) != 0, axis=0) for log in logs], axis=0)
     share = (tau == np.median(tau, axis=0)).mean(axis=0)
     return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _DEAD)))
 
 
-def _five_fold(
-    source: SettingRows, prior: Prior, method: Method, settings_without: Callable[[int], FitSettings]
-) -> HeldOut:
+def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequence[FitSettings]) -> HeldOut:
     """Predict each fifth of the time from the others; fifths with no rows or with all rows are left out."""
     found = list[HeldOut]()
     for block in range(FOLDS):
-        trial = Trial(source, settings_without(block))
+        trial = Trial(source, settings[block])
         here = trial.fold == block
         if not here.any() or here.all():
             continue
@@ -408,10 +379,10 @@ def _five_fold(
 
 
 def _predicted(
-    source: SettingRows, tested: Sequence[Motion], settings: FitSettings, x: Array, assumed: AssumedCauses | None
+    source: SettingRows, tested: Sequence[ReadLog], settings: FitSettings, x: Array, assumed: AssumedCauses | None
 ) -> HeldOut:
     """Predict separate test logs with the settings of the training logs and the assumed causes."""
-    samples = _samples(tested, "test")
+    samples = steady_samples(tested)
     samples = samples if assumed is None else assumed.of_other_logs(samples)
     options = FitOptions(settings.cutoff, source.asked.friction_speed, settings.shift)
     trial = Trial(SettingRows(source.base, samples, options, source.dead), settings)

@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.doubts import Doubt
 from ..core.errors import ValueRangeError
+from ..core.estimation.sampling import OVERLAP
 from ..core.glossary import complete
 from ..core.typing import Array
 from ..formats.actuators import read_log_side
@@ -23,13 +25,18 @@ from ..formats.yaml import Source
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.couplings import motor_velocities, refuse_couplings, with_couplings, without_couplings
+from ..mechanics.model.limits import Limits
 from ..mechanics.model.model import BASE, Model
 from ..motion.contradictions import Contradictions
+from ..motion.log_table import excerpts, slices
 from ..motion.motion import Motion
 from ..motion.motion_file import open_motion_file
 from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot
 from .parameters import FRICTION, BaseParameters, UnknownParameters
+
+_RUNS = 16, 1 << 12
+"""Number of runs of a long log, and rows in each, on which rates are compared with slopes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +93,12 @@ class MotorSide:
     def __post_init__(self) -> None:
         if not np.isfinite(self.ratios).all() or np.linalg.matrix_rank(self.ratios) < len(self.ratios):
             raise ValueRangeError("the ratios of the motors cannot be solved for the joints. Is a ratio 0 or missing?")
+
+    @property
+    def is_of_joints(self) -> bool:
+        """True if the log's columns are on the joints' side."""
+        unit = np.array_equal(self.ratios, np.eye(len(self.zero)))
+        return unit and not self.zero.any() and bool((self.gain == 1).all())
 
     @property
     def coupled_rates(self) -> Array:
@@ -259,16 +272,23 @@ def read_motion(
     """
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
     reading |= {"topic": topic, "episode": episode}
-    if side is None or (
-        np.array_equal(side.ratios, np.eye(len(side.zero))) and not side.zero.any() and (side.gain == 1).all()
-    ):
+    if side is None or side.is_of_joints:
         return Motion.from_file(path, robot, **reading)
     log = open_log(path, robot.model, side, **reading)
-    rows = side.of_joints(log.motion(log.table))
-    tally = Contradictions(log.coordinates, runs=[rows])
-    tally.add(rows.time, rows.q)
+    rows, doubts = side.of_joints(log.motion(log.table)), sided_doubts(log, side, robot.limits)
     given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "in_seconds": True}
-    return Motion(rows.time, rows.q, **given, robot=robot, notes=log.notes, read=tuple(tally.doubts(robot.limits)))
+    return Motion(rows.time, rows.q, **given, robot=robot, notes=log.notes, read=doubts)
+
+
+def sided_doubts(log: MotionLog, side: MotorSide, limits: Limits) -> tuple[Doubt, ...]:
+    """Doubts about all rows of a log of the motors' side, on the joints' side."""
+    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, *_RUNS)]
+    tally = Contradictions(log.coordinates, runs=runs)
+    for s in slices(len(log.table), _RUNS[0] * _RUNS[1]):
+        first = max(0, s.start - OVERLAP)
+        rows = side.of_joints(log.motion(log.table[first : s.stop]))
+        tally.add(rows.time, rows.q, s.start - first)
+    return tuple(tally.doubts(limits))
 
 
 # ── Payload alone

@@ -16,7 +16,7 @@ from ..core.doubts import Doubt, verdict_from_doubts
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.estimation.covariance import GroupCovariance
 from ..core.estimation.cross_validation import HeldOut
-from ..core.estimation.least_squares import Information, NormalEquations, Prior
+from ..core.estimation.least_squares import NormalEquations, Prior
 from ..core.files import as_path, replacing
 from ..core.glossary import complete
 from ..core.numbers import percent, printed
@@ -52,8 +52,6 @@ class IdentifiedRobot:
     prior : Prior, weak prior of directions without information
     method : str
     sizes : (p,) array, largest plausible sizes of the unknown parameters
-    information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
-    folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
     payload_frame : str or None, frame of the payload if only a payload was identified
     notes : tuple of str, on omitted rows and pauses of the logs
 
@@ -87,10 +85,10 @@ class IdentifiedRobot:
     prior: Prior
     method: str
     sizes: Array
-    information: Information
-    folds: tuple[NormalEquations, ...]
     payload_frame: str | None = None
     notes: tuple[str, ...] = ()
+    _fifths: tuple[NormalEquations, ...] = ()
+    """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
 
     def __repr__(self) -> str:
         assumed = f", assuming {listed(self.settings.assumed, 3)}" if self.settings.assumed else ""
@@ -149,8 +147,8 @@ class IdentifiedRobot:
             raise ValueRangeError(
                 f"a strength of {strength!r} is not offered. Give one from {printed(STRENGTHS[-1])} to {printed(STRENGTHS[0])}."
             )
-        folds = [fold.together() for fold in self.folds]
-        return consistent_robot(self.base, self.values, self.sizes, folds, self.prior, strength)
+        fifths = [fifth.together() for fifth in self._fifths]
+        return consistent_robot(self.base, self.values, self.sizes, fifths, self.prior, strength)
 
     @property
     def robot(self) -> Robot:
@@ -184,13 +182,15 @@ class IdentifiedRobot:
     @cached_property
     def essential(self) -> EssentialGroups:
         """Smallest set of groups that predicts held-out rows as well as all groups."""
-        folds = [fold.together() for fold in self.folds]
-        return essential_groups(self.groups, folds, self.prior.size, self.base.held, self.values)
+        fifths = [fifth.together() for fifth in self._fifths]
+        return essential_groups(self.groups, fifths, self.prior.size, self.base.held, self.values)
 
     @cached_property
     def residuals(self) -> ModelResiduals:
         """Held-out residuals of the file's bodies, the file's bodies with friction, the groups and the consistent robot."""
-        return model_residuals(self.base, self.folds, self.prior, self.values, self.sizes, self.consistent.fit.strength)
+        return model_residuals(
+            self.base, self._fifths, self.prior, self.values, self.sizes, self.consistent.fit.strength
+        )
 
     def interval(self, level: float = 0.95) -> Array:
         """Confidence intervals of the groups.

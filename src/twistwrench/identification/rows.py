@@ -15,11 +15,14 @@ from typing import Any
 import numpy as np
 
 from ..compiler.ir.tracer import trace
+from ..core.doubts import doubt
 from ..core.errors import TrajectoryError
 from ..core.estimation.filters import UniformSpline, low_pass
 from ..core.estimation.sampling import GAP, pauses
+from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import regressor
+from ..motion.log_table import slices
 from ..robot.engine import compiled
 from .parameters import BaseParameters, speed_owner
 
@@ -33,6 +36,8 @@ _CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters have not 
 _SHORT = 0.1  # minimum length of a piece, as a share of the longest piece
 FEWEST = 60
 """Minimum number of samples for an identification."""
+_FIRST = 1 << 20
+"""Number of first rows whose steps of time are the usual ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,7 @@ class SteadySamples:
         if len(time) == count and np.abs(time - steady).max() <= STEADY * step:
             return cls(float(time[0]), 1.0 / step, q, tau)
         moved = float(np.mean(np.abs(steps - step) > 0.1 * step))
-        return cls(float(time[0]), 1.0 / step, *resampled(time, q, tau, steady), moved)
+        return cls(float(time[0]), 1.0 / step, *_resampled(time, q, tau, steady), moved)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -85,7 +90,29 @@ class SteadySamples:
         return (len(self) - 1) / self.rate
 
 
-def resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
+def pause_lengths(time: Array) -> Array:
+    """Lengths (k,) [s] of the pauses of time stamps (n,), at which logs are split.
+
+    >>> pause_lengths(np.array([0.0, 0.5, 1.0, 5.0, 5.5])).tolist()
+    [4.0]
+    """
+    first, found = np.diff(time[:_FIRST]), list[Array]()
+    longest = max(PAUSE, GAP * float(np.median(first))) if len(first) else PAUSE
+    for s in slices(len(time)):
+        steps = np.diff(time[s.start : s.stop + 1])
+        found.append(steps[steps > longest])
+    return np.concatenate(found)
+
+
+def gap_notes(lengths: Array) -> tuple[str, ...]:
+    """Sentence on pauses of these lengths (k,) [s], at which logs are split; empty without pauses."""
+    if not len(lengths):
+        return ()
+    count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
+    return (doubt("gap", count=count, seconds=number(float(np.sum(lengths)), 3)).sentence,)
+
+
+def _resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
     """Interpolate positions by a cubic spline and torques linearly, at times clamped to the range of the log."""
     from scipy.interpolate import CubicSpline
 
@@ -111,7 +138,13 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
     every = max(1, math.floor(samples.rate / (rate or STATE_RATE * cutoff)))
     step = 1.0 / samples.rate
     time = samples.start + step * np.arange(len(samples))
-    return states_below_of(time, samples.q, samples.tau, step, cutoff, slice(None, None, every))
+    rows, states = slice(None, None, every), np.empty((4, len(time[::every]), samples.q.shape[1]))
+    for j in range(samples.q.shape[1]):  # one joint at a time, to limit memory
+        x = low_pass(samples.q[:, j], cutoff, samples.rate)
+        dx = np.gradient(x, step)
+        tau = low_pass(samples.tau[:, j], cutoff, samples.rate)
+        states[:, :, j] = x[rows], dx[rows], np.gradient(dx, step)[rows], tau[rows]
+    return Filtered(time[rows], samples.rate / every, *states)
 
 
 def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
@@ -119,17 +152,6 @@ def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
     rows = slice(None, None, max(1, math.floor(samples.rate / (STATE_RATE * cutoff))))
     time = samples.start + np.arange(len(samples)) / samples.rate
     return time[rows], np.stack([low_pass(x, cutoff, samples.rate)[rows] for x in samples.tau.T], axis=1)
-
-
-def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: float, rows: slice) -> Filtered:
-    """States below a cut-off [Hz] at the samples ``rows``; the samples are ``step`` seconds apart."""
-    rate = 1.0 / step
-    states = np.empty((4, len(time[rows]), q.shape[1]))
-    for j in range(q.shape[1]):  # one joint at a time, to limit memory
-        x = low_pass(q[:, j], cutoff, rate)
-        dx = np.gradient(x, step)
-        states[:, :, j] = x[rows], dx[rows], np.gradient(dx, step)[rows], low_pass(tau[:, j], cutoff, rate)[rows]
-    return Filtered(time[rows], rate / (rows.step or 1), *states)
 
 
 def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
@@ -380,14 +402,12 @@ def filtered_portions(
     wanted: Array,
     cutoff: float,
     friction_speed: Array,
-    periods: int = _PERIODS,
-) -> Iterator[tuple[Array, slice, Array, Array | float]]:
+) -> Iterator[tuple[Array, Array, Array | float]]:
     """Low-passed entries (k, f) and torques of springs (k, nv) at the ``wanted`` states (m,), in batches.
 
-    Yields each batch with its indices (k,) among the wanted states, and the span of states that it depends on,
-    including the margins of the filters.
+    Yields each batch with its indices (k,) among the wanted states.
     """
-    margin, base = int(periods * s.rate / cutoff) + 1, columns.base
+    margin, base = int(_PERIODS * s.rate / cutoff) + 1, columns.base
     for begin in range(0, len(s.time), _PORTION):
         here = np.flatnonzero((wanted >= begin) & (wanted < begin + _PORTION))
         if not here.size:
@@ -396,7 +416,7 @@ def filtered_portions(
         states, at = (s.q[span], s.dq[span], s.ddq[span]), wanted[here] - span.start
         entries = low_pass(columns.rows(*states, friction_speed), cutoff, s.rate)[at]
         springs = base.unknown.model.springs
-        yield here, span, entries, low_pass(of_springs(base, *states), cutoff, s.rate)[at] if springs else 0.0
+        yield here, entries, low_pass(of_springs(base, *states), cutoff, s.rate)[at] if springs else 0.0
 
 
 def _columns(
@@ -406,7 +426,7 @@ def _columns(
     wanted, columns = np.arange(len(s.time))[rows], BaseColumns.from_parameters(base)
     W = np.zeros((len(wanted), s.dq.shape[1], base.count))
     known = np.zeros(W.shape[:2])
-    for here, _, entries, springs in filtered_portions(columns, s, wanted, cutoff, friction_speed):
+    for here, entries, springs in filtered_portions(columns, s, wanted, cutoff, friction_speed):
         known[here] = springs
         for j, (groups, place) in enumerate(zip(columns.groups, columns.slices, strict=True)):
             W[np.ix_(here, np.array([j]), groups)] = entries[:, None, place]

@@ -105,10 +105,16 @@ def excerpts(table: Array, count: int, rows: int) -> list[Array]:
 
 
 def spread_rows(total: int, count: int, rows: int) -> list[slice]:
-    """Up to ``count`` slices of ``rows`` rows, evenly spread over ``total`` rows; one slice if these are few."""
-    if total <= count * rows:
+    """Up to ``count`` slices of ``rows`` rows, evenly spread over ``total`` rows; one slice if these are few.
+
+    >>> spread_rows(10, 2, 3), spread_rows(10, 1, 4), spread_rows(10, 0, 4)
+    ([slice(0, 3, None), slice(7, 10, None)], [slice(3, 7, None)], [])
+    """
+    if count and total <= count * rows:
         return [slice(0, total)]
-    firsts = [(total - rows) * k // max(1, count - 1) for k in range(count)]
+    if count == 1:
+        return [slice((total - rows) // 2, (total - rows) // 2 + rows)]
+    firsts = [(total - rows) * k // (count - 1) for k in range(count)]
     return [slice(first, first + rows) for first in firsts]
 
 
