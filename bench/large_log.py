@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import sys
 import time
 import zlib
 from pathlib import Path
@@ -63,45 +62,27 @@ def write(folder: Path, seconds: float, files: int) -> None:
 
 
 def read(folder: Path, cutoff: float | None, workers: int | None) -> dict[str, object]:
-    """Gather and identify; s of processor and of the clock, and the most memory that this process had [MB]."""
+    """Identify; s of processor and of the clock, and the most memory that this process had [MB]."""
     from twistwrench.core.third_party import workers_of
 
     robot = tw.robots.panda()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     wall, begun = time.perf_counter(), time.process_time()
-    told = 0.0
-
-    def tell(share: float) -> None:
-        nonlocal told
-        if share >= told:
-            told += 0.05
-            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-            said = f"{100 * share:.0f} %, {time.process_time() - begun:.0f} s of processor, {memory:.0f} MB"
-            print(said, file=sys.stderr, flush=True)
-
     with workers_of(workers) as team:
-        information = tw.identification.accumulate(
-            robot, sorted(folder.glob("*.npy")), cutoff=cutoff, client=team.client, progress=tell
-        )
-    gathered = time.process_time() - begun
-    found = information.identified()
-    consistent = found.consistent
+        logs = sorted(folder.glob("*.npy"))
+        found = tw.identification.identify(robot, logs, cutoff=cutoff, client=team.client)
     return {
-        "samples": information.samples,
+        "notes": list(found.notes),
         "cutoff": found.settings.cutoff,
-        "rows": float(information.moments.counts[:, 0].sum()),
         "processor": round(time.process_time() - begun, 1),
-        "gathering": round(gathered, 1),
         "clock": round(time.perf_counter() - wall, 1),
         "workers": workers,
         "memory before": round(before),
         "memory": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         "held out": found.held_out.all,
-        "tsqr": information.check(),
         "verdict": str(found.verdict.word),
         "doubts": [str(d) for d in found.doubts],
-        "consistent": consistent.held_out,
-        "values": information.values.tolist(),
+        "crc32 of the values": zlib.crc32(found.values.tobytes()),
     }
 
 
@@ -117,7 +98,4 @@ if __name__ == "__main__":
     if given.action == "write":
         write(given.folder, given.seconds, given.files)
     else:
-        said = read(given.folder, given.cutoff, given.workers)
-        values = said.pop("values")
-        print(json.dumps(said, indent=2))
-        print("bits", zlib.crc32(np.array(values).tobytes()))
+        print(json.dumps(read(given.folder, given.cutoff, given.workers), indent=2))

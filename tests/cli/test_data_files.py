@@ -87,7 +87,6 @@ def test_json_is_printed_alone_and_other_files_are_named_on_standard_error(tmp_p
         ("simulate planar_2r --duration 0.05", "--npz", "a.npz"),
         ("sensor identify demo", "--save", "a.json"),
         (COMMANDS["identify"], "--out", "a.urdf"),
-        (COMMANDS["identify"], "--information", "a.npz"),
         ("doctor ur5", "--json", "a.json"),
     ],
 )
@@ -104,10 +103,3 @@ def test_pictures_and_pages_are_replaced(tmp_path):
         Path(tmp_path / name).write_text("before")
         assert run(*COMMANDS["payload"].split(), option, tmp_path / name).exit_code in (0, 1)
         assert (tmp_path / name).read_bytes() != b"before"
-
-
-def test_normal_equations_may_be_added_to_their_own_file(tmp_path):
-    words, path = COMMANDS["identify"].split(), tmp_path / "week.npz"
-    assert run(*words, "--information", path).exit_code in (0, 1)
-    added = run(*words, "--add", path, "--information", path)
-    assert "is there already" not in added.stderr

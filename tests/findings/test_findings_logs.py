@@ -335,12 +335,13 @@ def test_finding_34_a_pause_is_not_filled(clean, tmp_path, seconds):
     assert f"1 gap, {seconds + 0.004:.3g} s in all" in result.output
 
 
-def test_finding_34_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path):
-    """By the pass for logs of any length."""
+def test_finding_34_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path, monkeypatch):
+    """In windows, as for logs above 200,000 samples."""
+    monkeypatch.setattr("twistwrench.identification.log_windows.MOST_STATES", 3000)
     asked, t, q, tau = known_log(tmp_path)
     kept = (t < 8) | (t >= 8.5)
     log = write(tmp_path / "log.csv", HEAD, t[kept], q[kept], tau[kept])
-    found = tw.identification.accumulate(tw.load(asked), log, cutoff=20.0).identified()
+    found = tw.identification.identify(tw.load(asked), log, cutoff=20.0)
     assert found.verdict.ok and found.held_out.all < 1.2 * clean
 
 

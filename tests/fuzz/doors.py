@@ -109,10 +109,6 @@ def sensor(path: Path) -> None:
     read_sensor_file(path)
 
 
-def equations(path: Path) -> None:
-    tw.identification.NormalEquationBlocks.load(path, robot("planar_2r")).identified()
-
-
 def code_cache(path: Path) -> None:
     """Entries of the cache of compiled code, damaged, then a call of the kernel that they belong to."""
     before = os.environ["TWISTWRENCH_CACHE_DIR"]
@@ -175,7 +171,6 @@ DOORS: dict[str, Door] = {
     "episode": episode,
     "quality": quality,
     "simulation": simulation,
-    "equations": equations,
     "code cache": code_cache,
     "info": command("info", "FILE"),
     "info of actuators": command("info", "ur5", "--actuators", "FILE"),

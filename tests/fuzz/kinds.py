@@ -186,7 +186,6 @@ KINDS: dict[str, Kind] = {
         Kind("bag folder", "ROS bags", log_seeds.bag_folder, LOGS, {"*.yaml": (yaml_values, yaml_text, tokens), "*": (database, *RAW)}, LOG_COMMANDS, needs=("rosbags",)),
         Kind("simulation CSV", "simulation results", partial(_simulated, ".csv"), ("simulation", "motion"), {"*": (cells, *TEXT)}, ("torques",)),
         Kind("simulation npz", "simulation results", partial(_simulated, ".npz"), ("simulation", "motion"), {"*": (*[members(array)] * 4, members(tokens), *RAW)}, ("torques",)),
-        Kind("normal equations", "normal equations", log_seeds.equations, ("equations",), {"*": (*[members(array)] * 4, members(tokens), *RAW)}, share=0.5, slow=True),
         Kind("kernel cache", "kernel cache", cache_entries, ("code cache",), {"*": RAW}, share=0.2, slow=True),
     )
 }  # fmt: skip

@@ -320,15 +320,6 @@ def simulated(ending: str) -> list[Case]:
     return single(name, written(run.to_csv if ending == ".csv" else run.to_npz, name))
 
 
-def equations() -> list[Case]:
-    """Normal equations of a log, as ``identify --information`` writes them."""
-    from twistwrench.robots import path_of
-
-    motion = tw.Motion.from_file(path_of("planar_2r").with_name("planar_2r_demo_log.csv"), ROBOT)
-    found = tw.identification.accumulate(ROBOT, motion, cutoff=10.0, shift=0.0)
-    return single("found.npz", written(found.save, "found.npz"))
-
-
 # ── Features that no honest program writes
 
 

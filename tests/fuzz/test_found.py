@@ -12,7 +12,7 @@ import twistwrench as tw
 from twistwrench.motion.matching import varying_columns
 from twistwrench.trajectories import spline
 
-from . import log_seeds, robot_seeds
+from . import robot_seeds
 
 ARM = tw.robots.planar_2r()
 
@@ -29,17 +29,6 @@ def test_a_mesh_with_a_face_of_a_vertex_that_is_not_there(tmp_path: Path) -> Non
         read_mesh(path)
     with pytest.raises(tw.ModelError, match="has a face of vertex 3, and 2 vertices"):
         tw.SpatialInertia.mesh(path, density=1000.0)
-
-
-def test_normal_equations_without_one_of_their_arrays(tmp_path: Path) -> None:
-    path = tmp_path / "found.npz"
-    path.write_bytes(log_seeds.equations()[0].files["found.npz"])
-    with np.load(path) as archive:
-        arrays = dict(archive)
-    for name in ("shown_measured", "sums", "edges"):
-        np.savez(path, **{key: value for key, value in arrays.items() if key != name})
-        with pytest.raises(tw.ShapeError, match="no information that can be read"):
-            tw.identification.NormalEquationBlocks.load(path, ARM)
 
 
 @pytest.mark.parametrize("far", [1e30, 1e308])

@@ -216,5 +216,3 @@ def test_the_command_takes_causes(tmp_path):
     assert ran.exit_code == 0 and f"Assumed: gain of {NAMES[1]} " in ran.output, ran.output
     (cause,) = json.loads((tmp_path / "found.json").read_text("utf-8"))["assumed"]
     assert abs(cause["value"] - 2.0) < 0.02 and cause["interval"][0] < cause["value"]
-    ran = CliRunner().invoke(main, [*given, "--information", str(tmp_path / "all.npz")])
-    assert ran.exit_code == 2 and "--assume" in ran.output

@@ -131,25 +131,3 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch):
     options, word = BAD[case]
     said = run("planar_2r", "demo", *options)
     assert said.exit_code == 2 and word in said.output and not list(tmp_path.iterdir()), said.output
-
-
-def test_logs_of_any_length_hold_what_is_known(planar, tmp_path):
-    from twistwrench.identification import NormalEquationBlocks, accumulate
-
-    known = {"link2.m": 1.0}
-    week = accumulate(ARM, planar.motion, cutoff=10.0, known=known)
-    again = NormalEquationBlocks.load(week.save(tmp_path / "week.npz"), ARM)
-    for found in (week.identified(), again.identified()):
-        assert abs(found.parameters["link2.m"][0] - 1.0) < 1e-6
-        assert found.to_dict()["held"] == pytest.approx(known)
-    with pytest.raises(tw.ValueRangeError, match="groups"):
-        _ = week + accumulate(ARM, planar.motion, cutoff=10.0)
-
-
-def test_a_payload_alone_from_a_log_in_portions(loaded_log, tmp_path):
-    from twistwrench.identification import NormalEquationBlocks, accumulate
-
-    week = accumulate(UR5, loaded_log, cutoff=10.0, payload_only="tool0")
-    payload = NormalEquationBlocks.load(week.save(tmp_path / "week.npz"), UR5).identified().payload
-    assert payload.frame == "tool0"
-    assert abs(payload.mass - 2.0) < 4 * payload.mass_deviation < 0.1

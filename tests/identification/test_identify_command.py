@@ -55,8 +55,7 @@ def test_folders_and_patterns_are_the_files_in_them(logs, tmp_path):
     assert all(path.read_text() == first for path in out[1:])
 
 
-@pytest.mark.parametrize("portions", [False, True])
-def test_the_topic_of_a_recording_is_chosen(logs, tmp_path, portions):
+def test_the_topic_of_a_recording_is_chosen(logs, tmp_path):
     """The log is the topic with fewer rows; the other has torques of the wrong sign."""
     m = tw.Motion.from_file(logs / "log1.csv", ARM)
     states = {"position": m.q, "velocity": m.dq, "effort": m.tau}
@@ -73,8 +72,7 @@ def test_the_topic_of_a_recording_is_chosen(logs, tmp_path, portions):
     more = ("--cutoff", 10, "--friction-model", "none")
     found = {}
     for name, log in (("r", ["r.mcap", "--topic", "/arm"]), ("plain", ["plain.csv"])):
-        saved = ("--information", tmp_path / f"{name}.npz") if portions else ()
-        result = run("planar_2r", tmp_path / log[0], *log[1:], *more, *saved, "--json", tmp_path / f"{name}.json")
+        result = run("planar_2r", tmp_path / log[0], *log[1:], *more, "--json", tmp_path / f"{name}.json")
         assert "error" not in result.output, result.output
         found[name] = json.loads((tmp_path / f"{name}.json").read_text())["parameters"]
     for name, value in found["plain"].items():
@@ -82,6 +80,13 @@ def test_the_topic_of_a_recording_is_chosen(logs, tmp_path, portions):
     quality = CliRunner().invoke(main, ["log", str(tmp_path / "r.mcap"), "--topic", "/arm", "--json", "-"])
     assert json.loads(quality.stdout)[0]["rows"] == 700
     assert "is for recordings of ROS" in run("planar_2r", tmp_path / "plain.csv", "--topic", "/arm").output
+
+
+@pytest.mark.parametrize("option", ["--add", "--information"])
+def test_options_of_saved_normal_equations_name_the_new_way(logs, option):
+    result = run("planar_2r", logs / "log1.csv", option, "week.npz")
+    assert result.exit_code == 2 and "identify ROBOT day1.csv day2.csv" in " ".join(result.output.split())
+    assert option not in run("--help").output
 
 
 def test_look_again_writes_nothing_but_json(logs, tmp_path):

@@ -7,13 +7,12 @@ import warnings
 
 import numpy as np
 import pytest
-from identification_logs import known_log
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
 from twistwrench.core.estimation.covariance import StateCells, group_covariance, larger_covariance
 from twistwrench.core.estimation.least_squares import Prior
-from twistwrench.identification import accumulate, identify
+from twistwrench.identification import identify
 
 FIXED = {"cutoff": 10.0, "friction_speed": 0.01, "shift": 0.0}
 
@@ -69,24 +68,6 @@ def test_cells_are_of_the_coordinates_that_the_residual_depends_on():
     counts = np.bincount(cells.numbers(q, dq), minlength=32)
     assert counts.min() > 50 and len(counts) == 32
     assert StateCells.from_residuals(q[:, :1], dq[:, :1], left[:, :1]).count == 32
-
-
-def test_long_logs_have_the_cells_of_their_excerpt():
-    """Sums over cells are those over blocks; deviations those of rows in memory."""
-    arm = tw.robots.planar_2r()
-    log = known_log(arm, 5, seconds=40.0, rate=100.0)
-    tau = log.motion.tau * (1.0 + 0.02 * np.sign(log.motion.tau * log.motion.dq))
-    information = accumulate(arm, log.changed(tau=tau), cutoff=5.0, friction_speed=0.05, shift=0.0)
-    moments = information.moments
-    assert_allclose(
-        moments.cells.sum(axis=0), moments.sums[:, 1].sum(axis=0), rtol=1e-9, atol=1e-9 * np.abs(moments.sums).max()
-    )
-    assert (np.abs(moments.cells).sum(axis=1) > 0).sum() > 16
-    streamed = information.identified().covariance
-    whole = identify(arm, log.changed(tau=tau), cutoff=5.0, friction_speed=0.05, shift=0.0).covariance
-    assert whole.changes is not None and len(whole.changes) >= 1
-    assert_allclose(streamed.changes, whole.changes, rtol=1e-6, atol=1e-9)
-    assert 0.7 < np.median(streamed.deviations / whole.deviations) < 1.4
 
 
 def coverage(part, tasks):

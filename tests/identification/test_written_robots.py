@@ -110,7 +110,7 @@ def test_the_robot_predicts_what_the_file_does_not(found):
 
 def test_what_four_models_leave_adds_up_to_what_the_pull_was_chosen_by(found):
     """Joint by joint in the picture, of all joints where γ is chosen: the same fits, so equal to rounding."""
-    left, torques = found.residuals, sum(fold.y for fold in found.folds)
+    left, torques = found.residuals, sum(fifth.y for fifth in found._fifths)
     for shares, whole in ((left.consistent, found.consistent.held_out), (left.with_friction, found.consistent.of_file)):
         assert np.isclose(np.sqrt(shares**2 @ torques / torques.sum()), whole, rtol=1e-9)
     assert (left.identified < left.file).all()  # the robot of the log has friction, and more mass

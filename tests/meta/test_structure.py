@@ -36,7 +36,6 @@ LONG_FUNCTIONS = {
     "cli/payload.py:payload_command",
     "cli/simulate.py:simulation_view",
     "formats/__init__.py:load_model",
-    "identification/identify.py:identified",
     "simulation/preparation.py:build_run",
     "viz/page.py:page_text",
 }

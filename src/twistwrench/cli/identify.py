@@ -39,7 +39,7 @@ from .terminal import progress_bar, show
 
 _AUTO = "auto"
 _ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
-_REMOVED = click.option("--add", "--information", "add", hidden=True)
+_REMOVED = click.option("--add", "--information", "add", hidden=True, help="Give all logs at once.")
 """Options of earlier versions, which are answered with the new way for one version."""
 FRICTION_LAWS = option(
     "--friction-model LAWS",

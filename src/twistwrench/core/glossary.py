@@ -251,7 +251,6 @@ RETURNS: Mapping[str, str] = {
     "Model": "model : Model",
     "Motion": "motion : Motion",
     "MotorSide": "side : MotorSide",
-    "NormalEquationBlocks": "information : NormalEquationBlocks",
     "Path": "path : Path of the file written",
     "PayloadMap": "found : PayloadMap",
     "Polynomial": "scaling : Polynomial",

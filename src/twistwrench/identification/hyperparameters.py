@@ -89,9 +89,9 @@ class FitOptions:
 class Trial:
     """Rows of equations at given settings, with a maximum number of rows."""
 
-    def __init__(self, source: SettingRows, settings: FitSettings, most: float | None = None) -> None:
+    def __init__(self, source: SettingRows, settings: FitSettings, most: int = MOST_ROWS) -> None:
         self.settings, self._source, self.felt = settings, source, source.base.felt
-        self.rows = source.rows(settings.cutoff, source.most if most is None else most)
+        self.rows = source.rows(settings.cutoff, most)
         self.tau = self.rows.torques(settings.shift)
         """(m, nv) torques."""
 
@@ -249,9 +249,8 @@ class SettingRows:
         samples: Sequence[SteadySamples],
         asked: FitOptions,
         dead: Array,
-        most: float = MOST_ROWS,
     ) -> None:
-        self.base, self.samples, self.asked, self.dead, self.most = base, samples, asked, dead, most
+        self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
         nv = base.unknown.model.nv
         self.tried = (asked.cutoff,) if asked.cutoff is not None else cutoffs(samples, _ROWS * base.count / nv)
         self.usual_speed = np.full(nv, _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed)
@@ -278,7 +277,7 @@ class SettingRows:
         return JudgedStates.from_samples(self.base, self.samples, cutoff, self.usual_speed)
 
     def _trial(self, cutoff: float, speeds: tuple[float, ...]) -> Trial:
-        return Trial(self, FitSettings(cutoff, np.array(speeds), 0.0), min(self.most, _MOST_CHOICE))
+        return Trial(self, FitSettings(cutoff, np.array(speeds), 0.0), _MOST_CHOICE)
 
     def _undelayed(self, cutoff: float, speeds: tuple[float, ...]) -> list[NormalEquations]:
         """Normal equations of each fifth, without a clock offset."""
@@ -306,7 +305,7 @@ class SettingRows:
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
-        rows = self.rows(self.tried[len(self.tried) // 2], min(self.most, _MOST_CHOICE))
+        rows = self.rows(self.tried[len(self.tried) // 2], _MOST_CHOICE)
         found = [np.sqrt((x**2).mean(axis=0)) for x in (rows.torques(0.0), rows.speed, rows.acceleration)]
         usual = [max(float(np.median(x)), 1e-6) for x in found]
         return tuple(np.maximum(x, 1e-2 * u) for x, u in zip(found, usual, strict=True))

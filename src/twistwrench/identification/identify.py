@@ -345,13 +345,13 @@ def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
     used, total = sum(log.count for log in logs), sum(log.checks.count for log in logs)
     if used < total:
         count = sum(len(log.windows) for log in logs)
-        said.append(f"{_rounded(used)} of {_rounded(total)} samples, in {count} windows.")
+        said.append(f"{_three_digits(used)} of {_three_digits(total)} samples, in {count} windows.")
     return (*said, *gap_notes(np.concatenate([log.gaps for log in logs])))
 
 
-def _rounded(count: int) -> str:
+def _three_digits(count: int) -> str:
     """Number with three digits and separators of thousands."""
-    return f"{float(f'{count:.3g}'):,.0f}"
+    return f"{round(count, 3 - len(str(count))):,}"
 
 
 def _dead(logs: Sequence[ReadLog]) -> Array:

@@ -6,9 +6,10 @@ of its own, so filters settle at its ends as at a pause. Windows are independent
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -278,11 +279,11 @@ def read_logs(
     """Check logs and read their windows, in the order of the logs; results do not depend on the workers."""
     checks = list(team.results(checks_of, sources, lambda share: progress(0.5 * share)))
     sound = {k: one for k, one in enumerate(checks) if not isinstance(one, Failure)}
-    items, owners = list[tuple[LogSource, slice, LogChecks]](), list[int]()
+    calls, owners = list[Callable[[], WindowRows]](), list[int]()
     for k, windows in zip(sound, spread_windows([one.count for one in sound.values()]), strict=True):
-        items += [(*sources[k].of_window(window), sound[k]) for window in windows]
+        calls += [partial(rows_of_window, *sources[k].of_window(window), sound[k]) for window in windows]
         owners += [k] * len(windows)
-    rows = list(team.results(_rows_of_item, items, lambda share: progress(0.5 + 0.5 * share)))
+    rows = list(team.results(operator.call, calls, lambda share: progress(0.5 + 0.5 * share)))
     _OPENED.clear()
     files = sum(source.motion is None for source in sources)
     found = list[ReadLog | Failure]()
@@ -292,10 +293,6 @@ def read_logs(
         name = source.path if files > 1 and source.motion is None else ""
         found.append(failed[0] if failed else ReadLog(name, check, tuple(mine)))
     return found
-
-
-def _rows_of_item(item: tuple[LogSource, slice, LogChecks]) -> WindowRows:
-    return rows_of_window(*item)  # results of workers are those of functions of one argument
 
 
 def steady_samples(logs: Sequence[ReadLog]) -> list[SteadySamples]:

@@ -235,7 +235,6 @@ class GroupCovariance:
     freedom : (r,) array, degrees of freedom of each group's variance
     textbook : (r,) array, standard deviations as if every row were independent
     block : float, duration of a block [s]
-    cells : StateCells of the second sandwich; one cell without it
     changes : (k, r) array or None, changes of the groups with omitted laws; included in the matrix
     """
 
@@ -243,7 +242,6 @@ class GroupCovariance:
     freedom: Array
     textbook: Array
     block: float
-    cells: StateCells = StateCells(0, np.zeros(0), ())
     changes: Array | None = None
 
     def widened(self, changes: Array) -> GroupCovariance:
@@ -348,7 +346,7 @@ def group_covariance(
     cells = StateCells.from_residuals(*states, left * root)
     found = _covariance(whitened, left * root, sizes, time, log, cells.numbers(*states))
     matrix = found.matrix[:r, :r] * _huber_factor(left, weights) ** 2
-    return GroupCovariance(matrix, found.freedom[:r], found.textbook[:r], found.block, cells)
+    return GroupCovariance(matrix, found.freedom[:r], found.textbook[:r], found.block)
 
 
 def _huber_factor(left: Array, weights: Array) -> float:

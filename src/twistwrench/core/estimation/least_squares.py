@@ -52,11 +52,7 @@ def squares_of(part: Information, x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of some rows, with the number of rows; sums of them are normal equations too.
-
-    The packed form consists of the lower triangles of [N c; c' y] of the joints, one after another, without the columns
-    that are zero in a joint's rows: ``active`` (nv, r) marks the others.
-    """
+    """Normal equations of some rows, with the number of rows; sums of them are normal equations too."""
 
     N: Array  # (nv, r, r)
     c: Array  # (nv, r)
@@ -85,20 +81,6 @@ class NormalEquations:
             N[j][np.ix_(which, which)] = A.T @ A
             c[j, which] = A.T @ tau[:, j]
         return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
-
-    @classmethod
-    def unpacked(cls, packed: Array, active: Array, rows: float) -> NormalEquations:
-        """Normal equations from their packed form (f,)."""
-        nv, r = active.shape
-        N, c, y, begin = np.zeros((nv, r, r)), np.zeros((nv, r)), np.zeros(nv), 0
-        for j, mine in enumerate(active):
-            width = int(mine.sum()) + 1
-            G, corner = np.zeros((width, width)), np.tril_indices(width)
-            G[corner] = packed[begin : begin + len(corner[0])]
-            begin += len(corner[0])
-            G = G + np.tril(G, -1).T
-            N[j][np.ix_(mine, mine)], c[j, mine], y[j] = G[:-1, :-1], G[-1, :-1], G[-1, -1]
-        return cls(N, c, y, rows)
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
