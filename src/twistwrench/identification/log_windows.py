@@ -289,9 +289,10 @@ def read_logs(
     found = list[ReadLog | Failure]()
     for k, (source, check) in enumerate(zip(sources, checks, strict=True)):
         mine = [window for owner, window in zip(owners, rows, strict=True) if owner == k]
-        failed = [one for one in (check, *mine) if isinstance(one, Failure)]
         name = source.path if files > 1 and source.motion is None else ""
-        found.append(failed[0] if failed else ReadLog(name, check, tuple(mine)))
+        failure = next((one for one in (check, *mine) if isinstance(one, Failure)), None)
+        windows = tuple(window for window in mine if isinstance(window, WindowRows))
+        found.append(failure or ReadLog(name, sound[k], windows))
     return found
 
 
