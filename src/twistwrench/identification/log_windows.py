@@ -291,8 +291,8 @@ def read_logs(
         mine = [window for owner, window in zip(owners, rows, strict=True) if owner == k]
         name = source.path if files > 1 and source.motion is None else ""
         failure = next((one for one in (check, *mine) if isinstance(one, Failure)), None)
-        windows = tuple(window for window in mine if isinstance(window, WindowRows))
-        found.append(failure or ReadLog(name, sound[k], windows))
+        own = tuple(window for window in mine if isinstance(window, WindowRows))
+        found.append(failure or ReadLog(name, sound[k], own))
     return found
 
 
