@@ -57,3 +57,9 @@ if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it
     wrong_batch_option = bundled.simulate_batch([q, q], timestep=1e-3)  # type: ignore[call-arg]
     wrong_kernel = bundled.kernel("jacobian", framee="tool0")  # type: ignore[call-arg]
     wrong_load = tw.robots.panda(floating=True)  # type: ignore[call-arg]
+
+    skew = tw.modern_robotics.VecToso3(omg=[1.0, 2.0, 3.0])
+    torques = tw.modern_robotics.InverseDynamics(q, q, q, [0, 0, -9.81], np.zeros(6), [], [], skew)
+    torques[0] += 1.0
+    wrong_name = tw.modern_robotics.VecToso3(w=[1.0, 2.0, 3.0])  # type: ignore[call-arg]
+    too_few = tw.modern_robotics.GravityForces(q, [0, 0, -9.81])  # type: ignore[call-arg]
