@@ -15,7 +15,7 @@ RULES = ("tests/meta/test_structure.py", "tests/meta/test_house.py", "tests/meta
 COPIED = ("src", "tests/meta", "tests/support", "tests/conftest.py")
 """What finds the project by its own place; all else of the copy is linked."""
 
-MOTION = "src/twistwrench/motion"
+READERS = "src/twistwrench/motion/readers"
 READER = '''"""Motion logs of a maker's controller."""
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core import arguments
-from ..core.errors import RobotFileError
-from ..core.numbers import printed
-from ..core.text import listed
-from ..core.typing import Array
+from ...core import arguments
+from ...core.errors import RobotFileError
+from ...core.numbers import printed
+from ...core.text import listed
+from ...core.typing import Array
 
 
 def read_maker_log(path: Path, joints: int) -> Array:
@@ -57,7 +57,7 @@ def read_maker_log(path: Path, joints: int) -> Array:
     return np.deg2rad(q)
 '''
 FAULTY = (
-    """from ..viz.page import show
+    """from ...viz.page import show
 
 
 def scrambled(x):
@@ -104,16 +104,16 @@ def run_rules(project: Path, files: dict[str, str]) -> subprocess.CompletedProce
 
 
 def test_an_empty_file_and_one_of_a_function_are_green(project):
-    done = run_rules(project, {f"{MOTION}/maker_log.py": READER, f"{MOTION}/maker_units.py": ""})
+    done = run_rules(project, {f"{READERS}/maker_log.py": READER, f"{READERS}/maker_units.py": ""})
     assert done.returncode == 0, done.stdout
 
 
 def test_faults_are_told_in_one_run_with_their_remedies(project):
-    told = run_rules(project, {f"{MOTION}/maker_log.py": FAULTY, "docs/maker.md": PAGE}).stdout
+    told = run_rules(project, {f"{READERS}/maker_log.py": FAULTY, "docs/maker.md": PAGE}).stdout
 
     for fault, remedy in [
-        ("motion/maker_log.py -> viz/page.py", "Move the function down, or call it from doors.py"),
-        ("'motion/maker_log.py:scrambled': 72", "Name a part that is a step of its own, and call it"),
+        ("motion/readers/maker_log.py -> viz/page.py", "Move the function down, or call it from doors.py"),
+        ("'motion/readers/maker_log.py:scrambled': 72", "Name a part that is a step of its own, and call it"),
         ("maker.md names ['nowhere/x.py']", "Correct the name, or take it from the page"),
         ("UserWarning: `scrambled`", "what does it return or bound?"),
     ]:
