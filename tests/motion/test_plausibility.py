@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import median_filter
 
 import twistwrench as tw
-from twistwrench.motion.bounds import RunningExtrema
+from twistwrench.motion.bounds import Extrema
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.plausibility import (
     DoubtfulSpans,
@@ -19,6 +19,7 @@ from twistwrench.motion.plausibility import (
     RecordedSteps,
     TimeAbove,
     _departures,
+    above_limits,
     credible_efforts,
     doubtful_spans,
     impossible_torque,
@@ -30,9 +31,8 @@ LEVELS = {Origin.LOG: "refuse", Origin.EITHER: "unsure"}
 
 def torques(share):
     """Torques of the UR5, of which the elbow's is a share of its limit."""
-    found = RunningExtrema(ARM.nv)
-    found.add(np.array([2.0]), np.array([[0.0, 0.0, share, 0.0, 0.0, 0.0]]) * ARM.limits.effort)
-    return found
+    tau = np.array([[0.0, 0.0, share, 0.0, 0.0, 0.0]]) * ARM.limits.effort
+    return Extrema.from_rows(np.array([2.0]), np.abs(tau), tau)
 
 
 def corner(time, kind=InstantKind.IMPACT):
@@ -95,26 +95,25 @@ def test_a_step_far_beyond_all_others_is_doubted_and_a_turn_or_a_pause_is_not():
 # ── Measured torques that stay above a limit
 
 
-def lasting(rows, step, *, portion=1000, at=10.0):
-    """Whether a torque that is above 9 for some rows of a log, split into portions, stays there."""
-    above = TimeAbove(np.array([9.0]), np.array([0.0]))
-    time, tau = np.arange(40) * step, np.zeros((40, 1))
+def time_above(time, tau):
+    return TimeAbove.from_rows(time, above_limits(tau, np.array([9.0]), np.array([0.0])))
+
+
+def lasting(rows, step, *, at=10.0):
+    """Whether a torque that is above 9 for some rows of a log stays there."""
+    tau = np.zeros((40, 1))
     tau[5 : 5 + rows] = -at
-    for k in range(0, 40, portion):
-        above.add(time[k : k + portion], tau[k : k + portion])
-    return bool(above.lasting(step)[0])
+    return bool(time_above(np.arange(40) * step, tau).lasting(step)[0])
 
 
-@pytest.mark.parametrize("portion", [1, 7, 1000])
-def test_a_torque_stays_above_its_limit_from_three_rows_and_10_ms_on(portion):
-    assert lasting(3, 0.01, portion=portion) and lasting(10, 0.001, portion=portion)
-    assert not lasting(2, 0.01, portion=portion) and not lasting(9, 0.001, portion=portion)
-    assert not lasting(20, 0.01, portion=portion, at=9.0)
+def test_a_torque_stays_above_its_limit_from_three_rows_and_10_ms_on():
+    assert lasting(3, 0.01) and lasting(10, 0.001)
+    assert not lasting(2, 0.01) and not lasting(9, 0.001)
+    assert not lasting(20, 0.01, at=9.0)
 
 
 def test_a_torque_above_its_limit_in_every_other_row_does_not_stay_there():
-    above = TimeAbove(np.array([9.0]), np.array([0.0]))
-    above.add(T, np.where(np.arange(len(T)) % 2, 10.0, 0.0)[:, None])
+    above = time_above(T, np.where(np.arange(len(T)) % 2, 10.0, 0.0)[:, None])
     assert not above.lasting(0.01)[0] and above.rows[0] == 1
 
 

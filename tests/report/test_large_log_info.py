@@ -8,8 +8,9 @@ from click.testing import CliRunner
 
 from twistwrench import TrajectoryError
 from twistwrench.cli.main import main
+from twistwrench.motion.plausibility import TimeAbove
 from twistwrench.reports import log_quality
-from twistwrench.reports.log_quality import LogQuality, MeasuredTally
+from twistwrench.reports.log_quality import LogQuality, TorqueComparison
 
 
 def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
@@ -65,9 +66,9 @@ def test_a_measured_torque_is_cut_off_at_the_end_where_it_is():
     t = np.arange(1000) * 0.01
     computed = 10 * np.sin(np.column_stack([t, t]))
     measured = np.column_stack([np.minimum(computed[:, 0], 5.0), np.maximum(computed[:, 1], -5.0)])
-    tally = MeasuredTally(np.full(2, np.inf), np.zeros(2))
-    tally.add(t, computed, measured, np.zeros_like(computed))
-    upper, lower = tally.result(("upper", "lower"), ("N m", "N m"))
+    found = TorqueComparison.from_rows(t, computed, measured, np.zeros_like(computed), np.zeros(len(t), bool))
+    never = TimeAbove.from_rows(t, np.zeros(computed.shape, bool))
+    upper, lower = found.torques(("upper", "lower"), ("N m", "N m"), np.full(2, np.inf), never, 0.01)
     assert upper.cut > 0.2 and upper.cut_at == 5.0
     assert lower.cut > 0.2 and lower.cut_at == -5.0
     assert "upper is exactly 5 N m" in upper.cut_words

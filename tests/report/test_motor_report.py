@@ -16,7 +16,7 @@ from twistwrench.mechanics.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.motors import MotorTally
+from twistwrench.reports.motors import MotorFigures
 from twistwrench.reports.torque_report import analyse
 
 FOLDER = Path(tw.__file__).parent / "robots"
@@ -60,13 +60,13 @@ def test_portions_of_rows_do_not_matter(robot):
 
 
 def test_the_points_of_a_long_motion_are_few_and_evenly_spread(robot):
-    tally, n = MotorTally(robot.model), 0
-    for rows in (1, 5000, 3, 7001, 12000, 999):
-        time = np.arange(n, n + rows, dtype=float)
-        speed = np.repeat(time[:, None], 6, axis=1)
-        tally.add(time, MotorLoads(speed, speed, speed, speed, speed, speed))
-        n += rows
-    speed = tally.result()[0].speed
+    edges = np.cumsum([0, 1, 5000, 3, 7001, 12000, 999]).tolist()
+    n, parts = edges[-1], []
+    time = np.arange(n, dtype=float)
+    for rows in map(slice, edges[:-1], edges[1:]):
+        speed = np.repeat(time[rows, None], 6, axis=1)
+        parts.append(MotorFigures.from_rows(robot.model, rows, time, MotorLoads(*[speed] * 6)))
+    speed = MotorFigures.joined(parts).uses(robot.model)[0].speed
     assert 1000 < len(speed) <= 4096
     assert len(set(np.diff(speed).tolist())) == 1
     assert speed[0] == 0

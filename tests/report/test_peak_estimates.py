@@ -19,7 +19,7 @@ from twistwrench.cli.torques import report_view
 from twistwrench.core.errors import ModelWarning
 from twistwrench.core.estimation.noise import sample_errors, survey
 from twistwrench.motion.smoothing import best_strength
-from twistwrench.reports.statistics import Contenders, excess_of_largest
+from twistwrench.reports.statistics import Runs, excess_of_largest
 from twistwrench.reports.torque_verdict import confidence
 
 TIAGO = SHARED / "logs" / "tiago"
@@ -209,10 +209,9 @@ def test_a_peak_that_stands_alone_is_not_corrected():
 def test_the_flanks_of_a_peak_do_not_contend_with_it():
     """However the runs lie, one smooth hill is one contender: it stands alone, and nothing is taken off it."""
     for shift in range(10):
-        found = Contenders(1, 10)
-        found.add(30.0 - 1e-3 * (np.arange(200) - 100.0 - shift)[:, None] ** 2)
-        assert np.isfinite(found.result()).sum() == 1
-        assert excess_of_largest(found.result()[:, 0], 0.2, found.runs) == (0.0, 0.2)
+        found = Runs.from_rows(0, 30.0 - 1e-3 * (np.arange(200) - 100.0 - shift)[:, None] ** 2, 10).contenders()
+        assert np.isfinite(found).sum() == 1
+        assert excess_of_largest(found[:, 0], 0.2, len(found)) == (0.0, 0.2)
 
 
 @pytest.mark.parametrize("late", range(8))
@@ -230,15 +229,13 @@ def test_late_stamps_do_not_keep_a_short_log_from_being_smoothed(late):
 def test_contenders_are_the_largest_of_each_run_of_rows_but_flanks(portion):
     """A run whose largest value is next to a larger one is the flank of its neighbour, and no contender."""
     values = np.random.default_rng(3).normal(size=(995, 2))
-    found = Contenders(2, 10)
-    for k in range(0, 995, portion):
-        found.add(values[k : k + portion])
+    found = Runs.joined([Runs.from_rows(k, values[k : k + portion], 10) for k in range(0, 995, portion)])
     runs = np.maximum.reduceat(values, np.arange(0, 995, 10))
     around = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     after = around[[min(k + 11, 996) for k in range(0, 995, 10)]]
     runs[(runs < around[0:995:10]) | (runs < after)] = -np.inf
-    assert found.runs == 100
-    np.testing.assert_array_equal(found.result(), -np.sort(-runs, axis=0))
+    assert len(found.number) == 100
+    np.testing.assert_array_equal(found.contenders(), -np.sort(-runs, axis=0))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twistwrench import robots
-from twistwrench.reports.statistics import Gaps
+from twistwrench.reports.statistics import Gaps, gap_edges
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -93,6 +93,8 @@ def test_a_peak_of_position_within_a_gap_leaves_the_stops():
     t = np.arange(0, 5, 0.01)
     for top, leaves in ((6.32, True), (6.2, False)):
         q, dq = (top - 0.5 * (t - 2.5) ** 2)[:, None], (2.5 - t)[:, None]
-        gaps, kept = Gaps(0.05, stops=(np.array([-6.28]), np.array([6.28]))), np.abs(t - 2.5) > 0.35
-        gaps.add(t[kept], q[kept], dq[kept], np.full_like(q[kept], -1.0))
+        kept = np.abs(t - 2.5) > 0.35
+        rows = gap_edges(t[kept], 0.05)
+        edges, most = (q[kept][rows], dq[kept][rows]), np.array([np.abs(dq[kept]).max(axis=0), [1.0]])
+        gaps = Gaps.from_edges(t[kept], edges, most, 0.05, stops=(np.array([-6.28]), np.array([6.28])))
         assert gaps.exceeds_logged_motion == leaves

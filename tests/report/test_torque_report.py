@@ -10,7 +10,7 @@ from twistwrench import load, robots
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.mechanics.model.model import Limits
 from twistwrench.motion.load_case import TERMS
-from twistwrench.reports.statistics import Gaps, MinMaxDecimation, Rms
+from twistwrench.reports.statistics import Bins, Gaps, gap_edges, mean_weights
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -194,18 +194,23 @@ def test_torque_noise_is_that_of_repeated_noisy_logs(ur5, tmp_path):
 
 
 def test_rms_weighs_uneven_steps_by_their_length():
-    rms = Rms(1)
-    for part in (slice(0, 1), slice(1, 4), slice(4, 5)):
-        rms.add(np.array([0.0, 1.0, 1.5, 4.0, 4.25])[part], np.array([[1.0], [2.0], [3.0], [0.0], [5.0]])[part])
+    time, values = np.array([0.0, 1.0, 1.5, 4.0, 4.25]), np.array([1.0, 2.0, 3.0, 0.0, 5.0])
+    parts = (slice(0, 1), slice(1, 4), slice(4, 5))
     squares = [(1 + 4) / 2, (4 + 9) / 4, (9 + 0) * 1.25, (0 + 25) / 8]
-    assert rms.result()[0] == pytest.approx(np.sqrt(sum(squares) / 4.25))
+    assert sum(mean_weights(time, part) @ values[part] ** 2 for part in parts) == pytest.approx(sum(squares) / 4.25)
+    assert mean_weights(np.array([3.0]), slice(0, 1)).tolist() == [1.0]
 
 
-def test_gaps_are_counted_across_portions():
-    gaps = Gaps(0.5)
-    for part in ([0.0, 0.1], [1.1, 1.2, 3.2], [3.3]):
-        q = np.minimum(part, 1.1)[:, None]
-        gaps.add(np.array(part), q, np.zeros_like(q), np.zeros_like(q))
+def gaps_of(time, q, dq=None, ddq=None, threshold=0.5, **given):
+    """Gaps of rows of one joint."""
+    rates = [np.zeros_like(q) if x is None else x for x in (dq, ddq)]
+    rows = gap_edges(time, threshold)
+    return Gaps.from_edges(time, (q[rows], rates[0][rows]), np.abs(rates).max(axis=1), threshold, **given)
+
+
+def test_the_longest_gap_and_the_gap_with_a_motion_may_differ():
+    time = np.array([0.0, 0.1, 1.1, 1.2, 3.2, 3.3])
+    gaps = gaps_of(time, np.minimum(time, 1.1)[:, None])
     assert (gaps.count, gaps.longest, gaps.longest_at) == (2, pytest.approx(2.0), pytest.approx(1.2))
     assert gaps.hiding == [(pytest.approx(0.1), pytest.approx(1.0))]  # the longer one stands
 
@@ -213,30 +218,28 @@ def test_gaps_are_counted_across_portions():
 def test_a_gap_hides_a_motion_that_comes_back_to_where_it_began():
     time = np.array([0.0, 0.1, 1.1, 1.2])
     for speed, hidden in ((1.0, 1.0), (0.0, 0.0)):
-        gaps = Gaps(0.5)
-        v = speed * np.array([[1.0], [1.0], [-1.0], [-1.0]])
-        gaps.add(time, np.zeros((4, 1)), v, 0 * v)
+        gaps = gaps_of(time, np.zeros((4, 1)), speed * np.array([[1.0], [1.0], [-1.0], [-1.0]]))
         assert gaps.hidden == pytest.approx(hidden)
         assert gaps.beside(1.1, 0.01) == (hidden > 0) and not gaps.beside(0.5, 0.01)
 
 
 def test_a_gap_that_needs_more_speed_or_acceleration_than_was_logged():
     """From rest to rest over 0.1 rad in 1 s: 0.1 rad/s on average, and 0.4 rad/s² of a constant acceleration and deceleration."""
-    time, q = np.array([0.0, 0.1, 1.1, 1.2]), np.array([[0.0], [0.0], [0.1], [0.1]])
+    time, q = np.array([0.0, 0.1, 1.1, 1.2, 1.3]), np.array([[0.0], [0.0], [0.1], [0.1], [0.1]])
     for fastest, hardest, more in ((0.2, 0.5, False), (0.05, 0.5, True), (0.2, 0.3, True)):
-        gaps = Gaps(0.5)
-        gaps.add(time, q, np.zeros((4, 1)), np.zeros((4, 1)))
-        gaps.add(np.array([1.3]), np.array([[0.1]]), np.array([[fastest]]), np.array([[hardest]]))
+        last = np.array([[0.0], [0.0], [0.0], [0.0], [1.0]])
+        gaps = gaps_of(time, q, fastest * last, hardest * last)
         assert gaps.exceeds_logged_motion == more
 
 
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])
 def test_the_envelope_holds_every_value_in_few_bins(portion):
     values = np.random.default_rng(1).normal(size=(5000, 2)).cumsum(axis=0)
-    envelope = MinMaxDecimation(values.shape[1], bins=50)
+    parts = []
     for k in range(0, 5000, portion):
-        envelope.add(np.arange(k, min(k + portion, 5000)) * 1.0, values[k : k + portion])
-    time, least, greatest = envelope.result()
+        rows = values[k : k + portion]
+        parts.append(Bins.from_rows(k, np.arange(k, k + len(rows)) * 1.0, rows, rows, 5000, bins=50))
+    _, time, least, greatest = Bins.joined(parts)
     assert 50 < len(time) <= 100
     size = int(time[1] - time[0])
     starts = np.arange(0, 5000, size)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,28 +164,39 @@ class Violation:
         return replace(self, value=value, limit=limit, unit=self.unit.replace("rad", "°"))
 
 
-class RunningExtrema:
-    """Running maximum of each column, with its time and the signed value behind it."""
+class Extrema(NamedTuple):
+    """Maximum of each column of a table, (columns,) each; -inf at the time nan without a number above it."""
 
-    def __init__(self, columns: int) -> None:
-        self.value = np.full(columns, -np.inf)
-        self.time = np.full(columns, np.nan)
-        self.signed = np.zeros(columns)
-        """Signed value whose magnitude or excess is the maximum."""
+    value: Array
+    time: Array
+    """Time of the maximum, of the first one if several are equal [s]."""
+    signed: Array
+    """Signed value whose magnitude or excess is the maximum."""
 
-    def add(self, time: Array, values: Array, signed: Array | None = None) -> list[tuple[int, int]]:
-        """Update with values (n, columns) at times (n,); returns the (column, row) pairs of new maxima.
+    @classmethod
+    def from_rows(cls, time: Array, values: Array, signed: Array) -> Extrema:
+        """Maxima of values (n, columns) at times (n,); ``signed`` (n, columns) has the numbers behind the values."""
+        count = values.shape[1]
+        if not len(values):
+            return cls(np.full(count, -np.inf), np.full(count, np.nan), np.zeros(count))
+        return cls._of(np.broadcast_to(time[:, None], values.shape), values, signed)
 
-        ``signed`` (n, columns) are the numbers whose magnitudes or excesses are in ``values``.
-        """
-        rows = np.argmax(values, axis=0)
-        greatest = values[rows, np.arange(values.shape[1])]
-        fresh = np.flatnonzero(greatest > self.value)
-        self.value[fresh] = greatest[fresh]
-        self.time[fresh] = time[rows[fresh]]
-        if signed is not None:
-            self.signed[fresh] = signed[rows[fresh], fresh]
-        return [(int(k), int(rows[k])) for k in fresh]
+    @classmethod
+    def joined(cls, parts: Sequence[Extrema]) -> Extrema:
+        """Maxima of consecutive rows from those of their parts."""
+        value, time, signed = (np.stack(x) for x in zip(*parts, strict=True))
+        return cls._of(time, value, signed)
+
+    @classmethod
+    def _of(cls, time: Array, values: Array, signed: Array) -> Extrema:
+        rows, columns = values.argmax(axis=0), np.arange(values.shape[1])
+        value = values[rows, columns]
+        known = value > -np.inf
+        return cls(
+            np.where(known, value, -np.inf),
+            np.where(known, time[rows, columns], np.nan),
+            np.where(known, signed[rows, columns], 0.0),
+        )
 
 
 class LimitCheck:
@@ -195,21 +207,25 @@ class LimitCheck:
 
     def __init__(self, model: Model, bounds: Limits) -> None:
         self.model, self.bounds = model, bounds
-        self._worst = {kind: RunningExtrema(model.nv) for kind in KINDS}
+        none = np.zeros(0)
+        self._worst = {kind: Extrema.from_rows(none, *np.zeros((2, 0, model.nv))) for kind in KINDS}
         self._followers = [model.bodies[i] for i in model.limited_followers]
-        self._borne = RunningExtrema(len(self._followers))
+        self._borne = Extrema.from_rows(none, *np.zeros((2, 0, len(self._followers))))
+
+    def _add(self, kind: str, time: Array, beyond: Array, values: Array) -> None:
+        self._worst[kind] = Extrema.joined([self._worst[kind], Extrema.from_rows(time, beyond, values)])
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """Check states at times (n,): q (n, nq), dq, ddq and torques (n, nv); None is skipped."""
         b, x = self.bounds, self.model.positions(q)
-        self._worst["position"].add(time, np.maximum(x - b.upper, b.lower - x), x)
+        self._add("position", time, np.maximum(x - b.upper, b.lower - x), x)
         largest = {"velocity": b.velocity, "torque": b.effort}
         if dq is not None and ddq is not None:
             largest["acceleration"] = b.acceleration_at(dq, ddq)
         drives = None if tau is None else motor_torques(self.model, tau)
         for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", drives)):
             if values is not None:
-                self._worst[kind].add(time, np.abs(values) - largest[kind], values)
+                self._add(kind, time, np.abs(values) - largest[kind], values)
 
     def add_jerk(self, time: Array, ddq: Array) -> None:
         """Check the slopes of accelerations (n, nv), n ≥ 3, of a motion from rest to rest, with jumps at its ends."""
@@ -217,7 +233,7 @@ class LimitCheck:
         jumps = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
         for end, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
             jerk[end] = np.where(jumps[end], ddq[end] / step, jerk[end])
-        self._worst["jerk"].add(time, np.abs(jerk) - self.bounds.jerk, jerk)
+        self._add("jerk", time, np.abs(jerk) - self.bounds.jerk, jerk)
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
         """Check the torques of mimic joints with an effort limit in the given states, without friction."""
@@ -226,7 +242,7 @@ class LimitCheck:
 
     def add_borne(self, time: Array, borne: Array) -> None:
         """Check the torques (n, k) of these mimic joints at times (n,)."""
-        self._borne.add(time, np.abs(borne), borne)
+        self._borne = Extrema.joined([self._borne, Extrema.from_rows(time, np.abs(borne), borne)])
 
     def violations(self) -> tuple[Violation, ...]:
         """Violations, sorted by their ratio to the tolerance, largest first."""

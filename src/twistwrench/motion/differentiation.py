@@ -97,6 +97,11 @@ class MotionSamples:
         """Select rows by a slice, a mask or indices."""
         return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
+    @classmethod
+    def joined(cls, parts: Sequence[MotionSamples]) -> MotionSamples:
+        """Samples of consecutive parts."""
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
 
 # ── Outliers: samples far from the smoothed curve of their column
 
@@ -120,36 +125,18 @@ class Outlier:
     """True if any outlier may be a torque beyond a limit."""
 
 
-class RunningOutliers:
-    """Running count of outliers over consecutive portions of rows."""
+def outliers_of(found: Array) -> tuple[Outlier, ...]:
+    """Outliers by column, largest first.
 
-    def __init__(self) -> None:
-        self._found: dict[int, Outlier] = {}
-
-    def add(self, time: Array, outlier: Array, matters: Array) -> None:
-        """Add times (n,), residuals (n, k, 2) of :func:`outlier_residuals` or (n, 0), and their relevance (n, k)."""
-        if not outlier.any():
-            return
-        for k in np.flatnonzero(outlier[:, :, 0].any(axis=0)).tolist():
-            sigmas, off = outlier[:, k].T
-            row = int(np.abs(sigmas).argmax())
-            new = Outlier(
-                k,
-                int(np.count_nonzero(sigmas)),
-                float(time[row]),
-                float(sigmas[row]),
-                float(off[row]),
-                bool(matters[:, k].any()),
-            )
-            old = self._found.get(k)
-            if old is not None:
-                far = max(old, new, key=lambda s: abs(s.sigmas))
-                new = replace(far, count=old.count + new.count, matters=old.matters or new.matters)
-            self._found[k] = new
-
-    def result(self) -> tuple[Outlier, ...]:
-        """Outliers by column, largest first."""
-        return tuple(sorted(self._found.values(), key=lambda s: -abs(s.sigmas)))
+    ``found`` (m, 5) has an outlier in each row: column, time, residual in standard deviations and in SI units, and 1 if it
+    may be a torque beyond a limit.
+    """
+    each = []
+    for k in np.unique(found[:, 0]).tolist():
+        mine = found[found[:, 0] == k]
+        _, time, sigmas, off, _ = mine[np.abs(mine[:, 2]).argmax()].tolist()
+        each.append(Outlier(int(k), len(mine), time, sigmas, off, bool(mine[:, 4].any())))
+    return tuple(sorted(each, key=lambda s: -abs(s.sigmas)))
 
 
 def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
@@ -329,15 +316,26 @@ class Differentiation:
         table = self.trajectory.table
         for rows, inner in windows(len(table), max(core, self.margin), self.margin):
             motion = self.trajectory.motion(table[rows])
-            states = self.complete(motion)
-            if self.source == "given" and not self.derives_velocities:
-                begin = motion.time[0] if rows.start == 0 else -math.inf
-                end = motion.time[-1] if rows.stop >= len(table) else math.inf
-                dq = velocities_inside(states.time, states.dq, states.ddq, begin, end)
-                states = replace(states, dq=dq)
-            yield states, motion, inner
+            yield self._states(motion, rows), motion, inner
             if progress is not None:
                 progress(inner.stop - inner.start)
+
+    def states_near(self, row: int, reach: int) -> MotionSamples:
+        """Samples of up to ``reach`` rows before a row of the log, of the row itself, and of those after it."""
+        count = len(self.trajectory.table)
+        first, last = max(0, row - reach), min(row + reach, count)
+        rows = slice(max(0, first - self.margin), min(last + self.margin, count))
+        states = self._states(self.trajectory.motion(self.trajectory.table[rows]), rows)
+        return states[first - rows.start : last - rows.start]
+
+    def _states(self, motion: LogRows, rows: slice) -> MotionSamples:
+        """Samples of some rows of the log; given velocities are never zero at its ends."""
+        states, count = self.complete(motion), len(self.trajectory.table)
+        if self.source != "given" or self.derives_velocities:
+            return states
+        begin = motion.time[0] if rows.start == 0 else -math.inf
+        end = motion.time[-1] if rows.stop >= count else math.inf
+        return replace(states, dq=velocities_inside(states.time, states.dq, states.ddq, begin, end))
 
     @property
     def margin(self) -> int:

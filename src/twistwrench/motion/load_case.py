@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
 from ..mechanics.model.limits import Limits, StatedLimits, known_velocities
 from ..mechanics.model.model import BASE, Model
+from .bounds import Extrema
 from .coordinates import Coordinates
 from .credible_values import credible_load, driven_entries, placeholder_limits
 from .differentiation import MotionSamples
@@ -383,49 +384,57 @@ class PayloadMargin:
         )
 
 
-class PayloadMarginTally:
-    """Payload margin, accumulated over chunks of torques.
+class PayloadShares(NamedTuple):
+    """Figures of the payload margin of some rows, for drives and then mimic joints with an effort limit, (nv + k,) each."""
 
-    Undetermined for several payloads, and if friction depends on load, since torques are then nonlinear in the mass.
-    """
+    greatest: Extrema
+    """Negative of the smallest share of the payload's mass that takes a torque to its limit."""
+    carried: Array
+    """Largest contribution of the payload to the torque."""
+    within: bool
+    """True if the robot alone keeps its limits."""
 
-    def __init__(self, load: LoadCase, effort: Array) -> None:
-        laws = load.robot.model.friction
-        self.determined = (
-            len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
-        )
-        followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
-        self._names = (*load.robot.model.drive_labels, *(body.joint.name for body in followers))
-        self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
-        self._share, self._joint, self._time = math.inf, 0, math.nan
-        self._alone = True
-        self._carried = np.zeros(len(self._names))
-        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.determined else 0.0
+    @classmethod
+    def joined(cls, parts: Sequence[PayloadShares]) -> PayloadShares:
+        """Figures of consecutive rows from those of their parts."""
+        greatest, carried, within = zip(*parts, strict=True)
+        return cls(Extrema.joined(greatest), np.max(carried, axis=0), all(within))
 
-    def add(self, time: Array, torques: Array, carried: Array) -> None:
-        """Add torques (n, nv + k) at times (n,) of drives and limited mimic joints, with the payload's contribution."""
-        alone = torques - carried
-        self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
-        self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
-        limit = np.copysign(self._effort, carried)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(
-                np.abs(carried) > self._least, (limit - alone) / carried, np.inf
-            )  # alone + share carried = limit
-        row, joint = np.unravel_index(int(np.nanargmin(share)), share.shape)
-        if share[row, joint] < self._share:
-            self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
 
-    def result(self) -> PayloadMargin | None:
-        """Margin; None if a loaded joint has no limit or the robot alone exceeds a limit."""
-        if not self.determined or not self._alone or not math.isfinite(self._share):
-            return None
-        nv = self._load.robot.nv
-        if unlimited(self._load.robot.model, self._effort[:nv], self._carried[:nv]):
-            return None
-        payload = self._load.payloads[0]
-        frame = payload.frame or self._load.robot.model.tip or ""
-        return PayloadMargin(self._share * payload.mass, self._names[self._joint], self._time, frame)
+def margin_determined(load: LoadCase) -> bool:
+    """True for a single payload, and if friction does not depend on load: torques are then linear in the mass."""
+    laws = load.robot.model.friction
+    return len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+
+
+def payload_shares(load: LoadCase, effort: Array, time: Array, torques: Array, carried: Array) -> PayloadShares:
+    """Figures of torques (n, nv + k) of drives and limited mimic joints, with the payload's contribution (n, nv + k)."""
+    effort = _with_followers(load, effort)
+    least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model)
+    alone, limit = torques - carried, np.copysign(effort, carried)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (limit - alone) / carried  # alone + share carried = limit
+    share = np.where((np.abs(carried) > least) & ~np.isnan(share), share, np.inf)
+    within = bool((np.abs(alone) <= effort).all())
+    return PayloadShares(Extrema.from_rows(time, -share, share), np.abs(carried).max(axis=0, initial=0.0), within)
+
+
+def _with_followers(load: LoadCase, effort: Array) -> Array:
+    followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
+    return np.array([*effort, *(body.effort for body in followers)], float)
+
+
+def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> PayloadMargin | None:
+    """Margin; None if a loaded joint has no limit or the robot alone exceeds a limit."""
+    model, nv = load.robot.model, load.robot.nv
+    share, time = -shares.greatest.value, shares.greatest.time
+    joint = min(range(len(share)), key=lambda k: (share[k], time[k]))
+    if not shares.within or not math.isfinite(share[joint]) or unlimited(model, effort[:nv], shares.carried[:nv]):
+        return None
+    names = (*model.drive_labels, *(model.bodies[i].joint.name for i in model.limited_followers))
+    payload = load.payloads[0]
+    frame = payload.frame or model.tip or ""
+    return PayloadMargin(float(share[joint]) * payload.mass, names[joint], float(time[joint]), frame)
 
 
 # ── Locked joints: names or patterns such as ``*wheel*``

@@ -25,7 +25,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
-from .bounds import RunningExtrema
+from .bounds import Extrema
 from .contradictions import TOO_FAST
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ class RecordedSteps:
         count = len(self.joints)
         self.instants: list[Instant] = []
         """Rows that are missing, repeated or wrong, and corners of the path."""
-        self.fastest, self.lone = RunningExtrema(count), RunningExtrema(count)
+        self.fastest = self.lone = Extrema.from_rows(np.zeros(0), *np.zeros((2, 0, count)))
         """Speeds of single steps, less noise; and lone displacements."""
         self._usual = self._learn(runs) if count else None
 
@@ -192,13 +192,15 @@ class RecordedSteps:
         size = np.abs(moved)
         slow = np.maximum(h, u.step)[:, None]
         speed = np.maximum(size - _GRIDS * u.encoder, 0.0) / slow - _MADS * u.noise
-        self.fastest.add(t[own], speed[own], moved[own] / slow[own])
+        fastest = Extrema.from_rows(t[own], speed[own], moved[own] / slow[own])
+        self.fastest = Extrema.joined([self.fastest, fastest])
         beside = np.pad(size, ((1, 1), (0, 0)))
         shared = np.maximum(beside[:-2], beside[2:])
-        lone = (size > _LONE * u.most) & (size > _SHARED * shared)
-        lone &= size > np.maximum(_GRIDS * u.grid, _MADS * u.noise * h[:, None])
-        lone &= (h < _SHARED * u.step)[:, None]
-        self.lone.add(t[own], np.where(lone, size, 0.0)[own], moved[own])
+        alone = (size > _LONE * u.most) & (size > _SHARED * shared)
+        alone &= size > np.maximum(_GRIDS * u.grid, _MADS * u.noise * h[:, None])
+        alone &= (h < _SHARED * u.step)[:, None]
+        lone = Extrema.from_rows(t[own], np.where(alone, size, 0.0)[own], moved[own])
+        self.lone = Extrema.joined([self.lone, lone])
         if len(t) >= _FEWEST:
             self._look_for_instants(t, moved, own)
 
@@ -395,7 +397,7 @@ def credible_efforts(robot: Robot) -> Array:
     return effort
 
 
-def impossible_torque(robot: Robot, alone: RunningExtrema, origin: Origin, corners: DoubtfulSpans) -> Doubt | None:
+def impossible_torque(robot: Robot, alone: Extrema, origin: Origin, corners: DoubtfulSpans) -> Doubt | None:
     """Doubt about a motion whose torques ``alone`` (nv,), without payloads and wrenches, no drive of the robot reaches.
 
     At one of the ``corners`` the torque may be that of an impact, which is not a drive's.
@@ -427,35 +429,38 @@ _SIGMAS, _LEAST_ROWS, _LEAST_TIME = 3.0, 3, 0.01
 are those of impacts, and of gears with a peak rating."""
 
 
-class TimeAbove:
-    """Longest time that measured torques stay above their limits, in consecutive portions of rows."""
+class TimeAbove(NamedTuple):
+    """Longest run of consecutive rows in which measured torques are above their limits, (nv,) each."""
 
-    def __init__(self, limits: Array, sigma: Array) -> None:
-        """Limits and noise (nv,) of the torques."""
-        self._most = limits + _SIGMAS * sigma
-        count = len(limits)
-        self._since, self._last = np.full((2, count), np.nan)
-        self._rows = np.zeros(count, int)
-        self.rows, self.length, self.at = np.zeros(count, int), np.zeros(count), np.full(count, np.nan)
-        """Rows, duration [s] and beginning [s] of the longest run of each torque."""
+    rows: Array
+    """Number of rows; 0 if the torque is never above."""
+    length: Array
+    """Time from the first of them to the last [s]."""
+    at: Array
+    """Time of the first [s]; nan if the torque is never above."""
 
-    def add(self, time: Array, tau: Array) -> None:
-        """Add times (n,) and measured torques (n, nv)."""
-        above = np.abs(tau) > self._most
-        for k in np.flatnonzero(above.any(axis=0) | (self._rows > 0)).tolist():
-            for row, over in enumerate(above[:, k].tolist()):
-                self._step(k, float(time[row]), over=over)
-
-    def _step(self, k: int, time: float, *, over: bool) -> None:
-        if not over:
-            self._rows[k] = 0
-            return
-        self._since[k] = time if self._rows[k] == 0 else self._since[k]
-        self._rows[k] += 1
-        if self._rows[k] > self.rows[k]:
-            self.rows[k], self.at[k] = self._rows[k], self._since[k]
-            self.length[k] = time - self._since[k]
+    @classmethod
+    def from_rows(cls, time: Array, above: Array) -> TimeAbove:
+        """Longest runs of True in each column of ``above`` (n, nv), rows at times (n,); the first of equally long ones."""
+        found = [_longest_run(time, np.flatnonzero(column)) for column in above.T]
+        rows, length, at = np.array(found).reshape(-1, 3).T
+        return cls(rows.astype(int), length, at)
 
     def lasting(self, step: float) -> Array:
         """Mask (nv,) of torques that stay above for at least three rows and 10 ms; each row lasts one ``step`` [s]."""
         return np.asarray((self.rows >= _LEAST_ROWS) & (self.length + step >= _LEAST_TIME * (1 - _NEAR)))
+
+
+def _longest_run(time: Array, rows: Array) -> tuple[int, float, float]:
+    """Number of rows, duration and beginning of the longest run of consecutive numbers in ``rows``."""
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    longest = max(runs, key=len)
+    if not len(longest):
+        return 0, 0.0, np.nan
+    begin, end = float(time[longest[0]]), float(time[longest[-1]])
+    return len(longest), end - begin, begin
+
+
+def above_limits(tau: Array, limits: Array, sigma: Array) -> Array:
+    """Mask (n, nv) of measured torques above their limits (nv,) by more than their noise (nv,)."""
+    return np.asarray(np.abs(tau) > limits + _SIGMAS * sigma)

@@ -16,7 +16,7 @@ from ..core.numbers import number, percent, printed, seconds
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.couplings import joint_effort
-from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of, velocities_inside
+from ..motion.bounds import LimitCheck, Violation, bounds_of, velocities_inside
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.load_case import LoadCase
@@ -273,11 +273,11 @@ def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
     """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
     nq, nv = load.robot.nq, load.robot.nv
     kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
-    peaks = RunningExtrema(nv)
+    peaks = np.full(nv, -np.inf)
     check = LimitCheck(load.robot.model, bounds_of(load.robot))
     for s in every:
         torques = load.torques(s)
-        peaks.add(s.time, np.abs(torques))
+        peaks = np.maximum(peaks, np.abs(torques).max(axis=0))
         check.add(s.time, s.measured, s.dq, tau=torques)
         if load.robot.model.limited_followers:
             check.add_borne(s.time, load.follower_torques(s))
@@ -285,7 +285,7 @@ def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
         kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
     time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
     violations = check.violations()
-    values = time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count
+    values = time[:, 0], q, dq, ddq, torques, peaks, kept.count
     said = tuple(map(_sentence, violations))
     return DrawnMotion(load, *values, said, still.astype(bool), violations=violations)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..core.estimation.noise import noise, quantum
 from ..core.numbers import number, percent, seconds, torque
 from ..core.text import listed
 from ..core.typing import Array
-from ..motion.bounds import RunningExtrema
+from ..motion.bounds import Extrema
 from ..motion.column_names import split_unit, time_factor, time_meaning, unit_since_1970
 from ..motion.columns import check_header
 from ..motion.log_table import LARGE, excerpts
@@ -307,23 +308,31 @@ def _without(size: float, noise: float) -> float:
     return math.sqrt(max(0.0, size**2 - (_NOISE * noise) ** 2))
 
 
-class _AtExtreme:
+class _AtExtreme(NamedTuple):
     """Rows in which a column is at its maximum (with the sign turned, its minimum), and the computed torque there."""
 
-    def __init__(self, columns: int) -> None:
-        self.value = self.next = np.full(columns, -np.inf)
-        self.sums = np.zeros((3, columns))
-        """Number of rows, sum and sum of squares of the computed torque."""
+    value: Array
+    """Maximum (columns,)."""
+    next: Array
+    """Largest value below the maximum (columns,)."""
+    sums: Array
+    """(3, columns) number of rows, sum and sum of squares of the computed torque."""
 
-    def add(self, computed: Array, measured: Array) -> None:
-        """Add rows (n, columns)."""
-        found = np.maximum(self.value, measured.max(axis=0))
-        self.sums[:, found != self.value] = 0.0
-        below = np.where(measured < found, measured, -np.inf).max(axis=0)
-        self.next = np.maximum(np.maximum(self.next, below), np.where(self.value < found, self.value, -np.inf))
-        self.value = found
-        here = np.where(measured == found, 1.0, 0.0)
-        self.sums += [here.sum(axis=0), (here * computed).sum(axis=0), (here * computed**2).sum(axis=0)]
+    @classmethod
+    def from_rows(cls, computed: Array, measured: Array) -> _AtExtreme:
+        """Rows of torques (n, columns)."""
+        value = measured.max(axis=0)
+        here = np.where(measured == value, 1.0, 0.0)
+        sums = np.array([here.sum(axis=0), (here * computed).sum(axis=0), (here * computed**2).sum(axis=0)])
+        return cls(value, np.where(measured < value, measured, -np.inf).max(axis=0), sums)
+
+    @classmethod
+    def joined(cls, parts: Sequence[_AtExtreme]) -> _AtExtreme:
+        """Rows of several parts."""
+        values, below, sums = (np.stack(x) for x in zip(*parts, strict=True))
+        value = values.max(axis=0)
+        lower = np.where(values < value, values, below).max(axis=0)
+        return cls(value, lower, np.where((values == value)[:, None], sums, 0.0).sum(axis=0))
 
     def cut(self, rows: int, variance: Array) -> Array:
         """(columns,) share of these rows if they are many and the computed torque varies among them; else 0."""
@@ -337,53 +346,74 @@ class _AtExtreme:
         return np.where(many & varies, count / rows, 0.0)
 
 
-class _Sums:
-    """Sums over rows of computed and measured torques c and m: c, m, c², m² and c m; and of the variance of c."""
+class _Sums(NamedTuple):
+    """Sums over rows of computed and measured torques c and m, and of the variance of c."""
 
-    def __init__(self, columns: int) -> None:
-        self.rows, self.sums, self.noise = 0, np.zeros((5, columns)), np.zeros(columns)
+    rows: int
+    sums: Array
+    """(5, columns) sums of c, m, c², m² and c m."""
+    noise: Array
 
-    def add(self, c: Array, m: Array, sigma: Array) -> None:
-        """Add torques (n, columns) and the standard deviation of c."""
-        self.rows += len(c)
-        self.sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
-        self.noise += (sigma**2).sum(axis=0)
+    @classmethod
+    def from_rows(cls, c: Array, m: Array, sigma: Array) -> _Sums:
+        """Sums of torques (n, columns) and of the standard deviation of c."""
+        return cls(len(c), np.array([x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]), (sigma**2).sum(axis=0))
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Sums]) -> _Sums:
+        """Sums over several parts."""
+        rows, sums, noise = zip(*parts, strict=True)
+        return cls(sum(rows), np.sum(sums, axis=0), np.sum(noise, axis=0))
 
 
-class MeasuredTally:
-    """Running sums over chunks of rows; torques are compared in sound rows, and in all rows only if none is sound."""
+class TorqueComparison(NamedTuple):
+    """Measured torques of some rows beside computed ones, compared in sound rows, and in all rows only if none is sound."""
 
-    def __init__(self, limits: Array, sigma: Array) -> None:
-        """Limits, and noise of the measured torques, (nv,) each."""
-        columns = len(limits)
-        self._limits, self._over = limits, TimeAbove(limits, sigma)
-        self._largest, self._beside = RunningExtrema(columns), np.full(columns, np.nan)
-        self._rows, self._step = 0, 0.0
-        self._every, self._sound = _Sums(columns), _Sums(columns)
-        self._peak = RunningExtrema(columns)
-        self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
+    every: _Sums
+    sound: _Sums
+    measured: Extrema
+    computed: Extrema
+    beside: Array
+    """Largest measured torque (columns,) near the largest computed one."""
+    highest: _AtExtreme
+    lowest: _AtExtreme
 
-    def add(self, time: Array, computed: Array, measured: Array, sigma: Array, doubted: Array | None = None) -> None:
-        """Add times (n,), computed and measured torques (n, columns), and the standard deviation of the computed ones.
+    @classmethod
+    def from_rows(cls, time: Array, c: Array, m: Array, sigma: Array, doubted: Array) -> TorqueComparison:
+        """Comparison of computed and measured torques c and m (n, columns) with the standard deviation of c.
 
         ``doubted`` (n,) is True in rows whose derived rates are not those of the robot's drives, as at an impact.
         """
-        c, m = computed, measured
-        sound = slice(None) if doubted is None else ~doubted
-        self._every.add(c, m, sigma)
-        self._sound.add(c[sound], m[sound], sigma[sound])
-        self._rows += len(time)
-        self._peak.add(time, np.abs(m), m)
-        for k, row in self._largest.add(time, np.abs(c), c):
-            self._beside[k] = np.abs(m[max(0, row - _AROUND) : row + _AROUND + 1, k]).max()
-        self._over.add(time, m)
-        self._step = self._step or (float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
-        self._above.add(c, m)
-        self._below.add(c, -m)
+        rows = np.abs(c).argmax(axis=0).tolist()
+        near = [np.abs(m[max(0, row - _AROUND) : row + _AROUND + 1, k]).max() for k, row in enumerate(rows)]
+        return cls(
+            _Sums.from_rows(c, m, sigma),
+            _Sums.from_rows(c[~doubted], m[~doubted], sigma[~doubted]),
+            Extrema.from_rows(time, np.abs(m), m),
+            Extrema.from_rows(time, np.abs(c), c),
+            np.array(near),
+            _AtExtreme.from_rows(c, m),
+            _AtExtreme.from_rows(c, -m),
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[TorqueComparison]) -> TorqueComparison:
+        """Comparison of consecutive rows from those of their parts."""
+        every, sound, measured, computed, beside, highest, lowest = zip(*parts, strict=True)
+        largest = np.argmax([one.value for one in computed], axis=0)
+        return cls(
+            _Sums.joined(every),
+            _Sums.joined(sound),
+            Extrema.joined(measured),
+            Extrema.joined(computed),
+            np.stack(beside)[largest, np.arange(len(largest))],
+            _AtExtreme.joined(highest),
+            _AtExtreme.joined(lowest),
+        )
 
     @property
     def _compared(self) -> _Sums:
-        return self._sound if self._sound.rows else self._every
+        return self.sound if self.sound.rows else self.every
 
     @property
     def misfit(self) -> float:
@@ -392,10 +422,10 @@ class MeasuredTally:
         total = cc + mm
         return float(np.where(total > 0, (total - 2 * cm) / np.where(total > 0, total, 1.0), 0.0).sum())
 
-    def result(self, names: tuple[str, ...], units: tuple[str, ...]) -> tuple[MeasuredTorque, ...]:
-        """Comparison of each joint; empty without rows."""
-        if not self._rows:
-            return ()
+    def torques(
+        self, names: tuple[str, ...], units: tuple[str, ...], limits: Array, over: TimeAbove, step: float
+    ) -> tuple[MeasuredTorque, ...]:
+        """Torques of each joint, with the limits (columns,), the time above them, and the usual step of time [s]."""
         n = self._compared.rows
         c, m, cc, mm, cm = self._compared.sums
         computed, measured = np.sqrt(cc / n), np.sqrt(mm / n)
@@ -408,11 +438,11 @@ class MeasuredTally:
         size = np.maximum(computed, measured)
         kinds = np.array(units)
         largest = np.array([size[kinds == unit].max() for unit in units])
-        most, least = self._above.value, -self._below.value
+        most, least = self.highest.value, -self.lowest.value
         dead = most - least <= _STANDS * np.maximum(np.abs(most), np.abs(least))
-        above, below = (extreme.cut(self._rows, vc / n) for extreme in (self._above, self._below))
+        above, below = (extreme.cut(self.every.rows, vc / n) for extreme in (self.highest, self.lowest))
         cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
-        lasting = self._over.lasting(self._step)
+        lasting = over.lasting(step)
         return tuple(
             MeasuredTorque(
                 joint=name,
@@ -423,17 +453,17 @@ class MeasuredTally:
                 noise=float(noise[k]),
                 gain=float(gain[k]),
                 correlation=float(correlation[k]),
-                peak=float(self._peak.signed[k]),
-                time=float(self._peak.time[k]),
+                peak=float(self.measured.signed[k]),
+                time=float(self.measured.time[k]),
                 dead=bool(dead[k]),
                 matters=bool(size[k] > _MATTERS * largest[k]),
                 cut=float(cut[k]),
                 cut_at=float(cut_at[k]),
-                limit=float(self._limits[k]),
-                above=float(self._over.length[k] + self._step) if self._over.rows[k] else 0.0,
+                limit=float(limits[k]),
+                above=float(over.length[k] + step) if over.rows[k] else 0.0,
                 lasting=bool(lasting[k]),
-                computed_peak=float(self._largest.signed[k]),
-                beside=float(self._beside[k]),
+                computed_peak=float(self.computed.signed[k]),
+                beside=float(self.beside[k]),
             )
             for k, name in enumerate(names)
         )

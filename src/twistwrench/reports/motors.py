@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..core.numbers import deviation, number, percent_of_limit, quantity, seconds
 from ..core.typing import Array
 from ..mechanics.model.limits import over_limit
-from ..motion.bounds import RunningExtrema
-from .statistics import Rms
+from ..motion.bounds import Extrema
+from .statistics import mean_weights, stride_of
 
 if TYPE_CHECKING:
     from ..mechanics.algorithms.inverse_dynamics import MotorLoads
-    from ..mechanics.model.actuators import Actuator, Motor
+    from ..mechanics.model.actuators import Motor
     from ..mechanics.model.model import Model
 
 _MOST_POINTS = 4096
@@ -100,51 +100,46 @@ class MotorUse:
         return f"{self.joint}, {self.tightest.words}"
 
 
-class MotorTally:
-    """Running figures of every described motor, accumulated over chunks of rows."""
+class MotorFigures(NamedTuple):
+    """Figures of the described motors in some rows; (motors,) each."""
 
-    def __init__(self, model: Model) -> None:
-        described = [(k, a) for k, a in enumerate(model.actuators.values()) if a.motor is not None]
-        self._columns = np.array([k for k, _ in described], int)
-        self._actuators: list[Actuator] = [a for _, a in described]
-        n = len(described)
-        self._peaks = {name: RunningExtrema(n) for name in ("current", "voltage", "speed", "power")}
-        self._current = Rms(n)
-        self._points: list[Array] = []
-        self._stride, self._phase = 1, 0
+    peaks: dict[str, Extrema]
+    """Largest magnitudes of current, voltage, speed and power."""
+    squares: Array
+    """Part of the time mean of the squared current due to these rows [A²]."""
+    points: Array
+    """(points, motors, 3) times, speeds and torques of evenly spaced states."""
 
-    def add(self, time: Array, loads: MotorLoads) -> None:
-        """Add consecutive rows."""
-        if not self._actuators:
-            return
-        picked = {name: getattr(loads, name)[:, self._columns] for name in ("torque", *self._peaks)}
-        for name, peak in self._peaks.items():
-            peak.add(time, np.abs(picked[name]))
-        self._current.add(time, picked["current"])
-        speed, torque = picked["speed"], picked["torque"]
-        self._keep(np.stack([np.broadcast_to(time[:, None], speed.shape), speed, torque], axis=-1))
+    @classmethod
+    def from_rows(cls, model: Model, rows: slice, time: Array, loads: MotorLoads) -> MotorFigures:
+        """Figures of consecutive rows of a motion with rows at ``time`` (n,)."""
+        columns = [k for k, a in enumerate(model.actuators.values()) if a.motor is not None]
+        names, here, count = ("current", "voltage", "speed", "power"), time[rows], len(time)
+        picked = {name: getattr(loads, name)[:, columns] for name in ("torque", *names)}
+        stride = stride_of(count, _MOST_POINTS)
+        each = slice(-rows.start % stride, None, stride)
+        times = np.broadcast_to(here[:, None], picked["speed"].shape)
+        return cls(
+            {name: Extrema.from_rows(here, np.abs(picked[name]), picked[name]) for name in names},
+            mean_weights(time, rows) @ picked["current"] ** 2,
+            np.stack([x[each] for x in (times, picked["speed"], picked["torque"])], axis=-1),
+        )
 
-    def _keep(self, points: Array) -> None:
-        """Keep every n-th of the states (rows, motors, 3); n doubles if they become too many."""
-        self._points.append(points[self._phase :: self._stride])
-        self._phase = (self._phase - len(points)) % self._stride
-        while sum(map(len, self._points)) > _MOST_POINTS:
-            kept = np.concatenate(self._points)
-            if len(kept) % 2:  # the next state to keep is then an odd number of old strides away
-                self._phase += self._stride
-            self._points, self._stride = [kept[::2]], 2 * self._stride
-            self._phase %= self._stride
+    @classmethod
+    def joined(cls, parts: Sequence[MotorFigures]) -> MotorFigures:
+        """Figures of consecutive rows from those of their parts."""
+        peaks, squares, points = zip(*parts, strict=True)
+        joined = {name: Extrema.joined([part[name] for part in peaks]) for name in peaks[0]}
+        return cls(joined, np.sum(squares, axis=0), np.concatenate(points))
 
-    def result(self) -> tuple[MotorUse, ...]:
+    def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
-        if not self._points:
-            return ()
-        rms, points = self._current.result(), np.concatenate(self._points)
-        uses = []
-        for k, actuator in enumerate(self._actuators):
+        uses, rms = [], np.sqrt(self.squares)
+        described = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
+        for k, actuator in enumerate(described):
             motor = actuator.motor
             assert motor is not None
-            peak = {name: (float(e.value[k]), float(e.time[k])) for name, e in self._peaks.items()}
+            peak = {name: (float(e.value[k]), float(e.time[k])) for name, e in self.peaks.items()}
             demands = (
                 Demand("peak current", peak["current"][0], motor.current_peak, "A", peak["current"][1]),
                 Demand("rms current", float(rms[k]), motor.current_continuous, "A", math.nan),
@@ -152,7 +147,7 @@ class MotorTally:
                 Demand("speed", peak["speed"][0], motor.speed, "rad/s", peak["speed"][1]),
             )
             heat = motor.resistance * float(rms[k]) ** 2
-            uses.append(MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, *points[:, k].T))
+            uses.append(MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, *self.points[:, k].T))
         return tuple(uses)
 
 

@@ -1,16 +1,17 @@
-"""Statistics of a motion in bounded memory: RMS, gaps in time, decimated curves, and noise-corrected peak torques."""
+"""Statistics of a motion: time means, gaps in time, decimated curves, and noise-corrected peak torques."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.numbers import number, seconds
 from ..core.typing import Array
-from ..motion.bounds import RunningExtrema
+from ..motion.bounds import Extrema
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import SURE, Differentiation, MotionSamples
 from ..motion.load_case import LoadCase
@@ -18,32 +19,23 @@ from ..motion.motion_log import LogRows
 from ..motion.smoothing import spline_rates
 
 
-class Rms:
-    """RMS over time by the trapezoidal rule, so that uneven steps are weighted by their length."""
+def mean_weights(time: Array, rows: slice) -> Array:
+    """Weights of some rows in the time mean over the rows at ``time`` (n,) by the trapezoidal rule.
 
-    def __init__(self, columns: int) -> None:
-        self._integral = np.zeros(columns)
-        self._last: tuple[float, Array] | None = None
-        self._begin = 0.0
+    Uneven steps count by their length. Without a duration only the last row counts.
 
-    def add(self, time: Array, values: Array) -> None:
-        """Add consecutive rows, times (n,) and values (n, columns)."""
-        squares = values * values
-        if self._last is None:
-            self._begin = float(time[0])
-        else:
-            self._integral += 0.5 * (time[0] - self._last[0]) * (self._last[1] + squares[0])
-        steps = np.diff(time)
-        self._integral += 0.5 * (steps @ squares[1:] + steps @ squares[:-1])
-        self._last = float(time[-1]), squares[-1].copy()
+    >>> mean_weights(np.array([0.0, 1.0, 4.0]), slice(0, 3)).round(3).tolist()
+    [0.125, 0.5, 0.375]
+    """
+    duration = float(time[-1] - time[0])
+    if not duration > 0:
+        return 1.0 * (np.arange(rows.start, rows.stop) == len(time) - 1)
+    first, last = max(0, rows.start - 1), min(rows.stop + 1, len(time))
+    steps = np.pad(np.diff(time[first:last]), (int(rows.start == first), int(rows.stop == last)))
+    return np.asarray((steps[:-1] + steps[1:]) / (2.0 * duration))
 
-    def result(self) -> Array:
-        """RMS of each column, (columns,)."""
-        if self._last is None:
-            return np.full(self._integral.shape, np.nan)
-        duration = self._last[0] - self._begin
-        return np.asarray(np.sqrt(self._integral / duration if duration > 0 else self._last[1]))
 
+# ── Gaps in time, and what the robot may have done in them
 
 _LONG, _MOVED, _FAST = 0.1, 1e-3, 0.1
 """Thresholds for hidden motion in a gap: its length [s], change of a coordinate [rad, m], and speed beside it relative to the
@@ -85,28 +77,54 @@ def _extent(q0: Array, q1: Array, v0: Array, v1: Array, h: float) -> Array:
 _POINTS = 101
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Gaps:
-    """Time steps longer than ``threshold``; ``rates`` is true if velocities are the rates of the coordinates."""
+    """Time steps longer than ``threshold``, and those of them that are long enough for a motion."""
 
     threshold: float
-    rates: bool = True
+    count: int
+    longest: float
+    """Longest of these steps [s]; 0 without any."""
+    longest_at: float
+    """Its begin [s]; nan without any."""
+    long: tuple[_Gap, ...]
+    most: Array
+    """(2, nv) largest logged speed and acceleration of each coordinate."""
     stops: tuple[Array, Array] | None = None
     """Least and largest allowed coordinates, (nq,) each; None if none are known."""
-    count: int = 0
-    longest: float = 0.0
-    longest_at: float = float("nan")
-    _long: list[_Gap] = field(default_factory=list)
-    _most: Array | float = 0.0
-    """(2, nv) largest logged speed and acceleration of each coordinate."""
-    _last: tuple[Array, Array, Array] | None = None
+
+    @classmethod
+    def from_edges(
+        cls,
+        time: Array,
+        edges: tuple[Array, Array],
+        most: Array,
+        threshold: float,
+        *,
+        rates: bool = True,
+        stops: tuple[Array, Array] | None = None,
+    ) -> Gaps:
+        """Gaps of the rows at ``time`` (n,).
+
+        ``edges`` are coordinates (m, nq) and velocities (m, nv) of the rows of :func:`gap_edges`; ``rates`` is true if
+        velocities are the rates of the coordinates.
+        """
+        steps, rows = np.diff(time), gap_edges(time, threshold)
+        k = int(np.argmax(steps)) if len(steps) else 0
+        found = len(steps) > 0 and steps[k] > threshold
+        longest = (float(steps[k]), float(time[k])) if found else (0.0, math.nan)
+        long = []
+        for begin in np.flatnonzero(steps > max(threshold, _LONG)).tolist():
+            at = int(np.searchsorted(rows, begin))
+            long.append(_gap(float(time[begin]), float(steps[begin]), *(x[at : at + 2] for x in edges), rates=rates))
+        return cls(threshold, int((steps > threshold).sum()), *longest, tuple(long), most, stops)
 
     @property
     def hiding(self) -> list[tuple[float, float]]:
         """Start and length [s] of each gap with motion across it or at its ends."""
-        fast = max(_FAST * float(np.max(self._most, initial=0.0, where=[[True], [False]])), _MOVED)
+        fast = max(_FAST * float(np.max(self.most, initial=0.0, where=[[True], [False]])), _MOVED)
         return [
-            (gap.begin, gap.length) for gap in self._long if gap.change > _MOVED or gap.beside.max(initial=0.0) > fast
+            (gap.begin, gap.length) for gap in self.long if gap.change > _MOVED or gap.beside.max(initial=0.0) > fast
         ]
 
     @property
@@ -125,37 +143,28 @@ class Gaps:
         """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged, or leaves its stops."""
         if self.stops is not None:
             lower, upper = self.stops
-            if any(((gap.extent[0] < lower) | (gap.extent[1] > upper)).any() for gap in self._long):
+            if any(((gap.extent[0] < lower) | (gap.extent[1] > upper)).any() for gap in self.long):
                 return True
-        slack = (_MOVED * np.array([[1 / gap.length], [4 / gap.length**2]]) for gap in self._long)
-        return any((gap.across > self._most + more).any() for gap, more in zip(self._long, slack, strict=True))
+        slack = (_MOVED * np.array([[1 / gap.length], [4 / gap.length**2]]) for gap in self.long)
+        return any((gap.across > self.most + more).any() for gap, more in zip(self.long, slack, strict=True))
 
     def beside(self, time: float, within: float) -> bool:
         """True if the time is at most ``within`` [s] from an end of a gap with motion."""
         return any(min(abs(time - at), abs(time - at - step)) <= within for at, step in self.hiding)
 
-    def add(self, time: Array, q: Array, dq: Array, ddq: Array) -> None:
-        """Add consecutive times (n,), coordinates (n, nq), velocities and accelerations (n, nv)."""
-        self._most = np.maximum(self._most, np.abs([dq, ddq]).max(axis=1, initial=0.0))
-        if self._last is not None:
-            time, q, dq = (np.concatenate(pair) for pair in zip(self._last, (time, q, dq), strict=True))
-        steps, changes = np.diff(time), np.diff(q, axis=0)
-        found = steps > self.threshold
-        self.count += int(found.sum())
-        self.longest, self.longest_at = _longest(time, np.where(found, steps, 0.0), (self.longest, self.longest_at))
-        for k in np.flatnonzero(found & (steps > _LONG)):
-            h, change, (v0, v1) = float(steps[k]), changes[k], dq[k : k + 2]
-            across = _least_across(change, v0, v1, h) if self.rates else np.zeros((2, dq.shape[1]))
-            size = float(np.abs(change).max(initial=0.0))
-            extent = _extent(q[k], q[k + 1], v0, v1, h) if self.rates else np.array([q[k], q[k + 1]])
-            self._long.append(_Gap(float(time[k]), h, size, np.abs([v0, v1]), across, extent))
-        self._last = time[-1:], q[-1:], dq[-1:]
+
+def gap_edges(time: Array, threshold: float) -> Array:
+    """Rows (m,) at either end of the gaps that are long enough for a motion."""
+    begins = np.flatnonzero(np.diff(time) > max(threshold, _LONG))
+    return np.unique(np.concatenate([begins, begins + 1]))
 
 
-def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[float, float]:
-    """Longest time step so far and its start."""
-    k = int(np.argmax(steps)) if len(steps) else 0
-    return (float(steps[k]), float(time[k])) if len(steps) and steps[k] > known[0] else known
+def _gap(begin: float, length: float, q: Array, dq: Array, *, rates: bool) -> _Gap:
+    """Gap between two rows with coordinates (2, nq) and velocities (2, nv)."""
+    change, (v0, v1) = q[1] - q[0], dq
+    size = float(np.abs(change).max(initial=0.0))
+    across = _least_across(change, v0, v1, length) if rates else np.zeros((2, dq.shape[1]))
+    return _Gap(begin, length, size, np.abs([v0, v1]), across, _extent(*q, v0, v1, length) if rates else q)
 
 
 # ── Min-max decimation: the least and the greatest value of each bin of rows
@@ -163,40 +172,39 @@ def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[flo
 _BINS = 2048
 
 
-class MinMaxDecimation:
-    """Minima and maxima of (n, columns) rows in bins of equal size; the size doubles if the bins become too many."""
+def stride_of(count: int, most: int) -> int:
+    """Smallest power of two of which ``count`` rows have at most ``most`` multiples.
 
-    def __init__(self, columns: int, bins: int = _BINS) -> None:
-        self._most = 2 * bins
-        self._rows_per_bin = 1
-        self._rows = 0
-        self._time = np.zeros(0)
-        self._least, self._greatest = np.zeros((2, 0, columns))
+    >>> stride_of(4096, 4096), stride_of(4097, 4096)
+    (1, 2)
+    """
+    return 1 << (-(-count // most) - 1).bit_length() if count > most else 1
 
-    def add(self, time: Array, values: Array, upper: Array | None = None) -> None:
-        """Add consecutive rows, times (n,) and values (n, columns), or bands from those to ``upper``."""
-        offset = self._rows % self._rows_per_bin  # rows already in the last bin
-        starts = np.arange(-offset, len(time), self._rows_per_bin).clip(min=0)
-        begins, least = time[starts], np.minimum.reduceat(values, starts)
-        greatest = np.maximum.reduceat(values if upper is None else upper, starts)
-        if offset:
-            self._least[-1] = np.minimum(self._least[-1], least[0])
-            self._greatest[-1] = np.maximum(self._greatest[-1], greatest[0])
-            begins, least, greatest = begins[1:], least[1:], greatest[1:]
-        self._time = np.concatenate([self._time, begins])
-        self._least = np.concatenate([self._least, least])
-        self._greatest = np.concatenate([self._greatest, greatest])
-        self._rows += len(time)
-        while len(self._time) > self._most:
-            pairs = np.arange(0, len(self._time), 2)
-            self._time = self._time[::2]
-            self._least = np.minimum.reduceat(self._least, pairs)
-            self._greatest = np.maximum.reduceat(self._greatest, pairs)
-            self._rows_per_bin *= 2
 
-    def result(self) -> tuple[Array, Array, Array]:
-        """Start times of the bins (b,), minima and maxima (b, columns)."""
-        return self._time, self._least, self._greatest
+class Bins(NamedTuple):
+    """Minima and maxima (b, columns) of the rows of each bin, its number (b,) and the time (b,) of its first row."""
+
+    number: Array
+    time: Array
+    least: Array
+    greatest: Array
+
+    @classmethod
+    def from_rows(cls, first: int, time: Array, lower: Array, upper: Array, count: int, bins: int = _BINS) -> Bins:
+        """Bins of rows (n, columns) from the row ``first`` of ``count`` ones, bands from ``lower`` to ``upper``."""
+        size = stride_of(count, 2 * bins)
+        starts = np.arange(-(first % size), len(time), size).clip(min=0)
+        least, greatest = np.minimum.reduceat(lower, starts), np.maximum.reduceat(upper, starts)
+        return cls((first + starts) // size, time[starts], least, greatest)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Bins]) -> Bins:
+        """Bins of consecutive rows from those of their parts, which may begin and end within a bin."""
+        number, time, least, greatest = (np.concatenate(x) for x in zip(*parts, strict=True))
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        return cls(
+            number[starts], time[starts], np.minimum.reduceat(least, starts), np.maximum.reduceat(greatest, starts)
+        )
 
 
 # ── The largest true value behind many noisy ones
@@ -208,53 +216,39 @@ _UNSURE = 0.12
 """Relative uncertainty of the excess, which depends on an estimated noise and an approximate count."""
 
 
-class Contenders:
-    """Maximum of each column over each run of ``rows`` rows, accumulated over chunks of rows.
+class Runs(NamedTuple):
+    """Runs of equally many consecutive rows: number (m,), and maximum, first and last row (m, columns) of each."""
 
-    A run does not count if its maximum lies at its border next to a larger value: it is the flank of its neighbour, and both
-    have correlated noise.
-    """
+    number: Array
+    largest: Array
+    first: Array
+    last: Array
 
-    def __init__(self, columns: int, rows: int) -> None:
-        self.rows = rows
-        self._seen = 0
-        self._held = np.zeros((0, columns))
-        self._before = np.full(columns, -np.inf)
-        """Row before the held rows."""
-        self._kept = np.zeros((0, columns))
+    @classmethod
+    def from_rows(cls, first: int, values: Array, rows: int) -> Runs:
+        """Runs of ``rows`` rows each, counted from the first row of the motion; values begin at the row ``first``."""
+        starts = np.arange(-(first % rows), len(values), rows).clip(min=0)
+        ends = np.append(starts[1:], len(values)) - 1
+        return cls((first + starts) // rows, np.maximum.reduceat(values, starts), values[starts], values[ends])
 
-    @property
-    def runs(self) -> int:
-        """Number of runs."""
-        return -(-self._seen // self.rows)
+    @classmethod
+    def joined(cls, parts: Sequence[Runs]) -> Runs:
+        """Runs of consecutive rows from those of their parts, which may begin and end within a run."""
+        number, largest, first, last = (np.concatenate(x) for x in zip(*parts, strict=True))
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        ends = np.append(starts[1:], len(number)) - 1
+        return cls(number[starts], np.maximum.reduceat(largest, starts), first[starts], last[ends])
 
-    def add(self, values: Array) -> None:
-        """Add consecutive values (n, columns)."""
-        self._seen += len(values)
-        held = np.concatenate([self._held, values])
-        done = max(0, len(held) - 1) // self.rows  # runs followed by a known row
-        if done:
-            runs = held[: done * self.rows].reshape(done, self.rows, -1)
-            before = np.concatenate([self._before[None], runs[:-1, -1]])
-            self._keep(_own(runs.max(axis=1), before, held[self.rows : done * self.rows + 1 : self.rows]))
-            self._before = runs[-1, -1].copy()
-        self._held = held[done * self.rows :].copy()
+    def contenders(self) -> Array:
+        """Maxima (runs, columns) of the first few thousand runs in descending order; -inf for runs that do not count.
 
-    def _keep(self, values: Array) -> None:
-        self._kept = np.concatenate([self._kept, values])
-        if len(self._kept) > _MOST:
-            self._kept = -np.partition(-self._kept, _MOST - 1, axis=0)[:_MOST]
-
-    def result(self) -> Array:
-        """Maxima (runs, columns) of the first few thousand runs in descending order; -inf for runs that do not count."""
-        last = self._held.max(axis=0, keepdims=True) if len(self._held) else self._held
-        last = _own(last, self._before[None], np.full_like(last, -np.inf))
-        return -np.sort(-np.concatenate([self._kept, last]), axis=0)[:_MOST]
-
-
-def _own(largest: Array, before: Array, after: Array) -> Array:
-    """Maxima of runs (n, columns); -inf if the row before or after a run is larger."""
-    return np.where((largest >= before) & (largest >= after), largest, -np.inf)
+        A run does not count if its maximum lies at its border next to a larger value: it is the flank of its neighbour, and
+        both have correlated noise.
+        """
+        none = np.full((1, self.largest.shape[1]), -np.inf)
+        before, after = np.concatenate([none, self.last[:-1]]), np.concatenate([self.first[1:], none])
+        own = np.where((self.largest >= before) & (self.largest >= after), self.largest, -np.inf)
+        return -np.sort(-own, axis=0)[:_MOST]
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
@@ -319,52 +313,47 @@ class PeakEstimate:
     """Standard deviation of velocities there."""
 
 
-class PeakSearch:
-    """Peaks of the smoothed motion, competing values, and the log around the peaks, from one pass."""
+@dataclass(frozen=True, eq=False)
+class PeakBootstrap:
+    """Draws of logs of a smoothed motion, for the bias and the uncertainty of its peaks."""
 
-    def __init__(self, differentiation: Differentiation, load: LoadCase) -> None:
-        nv = load.robot.nv
-        strengths = differentiation.strengths[differentiation.strengths > 0]
-        wide = float(strengths.max()) ** (1 / 6) if strengths.size else 0.0
-        narrow = float(strengths.min()) ** (1 / 6) if strengths.size else 0.0
-        self.differentiation, self.load = differentiation, load
-        self.cell = max(1, round(_CELL * narrow))
-        self.reach = math.ceil(_REACH * wide) + _SPLINE_REACH + self.cell
-        self.peak, self.speed = RunningExtrema(nv), RunningExtrema(nv)
-        self.contenders = Contenders(nv, self.cell)
-        self.around: list[tuple[LogRows, int] | None] = [None] * nv
+    differentiation: Differentiation
+    load: LoadCase
 
-    def add(self, core: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
-        """Add an overlapping run: its new rows with their torques, and the log around them."""
-        self.contenders.add(np.abs(torques))
-        for joint, row in self.peak.add(core.time, np.abs(torques), torques):
-            place = inner.start + row
-            first = max(0, place - self.reach)
-            rows = slice(first, place + self.reach + 1)
-            self.around[joint] = _part(motion, rows), place - first
-        self.speed.add(core.time, np.abs(core.dq), core.dq)
+    @property
+    def cell(self) -> int:
+        """Rows of a run, in which noise is correlated."""
+        strengths = self.differentiation.strengths[self.differentiation.strengths > 0]
+        return max(1, round(_CELL * float(strengths.min()) ** (1 / 6))) if strengths.size else 1
 
-    def estimate(self, joint: int, steady: float) -> PeakEstimate:
-        """Peak of a joint, by draws from a fixed seed; ``steady`` is its part independent of accelerations."""
-        found = self.around[joint]
-        assert found is not None
-        motion, row = found
+    @property
+    def _reach(self) -> int:
+        """Rows on either side of a peak that are drawn."""
+        wide = float(self.differentiation.strengths.max(initial=0.0)) ** (1 / 6)
+        return math.ceil(_REACH * wide) + _SPLINE_REACH + self.cell
+
+    def estimate(
+        self, joint: int, peaks: Extrema, contenders: Array, runs: int, steady: float, speed: float
+    ) -> PeakEstimate:
+        """Peak of a joint, by draws from a fixed seed.
+
+        ``contenders`` (k,) are the largest of ``runs`` runs of the magnitudes of its torque, ``steady`` is the part of the
+        peak that is independent of accelerations, and ``speed`` the largest velocity.
+        """
+        log = self.differentiation.trajectory
+        row = int(np.searchsorted(log.table[:, 0], peaks.time[joint]))
+        first = max(0, row - self._reach)
+        motion, row = log.motion(log.table[first : row + self._reach + 1]), row - first
         near = slice(max(0, row - self.cell), row + self.cell + 1)
-        sign = -1.0 if self.peak.signed[joint] < 0 else 1.0
+        sign = -1.0 if peaks.signed[joint] < 0 else 1.0
         bias, sigma, speed_sigma = self._drawn(motion, near, joint, sign)
-        values = self.contenders.result()[:, joint]
-        excess, spread = excess_of_largest(values, sigma, self.contenders.runs)
-        largest, sigma = float(self.peak.value[joint]), math.hypot(spread, _BIAS * bias)
+        excess, spread = excess_of_largest(contenders, sigma, runs)
+        largest, sigma = float(peaks.value[joint]), math.hypot(spread, _BIAS * bias)
         # The correction cannot exceed the part due to accelerations. If it would, the peak is unknown between these bounds.
         least = min(max(0.0, sign * steady), largest)
         if largest - excess < least:
             excess, sigma = largest - least, max(sigma, (largest - least) / INTERVAL)
-        return PeakEstimate(
-            value=sign * (largest - excess),
-            sigma=sigma,
-            speed=float(self.speed.signed[joint]),
-            speed_sigma=speed_sigma,
-        )
+        return PeakEstimate(sign * (largest - excess), sigma, speed, speed_sigma)
 
     def _drawn(self, motion: LogRows, near: slice, joint: int, sign: float) -> tuple[float, float, float]:
         """Bias and standard deviation of the peak near some rows, and standard deviation of the velocity there."""
@@ -405,10 +394,3 @@ class PeakSearch:
         torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, still, none))
         torques = self.load.at_drives(torques)
         return torques.reshape(n, count, -1), dq.reshape(n, count, -1)
-
-
-def _part(motion: LogRows, rows: slice) -> LogRows:
-    def part(values: Array | None) -> Array | None:
-        return None if values is None else values[rows].copy()
-
-    return LogRows(motion.time[rows].copy(), motion.q[rows].copy(), part(motion.dq), part(motion.ddq))

@@ -1,15 +1,14 @@
-"""Torque report of a motion: peaks, limits, causes and uncertainties from inverse dynamics, in bounded memory."""
+"""Torque report of a motion: peaks, limits, causes and uncertainties from inverse dynamics, slice by slice of a log."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,20 +22,37 @@ from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from ..mechanics.model.limits import margin
-from ..motion.bounds import RunningExtrema
+from ..motion.bounds import Extrema
 from ..motion.coordinates import Coordinates
-from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
-from ..motion.load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
+from ..motion.differentiation import Differentiation, MotionSamples, Outlier, outliers_of, pulse_peak
+from ..motion.load_case import (
+    STEADY,
+    TERMS,
+    LoadCase,
+    PayloadMargin,
+    PayloadShares,
+    margin_determined,
+    payload_margin,
+    payload_shares,
+)
 from ..motion.log_table import excerpts
-from ..motion.motion_log import LogRows
-from ..motion.plausibility import SURROUNDINGS, DoubtfulSpans, InstantKind, doubtful_spans, impossible_torque
-from .log_quality import MeasuredTally, MeasuredTorque
-from .motors import MotorTally, MotorUse, Steps
-from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSearch, Rms
+from ..motion.plausibility import (
+    SURROUNDINGS,
+    DoubtfulSpans,
+    InstantKind,
+    TimeAbove,
+    above_limits,
+    doubtful_spans,
+    impossible_torque,
+)
+from .log_quality import MeasuredTorque, TorqueComparison
+from .motors import MotorFigures, MotorUse, Steps
+from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights
 
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
     from ..mechanics.model.limits import Limits
+    from ..mechanics.model.model import Model
     from ..statics.clearance import PathClearance
 
 ZERO = 1e-9
@@ -278,54 +294,62 @@ def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array)
     return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))
 
 
-# ── One pass over the samples and their torques
+# ── One pass over the samples and their torques, in slices
 
 _AROUND, _KEPT = 2048, 1 << 23
-"""Rows kept on either side of each joint's peak, and maximum count of numbers in them: 64 MiB."""
+"""Rows on either side of the worst joint's peak, and maximum count of numbers in them: 64 MiB."""
 _MASS_SAMPLES = 32
 """States of each chunk used for the noise of torques and for the largest payload torque."""
 _BAND_SAMPLES = 512
 """States of each chunk with a mass matrix, which is used up to the next one."""
 
 
+@dataclass(frozen=True, eq=False)
 class Extremes:
-    """Largest torques, and largest excesses over the other limits, of the states that are added."""
+    """Largest torques, and largest excesses over the other limits, of some states."""
 
-    def __init__(self, load: LoadCase, limits: Limits) -> None:
-        self._model, self._limits = load.with_load.model, limits
-        self._coordinates = Coordinates.from_model(load.robot.model)
-        self._followers = [self._model.bodies[i] for i in self._model.limited_followers]
-        nv = load.robot.nv
-        self.peak = RunningExtrema(nv)
-        self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
-        """Excess over each kind of limit."""
-        self.borne = RunningExtrema(len(self._followers))
-        """Largest torques of mimic joints with an effort limit."""
+    load: LoadCase
+    limits: Limits
+    passed: dict[str, Extrema]
+    """Excess over each kind of limit: lower, upper and velocity."""
+    peak: Extrema
+    borne: Extrema
+    """Largest torques of mimic joints with an effort limit."""
 
-    def add_motion(self, s: MotionSamples) -> None:
-        """Add positions and velocities."""
-        if not len(s):
-            return
-        at, limits = self._coordinates.position_of, self._limits
+    @classmethod
+    def from_states(
+        cls, load: LoadCase, limits: Limits, s: MotionSamples, torques: tuple[Array, Array, Array]
+    ) -> Extremes:
+        """Extremes of states, and of torques: their times (n,), those of the drives (n, nv) and of limited mimic joints."""
+        at = Coordinates.from_model(load.robot.model).position_of
         q = np.where(at >= 0, s.measured[:, np.maximum(at, 0)], 0.0)
-        for kind, values, beyond in (
-            ("lower", q, np.where(at >= 0, limits.lower, -np.inf) - q),
-            ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
-            ("velocity", s.dq, np.abs(s.dq) - limits.velocity),
-        ):
-            self.passed[kind].add(s.time, beyond, values)
+        beyond = {
+            "lower": (np.where(at >= 0, limits.lower, -np.inf) - q, q),
+            "upper": (q - np.where(at >= 0, limits.upper, np.inf), q),
+            "velocity": (np.abs(s.dq) - limits.velocity, s.dq),
+        }
+        passed = {kind: Extrema.from_rows(s.time, *values) for kind, values in beyond.items()}
+        time, *each = torques
+        return cls(load, limits, passed, *(Extrema.from_rows(time, np.abs(tau), tau) for tau in each))
 
-    def add_torques(self, time: Array, torques: Array, borne: Array) -> list[tuple[int, int]]:
-        """Add torques (n, nv) and those of limited mimic joints (n, k); returns (joint, row) of new maxima."""
-        if not len(time):
-            return []
-        if self._followers:
-            self.borne.add(time, np.abs(borne), borne)
-        return self.peak.add(time, np.abs(torques), torques)
+    @classmethod
+    def joined(cls, parts: Sequence[Extremes]) -> Extremes:
+        """Extremes of consecutive rows from those of their parts."""
+        passed = {kind: Extrema.joined([part.passed[kind] for part in parts]) for kind in parts[0].passed}
+        peak, borne = (Extrema.joined([getattr(part, name) for part in parts]) for name in ("peak", "borne"))
+        return cls(parts[0].load, parts[0].limits, passed, peak, borne)
+
+    @property
+    def _model(self) -> Model:
+        return self.load.with_load.model
+
+    @property
+    def _coordinates(self) -> Coordinates:
+        return Coordinates.from_model(self.load.robot.model)
 
     def nearest(self) -> tuple[NearLimit, ...]:
         """Velocity and position nearest to a limit; those without one are left out."""
-        names, limits = self._coordinates.velocity_names, self._limits
+        names, limits = self._coordinates.velocity_names, self.limits
         if not len(names) or not np.isfinite(self.passed["velocity"].time).any():
             return ()
         velocity, found = self.passed["velocity"], list[NearLimit]()
@@ -344,7 +368,7 @@ class Extremes:
 
     def excesses(self) -> tuple[Excess, ...]:
         """Exceeded limits, worst effort first."""
-        c, limits, model = self._coordinates, self._limits, self._model
+        c, limits, model = self._coordinates, self.limits, self._model
         found, turns = [], drive_turns(model)
         for kind, extreme in (("effort", self.peak), *self.passed.items()):
             bound = getattr(limits, kind)
@@ -357,7 +381,7 @@ class Extremes:
                 value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
                 name = (model.drive_labels if drive else c.velocity_names)[k]
                 found.append(Excess(name, kind, value, limit, time, unit, angular))
-        for i, body in enumerate(self._followers):
+        for i, body in enumerate(model.bodies[i] for i in model.limited_followers):
             value, time, angular = float(self.borne.signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
             if abs(value) > body.effort + margin(body.effort):
                 unit = unit_of("tau", angular)
@@ -367,141 +391,257 @@ class Extremes:
         )
 
 
-class MotionTally:
-    """Running figures, accumulated over chunks of states."""
+@dataclass(frozen=True, eq=False)
+class MotionFigures:
+    """Figures of consecutive rows of a motion; those of the whole motion are joined from those of its slices."""
 
-    def __init__(self, load: LoadCase, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
-        nv = load.robot.nv
-        self.load, self.limits, self.plan = load, limits, plan
-        self.coordinates = Coordinates.from_model(load.robot.model)
-        self.rows = 0
-        self.begin = self.end = np.nan
-        self.rms = Rms(nv)
-        self.whole = Extremes(load, limits)
-        self.terms = {name: np.zeros(nv) for name in TERMS}
-        self.envelope, self.band = MinMaxDecimation(nv), MinMaxDecimation(nv)
-        """Decimated torques, and their 95 % intervals if known."""
-        self.around: dict[int, MotionSamples] = {}
-        """States on either side of each joint's peak."""
-        self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.robot.nq + 3 * nv))))
-        simple = all(body.joint.nv == 1 and body.joint.nq == 1 for body in load.robot.model.leaders)
-        self.gaps = Gaps(GAP * plan.quality.step, simple, (limits.lower, limits.upper) if simple else None)
-        self.noise = np.zeros(nv)
-        self.carried = 0.0
-        """Largest torque due to the payloads, in some of the states."""
-        self.payload_margin = PayloadMarginTally(load, limits.effort)
-        self.followers = bool(load.with_load.model.limited_followers)
-        self.largest = np.zeros(load.robot.nq)
-        self.outliers = RunningOutliers()
-        self.search = PeakSearch(plan, load) if estimating else None
-        """Data for noise-corrected peaks."""
-        self._measured = [MeasuredTally(limits.effort, _measured_noise(plan)) for _ in range(1 + load.carries)]
-        """Comparisons with computed torques with and without payloads and wrenches, since the log may have been recorded either
-        way."""
-        self.motors = MotorTally(load.with_load.model)
-        self.stationary = np.zeros(nv, int)
-        """Number of rows with unknown direction of motion."""
-        self.alone = RunningExtrema(nv)
-        """Torques without payloads and wrenches, as recorded."""
-        self.spans, self.sound = _spans_of(plan), Extremes(load, limits)
-        """Doubtful spans of time, and the largest figures outside of them."""
+    rows: int
+    squares: Array
+    """Part (nv,) of the time mean of squared torques due to these rows."""
+    whole: Extremes
+    sound: Extremes
+    """Extremes outside doubtful spans of time."""
+    alone: Extrema
+    """Largest torques without payloads and wrenches, as recorded."""
+    speed: Extrema
+    at_peaks: MotionSamples
+    """States (nv,) at the peak of each torque."""
+    envelope: Bins
+    band: Bins | None
+    """95 % intervals of the torques; None unless peaks are estimated."""
+    runs: Runs | None
+    """Runs of rows with correlated noise, in magnitudes of torques; None unless peaks are estimated."""
+    edges: tuple[Array, Array]
+    """Coordinates and velocities in the rows at either end of long gaps."""
+    fastest: Array
+    """(2, nv) largest speeds and accelerations."""
+    largest: Array
+    """Largest magnitude of each coordinate (nq,)."""
+    noise: Array
+    """Largest standard deviation (nv,) of torques due to noise, in some of the states."""
+    stationary: Array
+    """Number of rows (nv,) with unknown direction of motion."""
+    outliers: Array
+    """Outliers (m, 5) as in :func:`outliers_of`."""
+    motors: MotorFigures | None
+    margin: PayloadShares | None
+    carried: float
+    """Largest torque due to the payloads, in some of the states."""
+    compared: tuple[TorqueComparison, ...]
+    """Comparisons of measured torques with computed ones with payloads and wrenches, and without them, since the log may have
+    been recorded either way."""
+    above: Array
+    """(rows, nv) True if a measured torque is above its limit."""
 
-    def add(self, states: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
-        """Add an overlapping run: its states, the torques (n, nv) of its new rows, and the rows of the log."""
-        s = states[inner]
-        noisy = bool(self.plan.sigma_ddq.any())
-        sigma = self._sigma(s) if noisy and (self.search or motion.tau is not None) else np.zeros_like(torques)
-        if self.search is not None:
-            self.search.add(s, torques, motion, inner)
-            self.band.add(s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma)
-        alone = self.load.at_drives(self.load.unloaded_torques(s)) if self.load.carries else torques
-        self.alone.add(s.time, np.abs(alone), alone)
-        if motion.tau is not None:
-            computed = [torques, alone] if self.load.carries else [torques]
-            doubted = self.spans.within(s.time)
-            for tally, tau in zip(self._measured, computed, strict=True):
-                tally.add(s.time, tau, self.load.at_drives(motion.tau[inner]), sigma, doubted)
-        self.begin = float(s.time[0]) if self.rows == 0 else self.begin
-        self.end = float(s.time[-1])
-        self.rows += len(s)
-        self.rms.add(s.time, torques)
-        self.envelope.add(s.time, torques)
-        self.gaps.add(s.time, s.q, s.dq, s.ddq)
-        borne = self.load.follower_torques(s) if self.followers else np.zeros((len(s), 0))
-        self._look_at_peaks(s, torques, borne)
-        self.whole.add_motion(s)
-        if self.spans:
-            fine = ~self.spans.within(s.time)
-            self.sound.add_motion(s[fine])
-            steady = fine if self.plan.source != "given" else np.ones(len(s), bool)
-            self.sound.add_torques(s.time[steady], torques[steady], borne[steady])
-        self.largest = np.maximum(self.largest, np.abs(s.measured).max(axis=0))
-        self.stationary += s.stationary.sum(axis=0)
-        if s.outlier.any():
-            self.outliers.add(s.time, s.outlier, self._may_pass(s, torques))
-        if self.load.with_load.actuators:
-            self.motors.add(s.time, self.load.motor_loads(s))
-        some = s[:: max(1, len(s) // _MASS_SAMPLES)]
-        if self.plan.sigma_ddq.any():
-            M = self.load.mass_matrix(some.q)
-            spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
-            self.noise = np.maximum(self.noise, spread.max(axis=0))
-        if self.payload_margin.determined:
-            added = self.load.at_drives(self.load.payload_torques(s))
-            if self.followers:
-                torques, added = np.hstack([torques, borne]), np.hstack([added, self.load.follower_payload_torques(s)])
-            self.payload_margin.add(s.time, torques, added)
-        if self.load.payloads:
-            self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
+    @classmethod
+    def joined(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
+        """Figures of consecutive rows from those of their parts."""
+
+        def each(name: str) -> list[Any]:
+            return [getattr(part, name) for part in parts]
+
+        best = np.argmax([part.whole.peak.value for part in parts], axis=0)
+        peaks = MotionSamples.joined(each("at_peaks"))[best * len(best) + np.arange(len(best))]
+        estimated, margin = parts[0].runs is not None, parts[0].margin is not None
+        q, dq = (np.concatenate(x) for x in zip(*each("edges"), strict=True))
+        return cls(
+            rows=sum(each("rows")),
+            squares=np.sum(each("squares"), axis=0),
+            whole=Extremes.joined(each("whole")),
+            sound=Extremes.joined(each("sound")),
+            alone=Extrema.joined(each("alone")),
+            speed=Extrema.joined(each("speed")),
+            at_peaks=peaks,
+            envelope=Bins.joined(each("envelope")),
+            band=Bins.joined(each("band")) if estimated else None,
+            runs=Runs.joined(each("runs")) if estimated else None,
+            edges=(q, dq),
+            fastest=np.max(each("fastest"), axis=0),
+            largest=np.max(each("largest"), axis=0),
+            noise=np.max(each("noise"), axis=0),
+            stationary=np.sum(each("stationary"), axis=0),
+            outliers=np.concatenate(each("outliers")),
+            motors=MotorFigures.joined(each("motors")) if parts[0].motors is not None else None,
+            margin=PayloadShares.joined(each("margin")) if margin else None,
+            carried=max(each("carried")),
+            compared=tuple(TorqueComparison.joined(x) for x in zip(*each("compared"), strict=True)),
+            above=np.concatenate(each("above")),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPass:
+    """Pass over the rows of a log: the figures of each slice of rows, and of all of them."""
+
+    load: LoadCase
+    limits: Limits
+    plan: Differentiation
+    estimating: bool = False
+    """True if peaks are to be estimated without noise."""
+
+    @cached_property
+    def time(self) -> Array:
+        """Times (n,) of all rows [s]."""
+        return np.array(self.plan.trajectory.table[:, 0])
+
+    @cached_property
+    def spans(self) -> DoubtfulSpans:
+        """Doubtful spans of time."""
+        return _spans_of(self.plan)
+
+    @cached_property
+    def _edges(self) -> Array:
+        return gap_edges(self.time, self._gap)
+
+    @property
+    def _gap(self) -> float:
+        return GAP * self.plan.quality.step
+
+    @cached_property
+    def _measured_noise(self) -> Array:
+        return _measured_noise(self.plan)
+
+    @cached_property
+    def bootstrap(self) -> PeakBootstrap:
+        """Draws for estimated peaks."""
+        return PeakBootstrap(self.plan, self.load)
+
+    def figures(self, first: int, s: MotionSamples, torques: Array, measured: Array | None) -> MotionFigures:
+        """Figures of the rows from ``first`` on: states, torques (n, nv), and measured ones (n, nv)."""
+        load, limits, count, rows = self.load, self.limits, len(self.time), slice(first, first + len(s))
+        sigma = self._sigma(s) if self.estimating or measured is not None else np.zeros_like(torques)
+        alone = load.at_drives(load.unloaded_torques(s)) if load.carries else torques
+        followers = bool(load.with_load.model.limited_followers)
+        borne = load.follower_torques(s) if followers else np.zeros((len(s), 0))
+        whole = Extremes.from_states(load, limits, s, (s.time, torques, borne))
+        doubted = self.spans.within(s.time)
+        steady = ~doubted if self.plan.source != "given" else np.ones(len(s), bool)
+        sound = (s.time[steady], torques[steady], borne[steady])
+        some, edges = s[:: max(1, len(s) // _MASS_SAMPLES)], self._edges
+        edges = edges[(edges >= rows.start) & (edges < rows.stop)] - first
+        margin = None
+        if margin_determined(load):
+            added = load.at_drives(load.payload_torques(s))
+            every = np.hstack([added, load.follower_payload_torques(s)]) if followers else added
+            margin = payload_shares(load, limits.effort, s.time, np.hstack([torques, borne]), every)
+        return MotionFigures(
+            rows=len(s),
+            squares=mean_weights(self.time, rows) @ (torques * torques),
+            whole=whole,
+            sound=Extremes.from_states(load, limits, s[~doubted], sound) if self.spans else whole,
+            alone=Extrema.from_rows(s.time, np.abs(alone), alone),
+            speed=Extrema.from_rows(s.time, np.abs(s.dq), s.dq),
+            at_peaks=s[np.abs(torques).argmax(axis=0)],
+            envelope=Bins.from_rows(first, s.time, torques, torques, count),
+            band=Bins.from_rows(first, s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma, count)
+            if self.estimating
+            else None,
+            runs=Runs.from_rows(first, np.abs(torques), self.bootstrap.cell) if self.estimating else None,
+            edges=(s.q[edges], s.dq[edges]),
+            fastest=np.abs([s.dq, s.ddq]).max(axis=1),
+            largest=np.abs(s.measured).max(axis=0),
+            noise=self._noise(some),
+            stationary=s.stationary.sum(axis=0),
+            outliers=self._outliers(s, torques),
+            motors=MotorFigures.from_rows(load.with_load.model, rows, self.time, load.motor_loads(s))
+            if load.with_load.actuators
+            else None,
+            margin=margin,
+            carried=float(np.abs(load.payload_torques(some)).max(initial=0.0)) if load.payloads else 0.0,
+            **self._comparisons(s.time, [torques, alone] if load.carries else [torques], measured, sigma, doubted),
+        )
+
+    def _comparisons(
+        self, time: Array, computed: Sequence[Array], measured: Array | None, sigma: Array, doubted: Array
+    ) -> dict[str, Any]:
+        """Comparisons with measured torques (n, nv), and the rows in which these are above their limits."""
+        if measured is None:
+            return {"compared": (), "above": np.zeros((len(time), 0), bool)}
+        tau = self.load.at_drives(measured)
+        compared = tuple(TorqueComparison.from_rows(time, each, tau, sigma, doubted) for each in computed)
+        return {"compared": compared, "above": above_limits(tau, self.limits.effort, self._measured_noise)}
 
     def _sigma(self, s: MotionSamples) -> Array:
         """Standard deviation (n, nv) of the torques, from the mass matrices of some of the states."""
+        if not self.plan.sigma_ddq.any():
+            return np.zeros(s.dq.shape)
         stride = max(1, len(s) // _BAND_SAMPLES)
         M = self.load.mass_matrix(s.q[::stride])
         squares = self.plan.sigma_at(s) ** 2
         blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
         return np.sqrt(np.concatenate(blocks, axis=1).T)
 
-    def _may_pass(self, s: MotionSamples, torques: Array) -> Array:
-        """(n, k) of bool: the flattened sample, if real, implies a torque beyond a limit or of a joint without a limit."""
-        plan, found = self.plan, np.zeros(s.outlier.shape[:2], bool)
-        order = 1 if plan.source == "velocities" else 2
-        gain = pulse_peak(order, plan.quality.step)
-        joint_of = {int(p): v for v, p in enumerate(self.coordinates.position_of) if p >= 0}
+    def _noise(self, some: MotionSamples) -> Array:
+        """Largest standard deviation (nv,) of the torques in some of the states."""
+        if not self.plan.sigma_ddq.any():
+            return np.zeros(len(self.plan.sigma_ddq))
+        M = self.load.mass_matrix(some.q)
+        return np.sqrt((M * M) @ (self.plan.sigma_ddq**2)).max(axis=0)
+
+    def _outliers(self, s: MotionSamples, torques: Array) -> Array:
+        """Outliers (m, 5); the last column is 1 if the sample, if real, implies a torque beyond a limit or without a limit."""
+        if not s.outlier.any():
+            return np.zeros((0, 5))
+        order = 1 if self.plan.source == "velocities" else 2
+        gain = pulse_peak(order, self.plan.quality.step)
         rows, columns = np.nonzero(s.outlier[:, :, 0])
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            joint = column if order == 1 else joint_of.get(column)
-            if joint is None:  # entry of a quaternion
-                found[row, column] = True
-                continue
-            M = self.load.mass_matrix(s.q[row])
-            change = np.abs(M[:, joint]) * gain * abs(float(s.outlier[row, column, 1]))
-            within = np.abs(torques[row]) + change <= np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
-            found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
+        found = np.column_stack([columns, s.time[rows], s.outlier[rows, columns], np.zeros(len(rows))])
+        for each, row in zip(found, rows.tolist(), strict=True):
+            each[4] = self._may_pass(s.q[row], torques[row], int(each[0]), order, gain * abs(float(each[3])))
         return found
 
-    def _look_at_peaks(self, s: MotionSamples, torques: Array, borne: Array) -> None:
-        fresh = self.whole.add_torques(s.time, torques, borne)
-        if not fresh:
-            return
-        joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
-        for name, values in self.load.terms(s[rows]).items():
-            self.terms[name][joints] = self.load.at_drives(values)[np.arange(len(joints)), joints]
-        for joint, row in fresh:
-            self.around[joint] = deepcopy(
-                s[max(0, row - self._reach) : row + self._reach]
-            )  # a copy, so that no larger arrays stay in memory
+    def _may_pass(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
+        """True if an acceleration at a smoothed column adds a torque that no limit covers."""
+        positions = Coordinates.from_model(self.load.robot.model).position_of
+        joint_of = {int(p): v for v, p in enumerate(positions) if p >= 0}
+        joint = column if order == 1 else joint_of.get(column)
+        if joint is None:  # entry of a quaternion
+            return True
+        change = np.abs(self.load.mass_matrix(q)[:, joint]) * acceleration
+        effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
+        within = np.abs(torques) + change <= effort
+        return not (within | (change <= ZERO * np.abs(torques).max())).all()
 
-    def estimate(self, joint: int) -> PeakEstimate:
-        """Noise-corrected peak of the joint, if the tally is ``estimating``."""
-        assert self.search is not None
-        steady = sum(self.terms[name][joint] for name in STEADY)
-        return self.search.estimate(joint, float(steady))
+    # What follows from the figures of the whole motion
 
-    def measured(self) -> tuple[MeasuredTorque, ...]:
+    def gaps(self, found: MotionFigures) -> Gaps:
+        """Gaps in time, and the motion that they may hide."""
+        simple = all(body.joint.nv == 1 and body.joint.nq == 1 for body in self.load.robot.model.leaders)
+        stops = (self.limits.lower, self.limits.upper) if simple else None
+        return Gaps.from_edges(self.time, found.edges, found.fastest, self._gap, rates=simple, stops=stops)
+
+    def terms(self, found: MotionFigures) -> dict[str, Array]:
+        """Causes (nv,) of the peak of each torque."""
+        own = np.arange(len(found.at_peaks))
+        return {name: self.load.at_drives(x)[own, own] for name, x in self.load.terms(found.at_peaks).items()}
+
+    def around(self, found: MotionFigures, joint: int) -> MotionSamples:
+        """States on either side of a joint's peak."""
+        robot = self.load.robot
+        reach = min(_AROUND, max(1, _KEPT // (2 * robot.nv * (1 + 2 * robot.nq + 3 * robot.nv))))
+        return self.plan.states_near(int(np.searchsorted(self.time, found.whole.peak.time[joint])), reach)
+
+    def estimates(self, found: MotionFigures, progress: Callable[[float], None] | None) -> list[PeakEstimate]:
+        """Noise-corrected peaks of all joints."""
+        assert found.runs is not None
+        estimates, terms, contenders = [], self.terms(found), found.runs.contenders()
+        for k in range(self.load.robot.nv):
+            steady, speed = float(sum(terms[name][k] for name in STEADY)), float(found.speed.signed[k])
+            each, runs = contenders[:, k], len(found.runs.number)
+            estimates.append(self.bootstrap.estimate(k, found.whole.peak, each, runs, steady, speed))
+            if progress is not None:
+                progress((k + 1) / self.load.robot.nv)
+        return estimates
+
+    def measured(self, found: MotionFigures) -> tuple[MeasuredTorque, ...]:
         """Measured torques compared with those of the robot, with or without load, whichever agrees better."""
-        best = min(self._measured, key=lambda tally: tally.misfit)
-        return best.result(self.load.with_load.model.drive_labels, self.load.units)
+        if not found.compared:
+            return ()
+        best = min(found.compared, key=lambda one: one.misfit)
+        step = float(np.median(np.diff(self.time))) if found.rows > 1 else 0.0
+        above = TimeAbove.from_rows(self.time, found.above)
+        labels = self.load.with_load.model.drive_labels
+        return best.torques(labels, self.load.units, self.limits.effort, above, step)
 
 
 # ── The analysis
@@ -539,10 +679,10 @@ def analyse(
         steps.skip(2)
         report = run.answer(differentiation)
     elif not differentiation.sigma_ddq.any():
-        report = _report(run.once(differentiation, write=True))
+        report = _report(*run.once(differentiation, write=True))
     else:
         derived = run.once(differentiation)
-        report = _report(derived)
+        report = _report(*derived)
         if any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
             report = run.answer(differentiation.smoothed(steps.next()), derived)
         elif csv is not None:
@@ -570,76 +710,79 @@ class _Run:
         write: bool = False,
         beside: Differentiation | None = None,
         estimating: bool = False,
-    ) -> MotionTally:
+    ) -> tuple[MotionPass, MotionFigures]:
         """Run one pass; if ``write``, write the file, including the torques of the plan ``beside``."""
         progress = self.steps.next(len(plan.trajectory.table))
-        tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
+        passing = MotionPass(self.load, self.limits, plan, estimating)
         header = _csv_header(self.load.with_load.model.drive_names, self.split, derived=beside is not None)
+        parts, first = list[MotionFigures](), 0
         with nullcontext() if self.csv is None or not write else csv_table(self.csv, header) as table:
             for states, motion, inner in plan.surrounded_states(self.chunk, progress):
                 s = states[inner]
                 torques = self.load.at_drives(self.load.torques(s))
                 _check_finite(torques, s)
-                tally.add(states, torques, motion, inner)
+                parts.append(passing.figures(first, s, torques, None if motion.tau is None else motion.tau[inner]))
+                first += len(s)
                 if table is not None:
-                    parts = list(self.load.terms(s).values()) if self.split else []
-                    parts += [] if beside is None else [self.load.torques(beside.complete(motion)[inner])]
-                    parts = [torques, *map(self.load.at_drives, parts)]
-                    table.numbers(np.concatenate([s.time[:, None], *parts], axis=1))
-        return tally
+                    columns = list(self.load.terms(s).values()) if self.split else []
+                    columns += [] if beside is None else [self.load.torques(beside.complete(motion)[inner])]
+                    columns = [torques, *map(self.load.at_drives, columns)]
+                    table.numbers(np.concatenate([s.time[:, None], *columns], axis=1))
+        return passing, MotionFigures.joined(parts)
 
-    def answer(self, plan: Differentiation, derived: MotionTally | None = None) -> TorqueReport:
+    def answer(self, plan: Differentiation, derived: tuple[MotionPass, MotionFigures] | None = None) -> TorqueReport:
         """Report of the smoothed motion, with the results ``derived`` from the unsmoothed log."""
-        beside = None if derived is None else derived.plan
-        tally, progress = self.once(plan, write=True, beside=beside, estimating=True), self.steps.next()
-        estimates = []
-        for k in range(self.load.robot.nv):
-            estimates.append(tally.estimate(k))
-            if progress is not None:
-                progress((k + 1) / self.load.robot.nv)
-        return _report(tally, derived, estimates)
+        beside = None if derived is None else derived[0].plan
+        run, found = self.once(plan, write=True, beside=beside, estimating=True)
+        return _report(run, found, derived, run.estimates(found, self.steps.next()))
 
 
 def _report(
-    run: MotionTally, derived: MotionTally | None = None, estimates: Sequence[PeakEstimate] | None = None
+    run: MotionPass,
+    found: MotionFigures,
+    derived: tuple[MotionPass, MotionFigures] | None = None,
+    estimates: Sequence[PeakEstimate] | None = None,
 ) -> TorqueReport:
-    plan, load, outliers = run.plan, run.load, run.outliers.result()
-    joints = _joints(run, derived)
+    plan, load, outliers = run.plan, run.load, outliers_of(found.outliers)
+    joints = _joints(run, found, None if derived is None else derived[1])
     if estimates is not None:
         joints = tuple(replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True))
     worst = worst_joint([abs(j.peak) for j in joints], [j.limit for j in joints])
     return TorqueReport(
         robot=load.robot.name,
         trajectory=str(plan.trajectory.path),
-        rows=run.rows,
-        begin=run.begin,
-        end=run.end,
+        rows=found.rows,
+        begin=float(run.time[0]),
+        end=float(run.time[-1]),
         joints=joints,
-        excesses=run.whole.excesses(),
-        gaps=run.gaps,
+        excesses=found.whole.excesses(),
+        gaps=run.gaps(found),
         quality=plan.quality,
         differentiation=plan,
         load=load,
-        envelope=run.envelope.result(),
-        band=None if estimates is None else run.band.result(),
-        largest=run.largest,
+        envelope=found.envelope[1:],
+        band=None if found.band is None else found.band[1:],
+        largest=found.largest,
         limits=run.limits,
         outliers=outliers,
-        stationary=tuple((run.stationary / max(1, run.rows)).tolist()),
-        motors=run.motors.result(),
-        around=run.around[worst],
-        doubts=_doubts(run, glitches=not outliers),
-        near=run.whole.nearest(),
+        stationary=tuple((found.stationary / max(1, found.rows)).tolist()),
+        motors=() if found.motors is None else found.motors.uses(load.with_load.model),
+        around=run.around(found, worst),
+        doubts=_doubts(run, found, glitches=not outliers),
+        near=found.whole.nearest(),
         spans=run.spans,
-        sound=SoundFigures(run.sound.peak.value, run.sound.excesses()) if run.spans else None,
-        measured=run.measured(),
+        sound=SoundFigures(found.sound.peak.value, found.sound.excesses()) if run.spans else None,
+        measured=run.measured(found),
         idle_payload=any(p.mass for p in load.payloads)
-        and run.carried <= ZERO * float(run.whole.peak.value.max(initial=0.0)),
-        payload_margin=run.payload_margin.result(),
-        derived=None
-        if derived is None
-        else AsDerived(derived.plan, derived.whole.excesses(), derived.envelope.result(), derived.motors.result()),
+        and found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0)),
+        payload_margin=None if found.margin is None else payload_margin(load, run.limits.effort, found.margin),
+        derived=None if derived is None else _as_derived(*derived),
     )
+
+
+def _as_derived(run: MotionPass, found: MotionFigures) -> AsDerived:
+    motors = () if found.motors is None else found.motors.uses(run.load.with_load.model)
+    return AsDerived(run.plan, found.whole.excesses(), found.envelope[1:], motors)
 
 
 def _spans_of(plan: Differentiation) -> DoubtfulSpans:
@@ -664,30 +807,30 @@ _SPREAD = 16.0
 """Rows, in units of strength^(1/6), to which smoothing spreads a wrong row by more than 1e-3 of it."""
 
 
-def _doubts(run: MotionTally, *, glitches: bool) -> tuple[Doubt, ...]:
+def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple[Doubt, ...]:
     """Doubts about the log without dynamics, by the robot's own limits; before them that torques are impossible."""
     log, robot = run.plan.trajectory, run.load.robot
     found = log.doubts(run.limits, own=robot.limits, glitches=glitches)
     if any(doubt.refuses for doubt in found):
         return found
     corners = replace(run.spans, instants=tuple(i for i in log.instants if i.cause is not InstantKind.ROWS))
-    strong = impossible_torque(robot, run.alone, log.origin, corners)
+    strong = impossible_torque(robot, figures.alone, log.origin, corners)
     return found if strong is None else (strong, *found)
 
 
-def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque, ...]:
+def _joints(run: MotionPass, found: MotionFigures, derived: MotionFigures | None) -> tuple[JointTorque, ...]:
     """Figures of each joint."""
-    rms, units = run.rms.result(), run.load.units
-    noisy = run if derived is None else derived
+    rms, units, terms, peak = np.sqrt(found.squares), run.load.units, run.terms(found), found.whole.peak
+    noisy = found if derived is None else derived
     return tuple(
         JointTorque(
             joint=name,
             unit=units[k],
-            largest=float(run.whole.peak.signed[k]),
-            time=float(run.whole.peak.time[k]),
+            largest=float(peak.signed[k]),
+            time=float(peak.time[k]),
             rms=float(rms[k]),
             limit=float(run.limits.effort[k]),
-            terms={term: float(values[k]) for term, values in run.terms.items()},
+            terms={term: float(values[k]) for term, values in terms.items()},
             noise=float(noisy.noise[k]),
             raw=None if derived is None else float(derived.whole.peak.signed[k]),
             raw_time=None if derived is None else float(derived.whole.peak.time[k]),
