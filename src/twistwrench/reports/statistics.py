@@ -239,16 +239,16 @@ class Runs(NamedTuple):
         ends = np.append(starts[1:], len(number)) - 1
         return cls(number[starts], np.maximum.reduceat(largest, starts), first[starts], last[ends])
 
-    def contenders(self) -> Array:
-        """Maxima (runs, columns) of the first few thousand runs in descending order; -inf for runs that do not count.
+    def contenders(self, column: int) -> Array:
+        """Maxima (runs,) of a column in the first few thousand runs, in descending order; -inf for runs that do not count.
 
         A run does not count if its maximum lies at its border next to a larger value: it is the flank of its neighbour, and
         both have correlated noise.
         """
-        none = np.full((1, self.largest.shape[1]), -np.inf)
-        before, after = np.concatenate([none, self.last[:-1]]), np.concatenate([self.first[1:], none])
-        own = np.where((self.largest >= before) & (self.largest >= after), self.largest, -np.inf)
-        return -np.sort(-own, axis=0)[:_MOST]
+        largest = self.largest[:, column]
+        before, after = np.append(-np.inf, self.last[:-1, column]), np.append(self.first[1:, column], -np.inf)
+        own = np.where((largest >= before) & (largest >= after), largest, -np.inf)
+        return np.sort(own)[::-1][:_MOST]
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:

@@ -479,10 +479,10 @@ class MotionPass:
     estimating: bool = False
     """True if peaks are to be estimated without noise."""
 
-    @cached_property
+    @property
     def time(self) -> Array:
         """Times (n,) of all rows [s]."""
-        return np.array(self.plan.trajectory.table[:, 0])
+        return np.asarray(self.plan.trajectory.table[:, 0])
 
     @cached_property
     def spans(self) -> DoubtfulSpans:
@@ -624,10 +624,10 @@ class MotionPass:
     def estimates(self, found: MotionFigures, progress: Callable[[float], None] | None) -> list[PeakEstimate]:
         """Noise-corrected peaks of all joints."""
         assert found.runs is not None
-        estimates, terms, contenders = [], self.terms(found), found.runs.contenders()
+        estimates, terms = [], self.terms(found)
         for k in range(self.load.robot.nv):
             steady, speed = float(sum(terms[name][k] for name in STEADY)), float(found.speed.signed[k])
-            each, runs = contenders[:, k], len(found.runs.number)
+            each, runs = found.runs.contenders(k), len(found.runs.number)
             estimates.append(self.bootstrap.estimate(k, found.whole.peak, each, runs, steady, speed))
             if progress is not None:
                 progress((k + 1) / self.load.robot.nv)
