@@ -97,11 +97,6 @@ class MotionSamples:
         """Select rows by a slice, a mask or indices."""
         return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
-    @classmethod
-    def joined(cls, parts: Sequence[MotionSamples]) -> MotionSamples:
-        """Samples of consecutive parts."""
-        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
-
 
 # ── Outliers: samples far from the smoothed curve of their column
 

@@ -164,7 +164,7 @@ def _gap(begin: float, length: float, q: Array, dq: Array, *, rates: bool) -> _G
     change, (v0, v1) = q[1] - q[0], dq
     size = float(np.abs(change).max(initial=0.0))
     across = _least_across(change, v0, v1, length) if rates else np.zeros((2, dq.shape[1]))
-    return _Gap(begin, length, size, np.abs([v0, v1]), across, _extent(*q, v0, v1, length) if rates else q)
+    return _Gap(begin, length, size, np.abs([v0, v1]), across, _extent(q[0], q[1], v0, v1, length) if rates else q)
 
 
 # ── Min-max decimation: the least and the greatest value of each bin of rows

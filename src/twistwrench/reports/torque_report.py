@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -441,7 +441,8 @@ class MotionFigures:
             return [getattr(part, name) for part in parts]
 
         best = np.argmax([part.whole.peak.value for part in parts], axis=0)
-        peaks = MotionSamples.joined(each("at_peaks"))[best * len(best) + np.arange(len(best))]
+        names = [f.name for f in fields(MotionSamples)]
+        states = MotionSamples(*(np.concatenate([getattr(s, name) for s in each("at_peaks")]) for name in names))
         estimated, margin = parts[0].runs is not None, parts[0].margin is not None
         q, dq = (np.concatenate(x) for x in zip(*each("edges"), strict=True))
         return cls(
@@ -451,7 +452,7 @@ class MotionFigures:
             sound=Extremes.joined(each("sound")),
             alone=Extrema.joined(each("alone")),
             speed=Extrema.joined(each("speed")),
-            at_peaks=peaks,
+            at_peaks=states[best * len(best) + np.arange(len(best))],
             envelope=Bins.joined(each("envelope")),
             band=Bins.joined(each("band")) if estimated else None,
             runs=Runs.joined(each("runs")) if estimated else None,
