@@ -19,7 +19,7 @@ from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
 from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
-from ..formats.actuators import actuator_content, read_log_side
+from ..formats.actuators import read_log_side
 from ..identification.parameters import PARAMETER_UNITS, group_units
 from ..identification.payload import motor_side
 from ..identification.pictures import identification_pictures
@@ -172,7 +172,7 @@ def _identified(
     """Fit to the logs, which this process or the workers read."""
     reading: dict[str, Any] = {
         "columns": given.columns,
-        "gain": shared.current_gains(given.gain, robot.model, options.actuator_file, of_side=True),
+        "gain": shared.current_gains(given.gain, robot.model, options.drives, of_side=True),
         "degrees": options.degrees,
         **given.pick("rate", "topic", "episode"),
     }
@@ -195,14 +195,15 @@ def _robot(options: RobotOptions, given: Given) -> tuple[Robot, Any]:
         first = open_motion_file(given.logs[0], given.topic, given.episode)
         held = partial(joints_without_column, first, columns=given.columns)
     robot, locked = replace(options, actuators=None).load_and_locked(held=held)
-    file = options.actuator_file
+    file = options.drives
     if file is None:
         return robot, None
     known = (*robot.model.velocity_names, *locked)
-    known += tuple(motor for c in read_log_side(robot.model, file).couplings for motor in c.motors)
-    if others := [name for name in actuator_content(file).get("actuators") or () if name not in known]:
+    couplings = read_log_side(robot.model, file).couplings
+    known += tuple(motor for c in couplings for motor in c.motors)
+    if others := [name for name in file.entries.get("actuators") or () if name not in known]:
         raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', others[0], known)}")
-    side, couplings = motor_side(robot.model, file), read_log_side(robot.model, file).couplings
+    side = motor_side(robot.model, file)
     if couplings and given.out_actuators is not None:
         raise ValueRangeError(f"--out-actuators: {OF_COUPLED_MOTORS}; --json has the results.")
     return robot if side.names else Robot(with_couplings(robot.model, couplings)), side
@@ -271,7 +272,7 @@ def write_robot(
         return []
     if strength is not None:
         found.__dict__["consistent"] = found.consistent_at(strength)
-    before = actuator_content(options.actuator_file) if options.actuator_file else None
+    before = None if options.drives is None else options.drives.entries
     names = ["+".join(Path(part).name for part in log.split("+")) for log in given.logs]
     return list(found.write(given.out, given.out_actuators, given=before, logs=names, force=given.force))
 

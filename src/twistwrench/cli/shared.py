@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import partial, wraps
+from functools import cached_property, partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ from .main import Decorator, Given, RobotOption, command, note, option, option_g
 
 if TYPE_CHECKING:
     from ..core.typing import Array
+    from ..formats.actuators import ActuatorFile
     from ..mechanics.model.model import Model
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
@@ -142,6 +143,13 @@ class RobotOptions:
             return None
         return bundled(self.actuators, self.source, ".yaml", "actuator file")
 
+    @cached_property
+    def drives(self) -> ActuatorFile | None:
+        """Content of the actuator file, read once."""
+        from ..formats.actuators import ActuatorFile
+
+        return None if self.actuator_file is None else ActuatorFile.from_source(self.actuator_file)
+
     def load_and_locked(
         self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
     ) -> tuple[Robot, tuple[str, ...]]:
@@ -188,10 +196,16 @@ class RobotOptions:
         return found
 
     def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
-        return robot.with_actuators(self.actuator_file, stiff=stiff) if self.actuator_file else robot
+        from ..formats.actuators import add_actuators
+        from ..robot import Robot
+
+        return robot if self.drives is None else Robot(add_actuators(robot.model, self.drives, stiff=stiff))
 
     def _maker(self) -> Callable[..., Robot]:
         from .. import robots
+        from ..formats import usd_path
+        from ..formats.robot_file import RobotFile
+        from ..formats.source import is_text
         from ..robot import load
         from ..robots.finding import plain_name
 
@@ -199,7 +213,8 @@ class RobotOptions:
         if name in robots.names() and not Path(self.source).is_file():
             make: Callable[..., Robot] = getattr(robots, name)
             return make
-        return partial(load, robot_source(self.source))
+        source = robot_source(self.source)
+        return partial(load, source if is_text(source) or usd_path(source) is not None else RobotFile.from_path(source))
 
 
 _option = partial(option, cls=RobotOption)
@@ -396,7 +411,7 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     held = without_column if given.lock_missing else None
     robot, locked = options.load_and_locked(stiff=not moves_motors(file), held=held)
     reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": given.rate}
-    reading["gain"] = current_gains(given.gain, robot.model, options.actuator_file)
+    reading["gain"] = current_gains(given.gain, robot.model, options.drives)
     still = [name for name in missing if name in locked]
     return robot, MotionLog.open(file, robot.model, locked=locked, held=still, plan=given.plan, **reading)
 
@@ -413,7 +428,7 @@ def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None
     """Raise ValueRangeError if the actuator file declares logs of motor positions, which are not supported."""
     from ..formats.actuators import read_log_side
 
-    source = options.actuator_file
+    source = options.drives
     if source is not None and read_log_side(robot.model, source).of_motors:
         raise ValueRangeError(
             f"by {source}, logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
@@ -491,7 +506,7 @@ _SAME_GAIN = 0.01
 
 
 def current_gains(
-    texts: Iterable[str], model: Model, source: Path | None, *, of_side: bool = False
+    texts: Iterable[str], model: Model, source: ActuatorFile | None, *, of_side: bool = False
 ) -> dict[str, float]:
     """Current gains of ``--gain``, and of the actuator file for ``joint.current``; raises ValueRangeError if they differ.
 

@@ -69,31 +69,47 @@ _SLIDING = {
 }  # fmt: skip
 
 
-def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model:
+@dataclass(frozen=True, eq=False)
+class ActuatorFile:
+    """Entries of an actuator file, read once, and the name of the file for messages.
+
+    Its couplings, actuators and log columns are checked against a model by :func:`add_actuators` and :func:`read_log_side`.
+    """
+
+    content: Any
+    origin: str
+
+    @classmethod
+    def from_source(cls, source: Source | ActuatorFile) -> ActuatorFile:
+        """Read a path, YAML text or mapping. Raises NotFoundError, and ModelError for invalid YAML."""
+        return source if isinstance(source, ActuatorFile) else cls(*read_yaml(source))
+
+    def __str__(self) -> str:
+        return self.origin
+
+    @contextmanager
+    def section(self) -> Iterator[Section]:
+        """Entries with their paths; errors about them include the file's name."""
+        try:
+            yield Section(self.content, "")
+        except (ModelError, UnknownNameError, ValueRangeError) as error:
+            raise type(error)(f"{self.origin}: {error}") from None
+
+    @property
+    def entries(self) -> dict[str, Any]:
+        """Entries as mappings of text. Raises ModelError if the file is a list or a number."""
+        if not isinstance(self.content, Mapping):
+            raise ModelError(f"{self.origin} is {shown(self.content)}, expected entries 'name: value'.")
+        return dict(self.content)
+
+
+def add_actuators(model: Model, source: Source | ActuatorFile, *, stiff: bool = False) -> Model:
     """Add the actuators of a YAML file, YAML text or mapping to a model; ``stiff`` ignores elasticity.
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` with the file and the entry.
     """
-    with _open(source) as file:
+    with ActuatorFile.from_source(source).section() as file:
         return _added(model, file, stiff)
-
-
-@contextmanager
-def _open(source: Source) -> Iterator[Section]:
-    """Open an actuator file; errors about its entries include the file's name."""
-    content, origin = read_yaml(source)
-    try:
-        yield Section(content, "")
-    except (ModelError, UnknownNameError, ValueRangeError) as error:
-        raise type(error)(f"{origin}: {error}") from None
-
-
-def actuator_content(source: Source) -> dict[str, Any]:
-    """Entries of an actuator file as mappings of text. Raises NotFoundError, and ModelError for invalid YAML."""
-    content, origin = read_yaml(source)
-    if not isinstance(content, Mapping):
-        raise ModelError(f"{origin} is {shown(content)}, expected entries 'name: value'.")
-    return dict(content)
 
 
 def _added(model: Model, file: Section, stiff: bool) -> Model:
@@ -198,8 +214,7 @@ def _law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
 
 def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
     given: dict[str, Any] = {}
-    if "ratio" in entry.content:
-        given["ratio"] = gear_ratio(entry.content["ratio"], entry.where("ratio"), sliding=bool(kinds))
+    given |= _ratio(entry, sliding=bool(kinds))
     if "efficiency" in entry.content:
         given["efficiency"] = plain_share(entry.content["efficiency"], entry.where("efficiency"))
     given |= entry.optional("no_load_torque", entry.number, "torque")
@@ -209,6 +224,11 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
     if "rotor" in entry.content:
         given["rotor"] = _rotor(entry.section("rotor"))
     return Actuator(joint, **given)
+
+
+def _ratio(entry: Section, *, sliding: bool) -> dict[str, float]:
+    """Gear ratio of an actuator, if it is given."""
+    return entry.optional("ratio", lambda key: gear_ratio(entry.content[key], entry.where(key), sliding=sliding))
 
 
 def _motors(file: Section) -> dict[str, Motor]:
@@ -291,12 +311,12 @@ class LogSide:
     """Coupled motors; ratios, signs and gains use motor names, zeros use joint names."""
 
 
-def read_log_side(model: Model, source: Source) -> LogSide:
+def read_log_side(model: Model, source: Source | ActuatorFile) -> LogSide:
     """Read the entry ``log:`` of an actuator file and the gear ratios; defaults without that entry.
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` with the file and the entry.
     """
-    with _open(source) as file:
+    with ActuatorFile.from_source(source).section() as file:
         return _log_side(model, file)
 
 
@@ -313,11 +333,8 @@ def _log_side(model: Model, file: Section) -> LogSide:
         _motors(file),
     )
     entries = {name: listed.section(name) for name, entry in listed.content.items() if isinstance(entry, Mapping)}
-    ratios = {
-        name: gear_ratio(entry.content["ratio"], f"actuators → {name} → ratio", sliding=name in sliding)
-        for name, entry in entries.items()
-        if "ratio" in entry.content
-    }
+    given_ratios = {name: _ratio(entry, sliding=name in sliding) for name, entry in entries.items()}
+    ratios = {name: found["ratio"] for name, found in given_ratios.items() if found}
     constants = {name: motor.torque_constant for name, entry in entries.items() if (motor := _motor_of(entry, motors))}
     log = file.section("log") if "log" in file.content else Section({}, "log")
     log.only("side", "joints")

@@ -20,7 +20,7 @@ from ..core.errors import ValueRangeError
 from ..core.estimation.sampling import OVERLAP
 from ..core.glossary import complete
 from ..core.typing import Array
-from ..formats.actuators import read_log_side
+from ..formats.actuators import ActuatorFile, read_log_side
 from ..formats.yaml import Source
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -166,12 +166,12 @@ class MotorSide:
         return replace(rows, q=self.joint_positions(rows.q), **given)
 
 
-def motor_side(model: Model, source: Source) -> MotorSide:
+def motor_side(model: Model, source: Source | ActuatorFile) -> MotorSide:
     """Relation of a log's columns to the joints, from the entries ``log:`` and ``ratio:`` of an actuator file.
 
     Parameters
     ----------
-    source : str, Path or mapping, a path, YAML text, or its content
+    source : str, Path, mapping or ActuatorFile; a path, YAML text, or its content
 
     Raises
     ------

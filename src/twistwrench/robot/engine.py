@@ -146,7 +146,8 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
     try:
         if written is None or not Path(source).is_file() or (folder := object_cache.folder()) is None:
             return None
-        data, version = read_bytes(Path(source)), _version()
+        data = getattr(source, "data", None) or read_bytes(Path(source))  # of a RobotFile, which may be loaded twice
+        version = _version()
     except (OSError, ValueError):  # reported by the loader; or the library is in an archive
         return None
     if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
