@@ -43,6 +43,13 @@ def opens(call: ast.Call) -> bool:
     if not isinstance(function, ast.Attribute):
         return False
     owner = ast.unparse(function.value)
+    if (
+        function.attr == "open"
+        and not call.args
+        and not call.keywords
+        and owner.split(".")[-1] in ("closed", "robot", "self")
+    ):
+        return False  # Robot.open: the robot without its constraints
     if function.attr not in OPENING:
         return function.attr == "load" and owner in ("json", "np", "pickle", "tomllib", "trimesh", "yaml")
     writes = function.attr == "open" and any(

@@ -53,7 +53,17 @@ _ROUNDING = 1e-12  # least eigenvalue of the covariance after scaling to unit va
 
 
 def residual_moment(F: ArrayLike) -> Array:
-    """Moment about the line of action (...,) [N m] of wrenches F (..., 6); zero for a point contact without grip."""
+    """Moment about the line of action of a force; zero for a point contact without grip.
+
+    Returns
+    -------
+    moment : (...,) array [N m]; NaN without a force
+
+    Examples
+    --------
+    >>> float(residual_moment([0.0, 0.0, 0.3, 0.0, 0.0, 10.0]))
+    0.3
+    """
     m, f, size = _halves(F)
     return np.asarray((m * f).sum(-1) / size)
 

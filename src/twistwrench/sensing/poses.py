@@ -276,7 +276,19 @@ def _row(index: Any, count: int) -> int:
 
 
 def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
-    """Motion of a waving hand at times (n,) [s]: poses T_wf (n, 4, 4), body twists (n, 6) and exact rates (n, 6)."""
+    """Motion of a waving hand: poses, body twists and their exact rates.
+
+    Returns
+    -------
+    T : (n, 4, 4) array, poses T_wf
+    V, dV : (n, 6) array, body twists and their rates
+
+    Examples
+    --------
+    >>> T, V, dV = lively_motion([0.0, 0.1])
+    >>> T.shape, V.shape, dV.shape
+    ((2, 4, 4), (2, 6), (2, 6))
+    """
     t = np.asarray(time, float)[..., None]
     amplitude = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])  # m, rad
     rate = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s, all different

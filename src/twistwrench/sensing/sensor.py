@@ -86,8 +86,14 @@ def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Arra
 
 
 def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
-    """Gravity (..., 3) [m/s²] in {f}, from the pose T_wf or rotation R_wf and gravity (..., 3) in {w}.
+    """Gravity in the axes of {f}, from the pose of {f} in {w}.
 
+    Returns
+    -------
+    gravity : (..., 3) array [m/s²]
+
+    Examples
+    --------
     >>> from twistwrench import so3
     >>> import numpy as np
     >>> np.round(gravity_in_frame(so3.exp([np.pi / 2, 0, 0])), 6).tolist()  # tool rotated by 90° about x
