@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
-from twistwrench.formats import _USD
+from twistwrench.formats.robot_file import USD
 from twistwrench.mechanics.bodies.mesh_files import SUFFIXES as MESHES
 from twistwrench.motion.readers.array_files import _READERS
 
@@ -70,7 +70,7 @@ def test_every_reader_has_its_kinds_of_files() -> None:
 def test_every_ending_that_a_reader_knows_has_a_whole_file() -> None:
     known = {
         *_READERS,
-        *_USD,
+        *USD,
         *MESHES,
         ".urdf",
         ".xml",

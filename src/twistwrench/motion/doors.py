@@ -53,7 +53,7 @@ class MotionDoors:
 
         Examples
         --------
-        >>> import twistwrench as tw
+        >>> import numpy as np, twistwrench as tw
         >>> t = np.linspace(0, 1, 21)
         >>> tw.Motion(t, np.sin(t)[:, None], robot=tw.robots.pendulum()).show()  # doctest: +SKIP
         """
