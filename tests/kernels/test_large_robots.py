@@ -220,6 +220,32 @@ def test_tracing_leaves_the_collector_as_it_was(bundled):
     assert gc.isenabled()
 
 
+def test_traces_of_several_threads_leave_the_collector_as_it_was():
+    import gc
+    import sys
+    import threading
+
+    from twistwrench.compiler.ir.tracer import trace
+
+    def trace_often() -> None:
+        for _ in range(300):
+            trace(lambda x: x, [("x", ())], ["y"])
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(4):
+            threads = [threading.Thread(target=trace_often) for _ in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert gc.isenabled()
+    finally:
+        sys.setswitchinterval(interval)
+        gc.enable()
+
+
 # ── a chain of a hundred joints ──
 
 USUAL = [

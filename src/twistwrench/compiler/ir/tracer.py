@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import os
+import threading
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -318,7 +319,7 @@ def trace(
         ports.append(TensorSpec(name, shape))
         number += math.prod(shape)
     try:
-        with _uncollected():
+        with _COLLECTOR:
             returned = function(*arguments)
             arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
             results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
@@ -328,13 +329,39 @@ def trace(
         owner.forget()
 
 
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Disable the cyclic garbage collector, which would take up to a quarter of the time without freeing anything."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
+class _PausedCollector:
+    """Pause of the cyclic garbage collector while any thread traces.
+
+    It would take up to a quarter of the time without freeing anything.
+    The first trace disables it and the last one enables it again, so traces of several threads leave it as it was.
+    """
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.traces = 0
+        self.was_enabled = False
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._end_traces_of_other_threads)
+
+    def __enter__(self) -> None:
+        with self.lock:
+            if self.traces == 0:
+                self.was_enabled = gc.isenabled()
+                gc.disable()
+            self.traces += 1
+
+    def __exit__(self, *_exception: object) -> None:
+        with self.lock:
+            self.traces = max(self.traces - 1, 0)
+            if self.traces == 0 and self.was_enabled:
+                gc.enable()
+
+    def _end_traces_of_other_threads(self) -> None:
+        """A forked process has only the thread that forked."""
+        self.lock = threading.Lock()
+        if self.traces and self.was_enabled:
             gc.enable()
+        self.traces = 0
+
+
+_COLLECTOR = _PausedCollector()
