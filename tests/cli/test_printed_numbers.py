@@ -7,12 +7,12 @@ import io
 import numpy as np
 import pytest
 
-from twistwrench.cli.terminal import console, rendered
+from twistwrench.answers.blocks import Bar, Table, word_cell, words
+from twistwrench.answers.terminal import console, rendered
 from twistwrench.core.colours import terminal_style
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
 from twistwrench.core.verdict import Word
 from twistwrench.mechanics.joints.units import unit_of
-from twistwrench.reports.blocks import Table, share_bar, verdict, words
 
 
 @pytest.mark.parametrize("digits", [3, 4, 6])
@@ -57,15 +57,15 @@ def test_rates_are_per_second_and_torque_times_rate_is_power(turns):
 
 def test_a_bar_is_off_by_half_a_character_at_most():
     for share in np.linspace(0.0, 1.0, 101):
-        assert abs(len(share_bar(share).pieces[0][0]) - 12 * share) <= 0.5 + 1e-12
-    assert share_bar(7.0).pieces[0][0] == 12 * "━"
+        assert abs(len(Bar(share).pieces[0][0]) - 12 * share) <= 0.5 + 1e-12
+    assert Bar(7.0).pieces[0][0] == 12 * "━"
 
 
 def test_verdicts_that_differ_have_colours_that_differ_and_only_ok_is_green():
-    green, doubt, bad = (verdict(word).pieces[0][1] for word in (Word.OK, Word.UNSURE, Word.OVER_LIMIT))
+    green, doubt, bad = (word_cell(word).pieces[0][1] for word in (Word.OK, Word.UNSURE, Word.OVER_LIMIT))
     assert len({green, doubt, bad}) == 3
     assert terminal_style(green) == "bold green" and terminal_style(bad) == "bold red"
-    assert verdict(Word.DONE).pieces[0][1] == "strong"
+    assert word_cell(Word.DONE).pieces[0][1] == "strong"
 
 
 def test_counts_and_names_that_do_not_fold_stand_in_full():

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 from rich.cells import cell_len
 
+from twistwrench.answers.blocks import Table, numbers, words
+from twistwrench.answers.terminal import console, rendered
 from twistwrench.cli.main import main
-from twistwrench.cli.terminal import console, rendered
 from twistwrench.core import numbers as printed
-from twistwrench.reports.blocks import Table, numbers, words
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 

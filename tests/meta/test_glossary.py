@@ -12,8 +12,8 @@ import pytest
 from places import ROOT
 
 import twistwrench as tw
+from twistwrench.answers.page import TERMS
 from twistwrench.core.glossary import ENTRIES, ROOMS, completed, room_of
-from twistwrench.reports.page import TERMS
 
 SOURCE = ROOT / "src" / "twistwrench"
 CALLING = [p for p in sorted(SOURCE.rglob("*.py")) if p.read_text("utf-8").endswith("\ncomplete(globals())\n")]

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
+from twistwrench.answers.blocks import limit_style, mark_style, word_cell
 from twistwrench.cli.main import main
 from twistwrench.core.colours import COLOURS, Style
 from twistwrench.core.verdict import Word
-from twistwrench.reports.blocks import limit_style, mark_style, verdict
 
 RED = re.compile(r"\x1b\[(?:\d+;)*31(?:;\d+)*m")
 CONTRAST = 4.5
@@ -43,7 +43,7 @@ def test_a_share_is_green_then_amber_then_red_and_a_named_joint_is_blue_until_am
 
 
 def test_only_an_accepting_word_is_without_warning_and_done_has_no_colour():
-    styles = {word: verdict(word).pieces[0][1] for word in Word}
+    styles = {word: word_cell(word).pieces[0][1] for word in Word}
     assert [word for word in Word if "good" in styles[word]] == [Word.OK]
     assert [word for word in Word if styles[word] == "strong"] == [Word.DONE]
     assert [word for word in Word if "near" in styles[word]] == [Word.UNSURE, Word.CONTACT]

@@ -9,8 +9,10 @@ import re
 import pytest
 from click.testing import CliRunner
 
+from twistwrench.answers.blocks import Bar, Headline, Line, Table, numbers, remarks, words
+from twistwrench.answers.data import report_data
 from twistwrench.cli.main import main
-from twistwrench.reports.blocks import Line, Table, numbers, remarks, report_data, share_bar, verdict, words
+from twistwrench.core.verdict import Word
 
 COMMANDS = {
     "torques": ["torques", "ur5", "--trajectory", "demo", "--payload", "10", "--actuators", "demo", "--why"],
@@ -154,10 +156,10 @@ def test_what_is_not_finite_is_null_and_bars_are_their_numbers():
         numbers(
             "peak", [Line("1.23", (" / 4", "dim"), value=1.2345), "–"], unit="N m", headed=False, limits=[4.0, math.inf]
         ),
-        words("share of limit", [share_bar(0.5, "50 %"), Line(("–", "dim"))], narrow=share),
-        words("", [share_bar(0.5), share_bar(0.1)]),
+        words("share of limit", [Bar(0.5, "50 %"), Line(("–", "dim"))], narrow=share),
+        words("", [Bar(0.5), Bar(0.1)]),
     )
-    data = report_data([verdict("OVER LIMIT", ": a.\nb"), "", table, *remarks(["Look."])])
+    data = report_data([Headline(Word.OVER_LIMIT, "a.", further=[Line("b")]), "", table, *remarks(["Look."])])
     assert (data["verdict"], data["sentences"], data["notes"]) == ("OVER LIMIT", ["OVER LIMIT: a.", "b"], ["Look."])
     (found,) = data["tables"]
     assert [(c["name"], c["unit"]) for c in found["columns"]] == [

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 
+from ..answers.blocks import Block, Headline, Line, Table, numbers, remarks, words
 from ..core.colours import Style, strong
 from ..core.errors import ValueRangeError
 from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..formats.xacro import ENDING as XACRO_ENDING
-from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.torque_verdict import base_doubts
 from ..robot import Robot, load
 from ..testing.verify import Check, VerifyReport, verify
@@ -134,7 +134,7 @@ def doctor_view(report: DoctorReport, *, every: bool = False) -> Iterator[Block]
     severities = {finding.severity for finding in report.findings}
     doubtful = Severity.WARNING in severities or (every and severities)
     word = Word.LOOK_AGAIN if Severity.ERROR in severities else Word.UNSURE if doubtful else Word.OK
-    yield verdict(word, f": {report.robot}, {report.summary}.")
+    yield Headline(word, f"{report.robot}, {report.summary}.")
     yield from remarks(f"{text[0].upper()}{text[1:]}." for text in base_doubts(report.subject.robot.model))
     if not report.findings:
         return
@@ -190,7 +190,7 @@ def verification_view(report: VerifyReport) -> list[Block]:
     checks = report.checks
     failed = [check.name for check in checks if not check.skipped and not check.passed]
     count = sum(not check.skipped for check in checks)
-    said = f": checks that disagree: {', '.join(failed)}." if failed else f": {count} checks agree."
+    said = f"checks that disagree: {', '.join(failed)}." if failed else f"{count} checks agree."
 
     def compares(check: Check) -> str | Line:
         return (
@@ -213,4 +213,4 @@ def verification_view(report: VerifyReport) -> list[Block]:
         numbers("allowed", ["" if check.skipped else figure(check.tolerance) for check in checks]),
         words("", map(answer, checks)),
     )
-    return [verdict(Word.LOOK_AGAIN if failed else Word.OK, said), "", table]
+    return [Headline(Word.LOOK_AGAIN if failed else Word.OK, said), "", table]

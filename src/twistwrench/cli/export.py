@@ -7,11 +7,12 @@ from typing import Any
 
 import click
 
+from ..answers.blocks import Headline
+from ..answers.data import plain
 from ..core.arguments import assignments
 from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode, Verdict, Word
 from ..mechanics.model.description import grouped
-from ..reports.blocks import plain, verdict
 from ..robot.load import save
 from .main import Given, note, option, printed_blocks
 from .shared import JSON, PAYLOADS, RobotOptions, load_case, robot_command, show_written
@@ -128,7 +129,7 @@ def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     lost = save(robot, given.out, overwrite=given.overwrite)
     less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
     judged = Verdict(Word.UNSURE, (less,)) if lost and given.strict else Verdict(Word.DONE)
-    line = verdict(judged.word, f": wrote {given.out}.{less}")
+    line = Headline(judged.word, f"wrote {given.out}.{less}")
     printed_blocks().append(line)
     click.echo(plain(line))  # not wrapped, so that the path stays whole
     for sentence in grouped(lost):

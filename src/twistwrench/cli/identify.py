@@ -13,6 +13,7 @@ import click
 import numpy as np
 
 from .. import identification
+from ..answers.blocks import Block, Headline, Line, Table, numbers, words
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, percent, percent_of_limit
@@ -29,7 +30,6 @@ from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
-from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..robot import Robot
 from . import shared
 from .main import Given, note, option
@@ -400,7 +400,7 @@ def _excitation_verdict(found: identification.ExcitingMotion, answer: Verdict) -
     least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
     distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
     first, *others = answer.reasons or (distances,)
-    yield verdict(answer.word, f": {first}.")
+    yield Headline(answer.word, f"{first}.")
     yield from (f"  - {reason}." for reason in others)
     if answer.reasons and least:
         yield f"{distances[0].upper()}{distances[1:]}."

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from .. import robots
+from ..answers.blocks import Block, Branch, Line, Piece, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import number
@@ -18,7 +19,6 @@ from ..mechanics.model.couplings import coupled_entries, joint_effort
 from ..mechanics.model.description import grouped
 from ..mechanics.model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
-from ..reports.blocks import Block, Branch, Line, Piece, Table, numbers, remarks, words
 from ..reports.robot_summary import as_text, link_of
 from ..reports.torque_verdict import base_doubts
 from ..robot import Robot

@@ -12,11 +12,11 @@ from typing import Any
 
 import click
 
+from ..answers.blocks import Block, Line, Table, numbers, words
 from ..core.colours import Style
 from ..core.numbers import number, percent
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
-from ..reports.blocks import Block, Line, Table, numbers, words
 from ..reports.log_quality import LogColumn, LogQuality
 from .main import Given, command
 from .shared import CHOICE, JSON, expand_paths, worker_options

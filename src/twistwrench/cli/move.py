@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..answers.blocks import Bar, Block, Glyphs, Headline, Line, Table, mark_style, numbers, remarks, words
 from ..core.arguments import parse_numbers
 from ..core.colours import Style, strong
 from ..core.errors import ConstraintWarning, PathError, ValueRangeError
@@ -27,7 +28,6 @@ from ..motion.credible_values import credible_limits
 from ..motion.limits_file import read_limits
 from ..motion.load_case import limit_doubts
 from ..motion.readers.csv_reader import CsvFile, table_errors
-from ..reports.blocks import Block, Line, Table, mark_style, numbers, remarks, share_bar, verdict, words
 from ..reports.robot_summary import degrees_hint, parse_configuration
 from ..reports.torque_verdict import (
     as_it_hangs,
@@ -120,7 +120,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     begin, end, hints = _ends(robot, given, degrees=options.degrees)
     units = load.unit_hints
     typed = [*credible_limits(bounds, load.robot), *load.doubts]
-    refused = [verdict(Word.LOOK_AGAIN, f": {each}.") for each in typed if each.refuses]
+    refused = [Headline(Word.LOOK_AGAIN, f"{each}.") for each in typed if each.refuses]
 
     def report(subject: str, blocks: list[Block], **shown: Any) -> None:
         write_report(
@@ -229,7 +229,7 @@ def _cannot(
     word: Word = Word.STOPPED,
 ) -> ExitCode:
     """Print that the path cannot be followed."""
-    blocks: list[Block] = [verdict(word, f": {problem}"), *remarks(hints)]
+    blocks: list[Block] = [Headline(word, str(problem)), *remarks(hints)]
     show(*blocks)
     report("no path", blocks)
     return ExitCode.NO
@@ -395,7 +395,7 @@ def move_view(
         numbers("peak", [use.peak for use in uses], torque, force),
         numbers("share", [use.torque_share for use in uses], percent_of_limit),
         numbers("at limit", [use.limiting for use in uses], percent) if fast else None,
-        words("", map(share_bar, most), fold=False),
+        words("", map(Bar, most), fold=False),
         styles=[strong(Style.OVER) if over_limit(share) else "" for share in most],
     )
     if fast:
@@ -419,7 +419,7 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
         numbers("to", [t.end for t in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [t.joint for t in shown], fold=False),
         words("limit", [f"{'+' if t.side > 0 else '-'} {t.kind}" for t in shown], fold=False),
-        words("", [Line((bar, Style.POINTED)) for bar in bars], fold=False),
+        words("", [Glyphs(bar, Style.POINTED) for bar in bars], fold=False),
     )
     if rest := len(contacts) - len(shown):
         yield Line((f"and {rest} shorter parts", Style.QUIET))
@@ -450,10 +450,10 @@ def _verdict(
     If not ``named``, the verdict word is left out because another verdict precedes it.
     """
     if cannot:
-        yield verdict(Word.STOPPED, f": {cannot}")
+        yield Headline(Word.STOPPED, cannot)
     if violations:
         shown = [v.in_degrees() if degrees else v for v in violations[:_MOST_PASSED]]
-        yield from (verdict(Word.OVER_LIMIT, f": {violation}.") for violation in shown)
+        yield from (Headline(Word.OVER_LIMIT, f"{violation}.") for violation in shown)
         if len(violations) > _MOST_PASSED:
             yield f"and {len(violations) - _MOST_PASSED} more"
         return
@@ -469,7 +469,7 @@ def _verdict(
     if cannot:
         yield f"Until there: {within}."
     else:
-        yield verdict(word, f": {within}.") if named else f"{within[0].upper()}{within[1:]}."
+        yield Headline(word, f"{within}.") if named else f"{within[0].upper()}{within[1:]}."
     yield from remarks(unknown)
 
 

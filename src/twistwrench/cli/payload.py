@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.blocks import Bar, Block, Headline, Line, Table, numbers, remarks, words
 from ..core.arguments import parse_numbers
 from ..core.colours import Style, strong
 from ..core.errors import FrameError, UnknownNameError, ValueRangeError
@@ -24,7 +25,6 @@ from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits, credible_load
 from ..motion.limits_file import read_limits
 from ..motion.load_case import Payload, limit_doubts, reach, unlimited
-from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
 from ..reports.robot_summary import degrees_hint, parse_configuration
 from ..reports.torque_verdict import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot
@@ -103,9 +103,9 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
         doubts.append(f"{'; '.join(lacking)}: the payload may be less")
     blocks: list[Block] = [stops_view(beyond, degrees=options.degrees)] if beyond else []
     if refused:
-        blocks.insert(0, verdict(Word.LOOK_AGAIN, f": {'; '.join(refused)}."))
+        blocks.insert(0, Headline(Word.LOOK_AGAIN, f"{'; '.join(refused)}."))
     if doubts:
-        blocks.append(verdict(Word.UNSURE, f": {'; '.join(doubts)}."))
+        blocks.append(Headline(Word.UNSURE, f"{'; '.join(doubts)}."))
     if hint := degrees_hint(robot, q):
         blocks += remarks([hint])
     if judged:
@@ -192,7 +192,7 @@ def payload_view(
     if found.joint >= 0:
         styles[int(found.joint)] = Style.STRONG
     styles = [strong(Style.OVER) if over_limit(share) else style for share, style in zip(shares, styles, strict=True)]
-    bars = [share_bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
+    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
     unit = heading_unit("tau", turning)
     holding = partial(numbers, show=torque, unit=unit, headed=False)
     limited = numbers("limit", found.limits, unit=unit, headed=False)
@@ -259,12 +259,12 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> Ite
     yield ""
 
 
-def _verdict(found: LargestPayload, where: str, carried: str, assumed: str, *, first: bool) -> Line:
+def _verdict(found: LargestPayload, where: str, carried: str, assumed: str, *, first: bool) -> Headline | Line:
     """Largest payload and the joint that limits it; OK is its word only if it comes ``first``."""
     itself = "the robot and what it carries" if carried else "the robot itself"
     if not found.holds:
         why = str(found).removeprefix("no payload: ")
-        return verdict(Word.OVER_LIMIT, f": no payload. {why.replace('the robot alone', itself) if carried else why}.")
+        return Headline(Word.OVER_LIMIT, f"no payload. {why.replace('the robot alone', itself) if carried else why}.")
     k, side = int(found.joint), "upper" if found.side > 0 else "lower"
     if k < 0:
         sentence = f"the payload is not limited at this pose: no joint torque depends on it{assumed}."
@@ -274,10 +274,10 @@ def _verdict(found: LargestPayload, where: str, carried: str, assumed: str, *, f
             f"{found.joint_names[k]}, {side} limit: {torque(found.torques[k])} {found.units[k]}, of which "
             f"{torque(found.unloaded[k])} carry {itself}{assumed}."
         )
-    return verdict(Word.OK, f": {sentence}") if first else Line(sentence[0].upper() + sentence[1:])
+    return Headline(Word.OK, sentence) if first else Line(sentence[0].upper() + sentence[1:])
 
 
-def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Line:
+def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Headline:
     """Joints beyond their position limits, with their excess; turning joints in degrees if ``degrees``."""
     parts = []
     for b in beyond:
@@ -286,7 +286,7 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Line:
         side = "above its upper" if b.value > b.stop else "below its lower"
         value, far, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
         parts.append(f"{b.joint} at {value} is {far} {side} position limit, {stop}")
-    return verdict(Word.OVER_LIMIT, f": the robot cannot be in this pose: {'; '.join(parts)}.")
+    return Headline(Word.OVER_LIMIT, f"the robot cannot be in this pose: {'; '.join(parts)}.")
 
 
 def write_payload(

@@ -16,11 +16,12 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ..answers.blocks import Block
+from ..answers.data import report_data
+from ..answers.page import Picture, ReportPage
 from ..core.colours import COLOURS, Style
 from ..core.files import replacing
 from ..core.version import __version__
-from ..reports.blocks import Block, report_data
-from ..reports.page import Picture, ReportPage
 from ..reports.robot_summary import limits_table
 from .main import Given, option, option_group, printed_blocks, typed_words_and_notes
 from .shared import show_written, write_text

@@ -11,6 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
+from ..answers.blocks import Block, Headline, Line, Remark, Table, numbers, remarks, words
 from ..core.arguments import parse_numbers
 from ..core.colours import Style
 from ..core.doubts import Doubt, doubt
@@ -23,7 +24,6 @@ from ..core.verdict import ExitCode, Word
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.lie import quaternion, so3
 from ..mechanics.lie.labelled import WRENCH
-from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..sensing import Identification, PoseProposal, ReadingLog, identify, propose_poses, read_log, write_sensor
 from ..sensing.contact_detection import Compensation, compensation, left_over
 from ..sensing.files import read_sensor_file
@@ -276,7 +276,7 @@ def sensor_identification_view(found: Identification, log: ReadingLog) -> Iterat
     reasons, others = _sentences(found, log.notes)
     place = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
     where = f" at ({place}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
-    yield verdict(found.verdict.word, f": {found.mass_text}{where}")
+    yield Headline(found.verdict.word, f"{found.mass_text}{where}")
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
@@ -329,7 +329,7 @@ def _estimate(value: float, sigma: float) -> Iterator[Line]:
     return (Line(text, value=x) for text, x in zip(estimate(value, sigma), (value, sigma), strict=True))
 
 
-def _sentences(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Line], list[Line]]:
+def _sentences(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Remark], list[Remark]]:
     """Split doubts into reasons of the verdict and remarks at the end of the report, which include notes on the log."""
     reasons = [str(each) for each in found.doubts if str(each) in found.verdict.reasons]
     others = [*notes, *(str(each) for each in found.doubts if str(each) not in reasons)]
@@ -340,7 +340,7 @@ def compensation_view(found: Compensation) -> Iterator[Block]:
     """Readings before and after compensation, and contacts."""
     log = found.log
     reasons, others = _sentences(found, log.notes)
-    yield verdict(found.verdict.word, f": {_outcome(found)}")
+    yield Headline(found.verdict.word, _outcome(found))
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
@@ -384,12 +384,12 @@ def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubted: Do
     """Proposed orientations (n, 7) in measuring order; only the verdict if they do not determine the load."""
     known = _known(proposal, mass)
     if doubted:
-        yield verdict(Word.LOOK_AGAIN, f": {doubted}")
+        yield Headline(Word.LOOK_AGAIN, str(doubted))
         if not known[-1, 0] < mass:
             return
     else:
         sure = f"mass ± {number(known[-1, 0], 2)} kg, centre of mass ± {number(1e3 * known[-1, 1], 2)} mm (95 %)"
-        yield verdict(Word.OK, f": {len(poses)} orientations determine a load of {number(mass)} kg: {sure}.")
+        yield Headline(Word.OK, f"{len(poses)} orientations determine a load of {number(mass)} kg: {sure}.")
     yield ""
     yield Table(
         "Next poses",

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..answers.blocks import Block, Headline
 from ..core.arguments import assignments, parse_numbers
 from ..core.errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..core.files import replacing
@@ -23,7 +24,6 @@ from ..core.tables import csv_table
 from ..core.text import listed
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
-from ..reports.blocks import Block, verdict
 from .main import Decorator, Given, RobotOption, command, note, option, option_group
 
 if TYPE_CHECKING:
@@ -552,7 +552,7 @@ def clearance_verdict(clearance: PathClearance | None) -> list[Block]:
     if clearance is None or clearance.verdict.ok:
         return []
     first, *others = clearance.verdict.reasons
-    return [verdict(clearance.verdict.word, f": {first}.", *(f"\n  - {reason}." for reason in others))]
+    return [Headline(clearance.verdict.word, f"{first}.", reasons=[f"{reason}." for reason in others])]
 
 
 # ── Batches: the files of folders and patterns

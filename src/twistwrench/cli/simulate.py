@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..answers.blocks import Block, Headline, Line, Table, numbers, remarks, words
 from ..core.arguments import parse_numbers
 from ..core.colours import Style
 from ..core.errors import SimulationError, ValueRangeError
@@ -19,7 +20,6 @@ from ..core.verdict import ExitCode, Verdict, Word
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
-from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_rates
 from ..reports.torque_verdict import friction_words
 from ..robot import Robot
@@ -87,7 +87,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     given.check_files({"--srdf": given.srdf, **options.files})
     load = shared.load_case(options.load(), options, given)
     if load.contradictions:
-        show(verdict(Word.LOOK_AGAIN, f": {'; '.join(load.contradictions)}."))
+        show(Headline(Word.LOOK_AGAIN, f"{'; '.join(load.contradictions)}."))
         return ExitCode.NO
     loaded, friction = load.with_load, load.friction
     result: Any
@@ -198,12 +198,11 @@ def simulation_view(
     if touching and judged.ok:
         yield f"Simulated {number(result.times[-1], 6)} s. {drift}"
     elif judged.ok:
-        yield verdict(
-            judged.word if clearance is None else Word.OK, f": simulated {number(result.times[-1], 6)} s. {drift}"
-        )
+        word = judged.word if clearance is None else Word.OK
+        yield Headline(word, f"simulated {number(result.times[-1], 6)} s. {drift}")
     else:
         at = "" if judged.word is Word.OVER_LIMIT else f" at t = {number(result.times[-1], 6)} s"
-        yield verdict(judged.word, f"{at}: {judged.reasons[0]}. {drift}")
+        yield Headline(judged.word, f"{judged.reasons[0]}. {drift}", at)
     yield from () if clearance is None else clearance.lines
     if not driven or not result.completed:
         yield from remarks(_limits_passed(robot, result, degrees=degrees))

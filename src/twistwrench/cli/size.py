@@ -11,6 +11,19 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
+from ..answers.blocks import (
+    Block,
+    Column,
+    Headline,
+    Line,
+    Remark,
+    Table,
+    mark_style,
+    numbers,
+    remarks,
+    share_cell,
+    words,
+)
 from ..core.colours import Style
 from ..core.errors import ValueRangeError
 from ..core.numbers import number, percent_of_limit, quantity, seconds
@@ -21,7 +34,6 @@ from ..motion.credible_values import placeholder_limits
 from ..motion.differentiation import Differentiation
 from ..motion.motion import Motion
 from ..motion.motion_log import MotionLog
-from ..reports.blocks import Block, Column, Line, Table, mark_style, numbers, remarks, share_cell, verdict, words
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
 from ..reports.torque_report import TorqueReport, analyse
@@ -175,9 +187,9 @@ def _worst_moment(found: Sizing, cycle: Motion) -> tuple[Array, MarkedJoint | No
     return q, marked, f"{name} at t = {seconds(moment)} s", f"#t={when}"
 
 
-def _spoken(judged: Verdict) -> Iterator[Line]:
+def _spoken(judged: Verdict) -> Iterator[Headline | Remark]:
     first, *rest = judged.reasons or ("",)
-    yield verdict(judged.word, f": {first}.")
+    yield Headline(judged.word, f"{first}.")
     yield from remarks(f"{reason}." for reason in rest)
 
 
@@ -186,7 +198,7 @@ def size_view(found: Sizing, judged: Verdict, *, ambient: float) -> Iterator[Blo
     if judged.word is Word.OK:
         one = max(found.joints.values(), key=lambda j: j.tightest[1].share)
         part, demand = one.tightest
-        yield verdict(Word.OK, f": all ratings kept. Closest: {one.joint}, {part}: {demand.words}.")
+        yield Headline(Word.OK, f"all ratings kept. Closest: {one.joint}, {part}: {demand.words}.")
     else:
         yield from _spoken(judged)
     if not found.choice and judged.word is Word.OVER_LIMIT:

@@ -11,6 +11,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..answers.blocks import (
+    Bar,
+    Block,
+    Cell,
+    Column,
+    Glyphs,
+    Line,
+    Table,
+    mark_style,
+    numbers,
+    remarks,
+    share_cell,
+    shown,
+    word_cell,
+    words,
+)
 from ..core.colours import Style, strong
 from ..core.doubts import Doubt
 from ..core.errors import ValueRangeError
@@ -26,25 +42,12 @@ from ..motion.limits_file import read_limits
 from ..motion.load_case import TERMS, cause_label
 from ..motion.log_table import excerpts
 from ..motion.motion_log import MotionLog
-from ..reports.blocks import (
-    Block,
-    Column,
-    Line,
-    Table,
-    mark_style,
-    numbers,
-    remarks,
-    share_bar,
-    share_cell,
-    shown,
-    verdict,
-    words,
-)
 from ..reports.log_quality import MeasuredTorque
 from ..reports.motors import Demand, MotorUse, Steps
 from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
 from ..reports.torque_verdict import friction_words, notes_of, verdict_of
+from ..robot.explanation import NEGLIGIBLE_PART
 from . import shared
 from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
@@ -395,7 +398,7 @@ def _heading(report: TorqueReport) -> Line:
 
 
 def _torques(
-    report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], str | Line]
+    report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], Cell]
 ) -> Column:
     """Column of a table of joints; the unit is shown by the table."""
     units = sorted({j.unit for j in report.joints})
@@ -418,7 +421,7 @@ def _peaks(report: TorqueReport) -> Table:
 
     unknown = Line((MISSING, Style.QUIET))
     known = [math.isfinite(j.limit) for j in joints]
-    bars = [share_bar(j.share, f"  {percent_of_limit(j.share):>5}") for j in joints]
+    bars: list[Cell] = [Bar(j.share, f"  {percent_of_limit(j.share):>5}") for j in joints]
     bars = [bar if limited else unknown for bar, limited in zip(bars, known, strict=True)]
     shares = [share_cell(j.share) if limited else unknown for j, limited in zip(joints, known, strict=True)]
     return _joint_table(
@@ -499,15 +502,19 @@ def _why(report: TorqueReport, k: int) -> Table:
         *(
             numbers(
                 head.partition(" [")[0],
-                [Line(cell, value=x) for cell, x in zip(cells, column, strict=True)],
+                [_part(cell, x) for cell, x in zip(cells, column, strict=True)],
                 unit=unit,
                 headed=False,
             )
             for head, cells, column in zip(heads[1:], terms, values.T.tolist(), strict=True)
-            if set(cells) != {"·"}
+            if set(cells) != {NEGLIGIBLE_PART}
         ),
         styles=[""] * (len(rows) - 1) + [Style.STRONG],
     )
+
+
+def _part(text: str, value: float) -> Cell:
+    return Glyphs(text) if text == NEGLIGIBLE_PART else Line(text, value=value)
 
 
 def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
@@ -539,7 +546,7 @@ def many_table(found: Sequence[FileTorques]) -> Table:
     return Table(
         "",
         words("motion", [Path(one.file).name for one in found]),
-        words("verdict", [verdict(one.verdict) for one in found]),
+        words("verdict", [word_cell(one.verdict) for one in found]),
         words("joint", [one.joint for one in found]),
         column("peak", [Line(quantity(one.peak, one.unit), value=one.peak) for one in found]),
         column("limit", [Line(quantity(one.limit, one.unit), value=one.limit) for one in found]),

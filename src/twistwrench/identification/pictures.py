@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ..answers.page import Picture
 from ..core.numbers import number, percent
 from ..mechanics.joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates
-from ..reports.page import Picture
 from ..viz import style
 from ..viz.plots.diagnosis import VIEWS, draw_inertias
 

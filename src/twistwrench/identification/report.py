@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+from ..answers.blocks import Block, Headline, Line, Table, numbers, words
 from ..core.colours import Style
 from ..core.numbers import estimate, number, percent, plus_minus
 from ..core.text import listed
 from ..mechanics.joints.units import heading_unit
 from ..motion.coordinates import Coordinates
-from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 
 if TYPE_CHECKING:
     from .result import IdentifiedRobot
@@ -26,7 +26,7 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
     joints = [f"{name} {percent(share, 3)}" for name, share in found.held_out.joints.items() if math.isfinite(share)]
     left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
     poor = f"{len(found.poorly_determined)} of {int((~found.base.held).sum())} parameter groups poorly determined."
-    yield verdict(found.verdict.word, f": {left} ({listed(joints, _MOST_NAMES)}). {poor}")
+    yield Headline(found.verdict.word, f"{left} ({listed(joints, _MOST_NAMES)}). {poor}")
     yield from (Line((f"• {doubt.sentence}", Style.OVER if doubt.refuses else "")) for doubt in found.doubts)
     yield from found.notes
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"

@@ -295,7 +295,7 @@ class IdentifiedRobot:
         ValueRangeError
             The file cannot be written.
         """
-        from ..reports.page import ReportPage
+        from ..answers.page import ReportPage
         from .pictures import identification_pictures
         from .report import bodies_view, identification_view
 

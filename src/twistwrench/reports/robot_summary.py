@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..answers import blocks
 from ..core.arguments import assignments, parse_numbers
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed
@@ -23,7 +24,6 @@ from ..mechanics.model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
 from ..motion.limits_file import COLUMNS, KINDS
 from ..robot.task_space_methods import require_robot
-from . import blocks
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..answers.blocks import Headline, Line
+from ..answers.data import plain
 from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
@@ -20,7 +22,6 @@ from ..motion.credible_values import driven_entries
 from ..motion.load_case import LoadCase, Payload, PayloadMargin, cause_label
 from ..motion.motion_log import ASKED
 from ..motion.sentences import SENTENCES, sentence
-from .blocks import Line, verdict
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
 from .torque_verdict import (
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
 MISSING_CONTACT = "IS A CONTACT MISSING?"
 
 
-def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Line:
+def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Headline:
     """Verdict with its reasons, one per line; angles in degrees if ``degrees``."""
     judged, load = verdict_of(report, degrees=True) if degrees else report.verdict, report.load
     first, *others = judged.reasons or (_nearest(report),)
@@ -68,19 +69,19 @@ def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Line:
             load.robot.model, load.payloads, held=still, friction=load.friction, unjudged=report.limits
         )
         assumed = assumed_words(clauses)
-    line = verdict(judged.word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
-    if (margin := _payload_margin(report)) is not None:
-        line.pieces.append(f"\n{margin.words}")
+    margin, further = _payload_margin(report), []
+    if margin is not None:
+        further.append(Line(margin.words))
     if report.clearance is not None:
-        line.pieces += [f"\n{text}" for text in report.clearance.lines]
-    for question, remark in _questions(report):
-        line.pieces += [(f"\n{question}", strong(Style.NEAR)), f" {remark}"]
-    return line
+        further += [Line(text) for text in report.clearance.lines]
+    further += [Line((question, strong(Style.NEAR)), f" {remark}") for question, remark in _questions(report)]
+    reasons = [f"{reason}." for reason in others]
+    return Headline(judged.word, f"{first}{assumed}.", reasons=reasons, further=further)
 
 
 def verdict_text(report: TorqueReport) -> str:
     """Text of :func:`verdict_view` without colours."""
-    return "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces)
+    return plain(verdict_view(report))
 
 
 def _questions(report: TorqueReport) -> list[tuple[str, str]]:

@@ -24,6 +24,10 @@ MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 """M ddq; terms with dq_i²; terms with dq_i dq_j; g."""
 
 
+NEGLIGIBLE_PART = "·"
+"""Text of a part that is too small to be shown."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Explanation(ExplanationDoors):
     """Joint torques τ split by term and by cause; parts without a body (friction, springs, wrenches) count as both.
@@ -175,7 +179,7 @@ def require_one_state(why: Explanation) -> None:
 
 
 def _cells(row: Array, least: float) -> list[str]:
-    return ["·" if abs(x) <= least else number(x) for x in row.tolist()]
+    return [NEGLIGIBLE_PART if abs(x) <= least else number(x) for x in row.tolist()]
 
 
 def explained(

@@ -15,7 +15,8 @@ from importlib import resources
 from typing import Any
 
 from ..core.colours import page_colours
-from .blocks import Block, Branch, Line, Table, is_bar, is_remark, plain, table_data
+from .blocks import Bar, Block, Branch, Cell, Glyphs, Headline, Line, Piece, Remark, Table
+from .data import plain, table_data
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
 """Content-Security-Policy: no requests and no scripts."""
@@ -102,17 +103,17 @@ class ReportPage:
         end = next((k for k, b in enumerate(self.blocks) if b == "" or isinstance(b, Table)), len(self.blocks))
         head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != ""]
         head = head or [f"{self.command}: {self.subject}"]
-        doubts = [*filter(is_remark, self.blocks)]
-        shown = [b for b in body if not is_remark(b)]
+        doubts = [block for block in self.blocks if isinstance(block, Remark)]
+        shown = [block for block in body if not isinstance(block, Remark)]
         parts = [
-            _verdict([b for b in head if not is_remark(b)], self.facts),
+            _verdict([block for block in head if not isinstance(block, Remark)], self.facts),
             *map(_picture, sorted(self.pictures, key=lambda p: isinstance(p.content, str))),
             "<h2>Results</h2>",
             *map(_block, shown),
             *(["<h2>Details</h2>", *map(_block, self.details)] if self.details else []),
         ]
         if doubts or self.notes:
-            items = [_line(b, leave="! ") for b in doubts] + [html.escape(note) for note in self.notes]
+            items = [html.escape(doubt.words) for doubt in doubts] + [html.escape(note) for note in self.notes]
             parts.append(f"<h2>Doubts and notes</h2><ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
         parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(_table, self.tables))}")
         text = "\n".join(self._cut(part) for part in parts)
@@ -132,7 +133,7 @@ class ReportPage:
 
     def _data(self) -> str:
         """Verdict, facts and tables as JSON."""
-        words = [plain(b).split("\n") for b in self.blocks[:1] if isinstance(b, str | Line)]
+        words = [plain(b).split("\n") for b in self.blocks[:1] if isinstance(b, str | Headline | Line)]
         tables = [
             table_data(table) for table in (*self.blocks, *self.details, *self.tables) if isinstance(table, Table)
         ]
@@ -167,21 +168,27 @@ _TEMPLATE = """<!doctype html>
 """
 
 
-def _line(line: str | Line | Any, *, leave: str = "") -> str:
-    """HTML of a line, without the pieces ``leave``."""
-    if not isinstance(line, Line):
-        return html.escape(str(line))
+def _line(line: Block | Cell) -> str:
+    """HTML of a line or cell; a bar is its label, and glyphs are left out."""
+    if isinstance(line, Glyphs):
+        return ""
+    if isinstance(line, Bar):
+        return _pieces(line.label)
+    if isinstance(line, Headline | Line | Remark):
+        return _pieces(line.pieces)
+    return html.escape(str(line))
+
+
+def _pieces(pieces: Iterable[Piece]) -> str:
     found = []
-    for piece in line.pieces:
+    for piece in pieces:
         text, style = (piece, "") if isinstance(piece, str) else piece
-        if text == leave or is_bar(text):
-            continue
         escaped = html.escape(text)
         found.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
     return "".join(found)
 
 
-def _paragraphs(line: str | Line) -> list[str]:
+def _paragraphs(line: str | Headline | Line | Remark) -> list[str]:
     """HTML of each line of a text."""
     opened, lines = "", []
     for part in _line(line).split("\n"):
@@ -194,7 +201,9 @@ def _paragraphs(line: str | Line) -> list[str]:
 
 def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
     """Printed verdict and its decisive numbers."""
-    first, *others = [text for block in head if isinstance(block, str | Line) for text in _paragraphs(block)] or [""]
+    first, *others = [
+        text for block in head if isinstance(block, str | Headline | Line) for text in _paragraphs(block)
+    ] or [""]
     decisive = "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in facts)
     more = "".join(f"<p>{text}</p>" for text in others)
     return f'<div class="verdict"><h1>{first}</h1>{more}</div>' + (

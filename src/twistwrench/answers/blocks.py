@@ -1,0 +1,275 @@
+"""Blocks of an answer: headline, lines, remarks, tables, bars and trees, independent of the surface that shows them.
+
+:mod:`.terminal` writes them as text, :mod:`.page` as a page, :mod:`.card` as the card of a notebook, :mod:`.data` as JSON.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ..core.colours import NEAR_LIMIT, Style, word_style
+from ..core.numbers import MISSING, number, percent_of_limit
+from ..core.text import ReadingNote
+from ..core.verdict import Verdict, Word
+from ..mechanics.model.limits import over_limit
+
+
+class Level(IntEnum):
+    """Surfaces that show a block."""
+
+    SHORT = 0
+    """All."""
+    ALL = 1
+    """Pages, and the terminal with ``--all``."""
+    PAGE = 2
+    """Pages only."""
+
+
+Piece: TypeAlias = str | tuple[str, str]
+"""Text, or text with its style."""
+
+
+class Line:
+    """Text in pieces, each with an optional style: ``Line(("OK", strong(Style.GOOD)), ": no limit is passed.")``.
+
+    ``value`` is the number of a cell with all digits.
+    """
+
+    def __init__(self, *pieces: Piece, indent: int = 0, value: float | None = None, level: Level = Level.SHORT) -> None:
+        self.pieces, self.indent, self.value, self.level = list(pieces), indent, value, level
+
+
+@dataclass(frozen=True)
+class Headline:
+    """First line of an answer that judges: the word in its colour, and a sentence with its reason."""
+
+    word: Word
+    sentence: str = ""
+    """Reason, or what was found; it ends with a full stop."""
+    at: str = ""
+    """When, between the word and the sentence: ``STOPPED at t = 1.15 s: …``."""
+    reasons: Sequence[str] = ()
+    """Further reasons, one a line."""
+    further: Sequence[Line] = ()
+    """Lines that belong to the answer: largest payload, least distance, questions to the user."""
+    level: Level = Level.SHORT
+
+    @classmethod
+    def from_verdict(cls, verdict: Verdict, *, further: Sequence[Line] = ()) -> Headline:
+        """Headline with all reasons of a verdict."""
+        first, *others = verdict.reasons or ("",)
+        return cls(
+            verdict.word, f"{first}." if first else "", reasons=[f"{reason}." for reason in others], further=further
+        )
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Text with its styles."""
+        sentence = f"{self.at}: {self.sentence}" if self.sentence else self.at
+        found: list[Piece] = [(str(self.word), word_style(self.word)), sentence]
+        found += [f"\n  - {reason}" for reason in self.reasons]
+        for line in self.further:
+            found += ["\n", *line.pieces]
+        return found
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A doubt or a note: one sentence, and its remedy."""
+
+    sentence: str
+    do: str = ""
+    """Remedy, printed first."""
+    reading: bool = False
+    """True for a note on how a file was read."""
+    level: Level = Level.SHORT
+
+    @property
+    def words(self) -> str:
+        """Remedy and sentence."""
+        return f"{self.do}: {self.sentence}" if self.do else self.sentence
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Text with its styles."""
+        return [("! ", Style.NEAR), self.words]
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A share of a limit as a bar, and a text beside it; a cell of a table."""
+
+    share: float
+    text: str = ""
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Twelve characters and the text, in the colour of the share."""
+        filled = min(_BAR, round(self.share * _BAR))
+        return [("━" * filled, self.style), ("─" * (_BAR - filled), Style.QUIET), *self.label]
+
+    @property
+    def label(self) -> list[Piece]:
+        """The text in the colour of the share."""
+        return [(self.text, self.style)] if self.text else []
+
+    @property
+    def style(self) -> Style:
+        """Colour of the share."""
+        return limit_style(self.share)
+
+
+_BAR = 12
+"""Width of a bar in characters."""
+
+
+@dataclass(frozen=True)
+class Glyphs:
+    """Characters that draw something in a cell; pages and data leave them out."""
+
+    text: str
+    style: str = ""
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Text with its style."""
+        return [(self.text, self.style)]
+
+
+Cell: TypeAlias = str | Line | Bar | Glyphs
+"""Content of a cell of a table."""
+
+
+def shown(value: Any) -> Cell:
+    """Text of a cell: words unchanged, integers in full, other numbers rounded."""
+    if isinstance(value, str | Line | Bar | Glyphs):
+        return value
+    return str(value) if isinstance(value, int | np.integer) else number(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """Column of a table: name, unit, values, and the format of a value."""
+
+    name: str
+    values: Sequence[Any]
+    show: Callable[[Any], Cell] = shown
+    unit: str = ""
+    """Unit of the values; all units if they differ by row. Shares are ratios without a unit."""
+    headed: bool = True
+    """False if the unit is in the title or in another column instead of the head."""
+    limits: Sequence[float] | None = None
+    """Limits shown behind the values."""
+    words: bool = False
+    """True for words, aligned left; numbers are aligned right."""
+    whole: bool = True
+    """True if cells are never broken into lines."""
+    min_width: int | None = None
+    style: str = ""
+    narrow: Column | None = None
+    """Column used instead in narrow terminals."""
+
+    @property
+    def head(self) -> str:
+        """Name with the unit."""
+        return f"{self.name} [{self.unit}]" if self.unit and self.headed else self.name
+
+
+def words(
+    name: str, values: Iterable[Any], *, fold: bool = True, style: str = "", narrow: Column | None = None
+) -> Column:
+    """A column of words, folded in narrow terminals if ``fold``."""
+    return Column(name, list(values), words=True, whole=not fold, style=style, narrow=narrow)
+
+
+def numbers(
+    name: str,
+    values: Iterable[Any],
+    show: Callable[[Any], Cell] = shown,
+    unit: str = "",
+    *,
+    headed: bool = True,
+    limits: Sequence[float] | None = None,
+    min_width: int | None = None,
+) -> Column:
+    """A column of numbers, which are never cut; with ``min_width``, cells of several numbers may break between them."""
+    whole = min_width is None
+    return Column(name, list(values), show, unit, headed=headed, limits=limits, whole=whole, min_width=min_width)
+
+
+class Table:
+    """Columns of equal length below a title; columns that are None are left out. Each row may have a style.
+
+    At level SHORT at most ``most`` rows are shown, those with the largest ``by`` in their order; a last row counts the others.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        *columns: Column | None,
+        styles: Iterable[str] | None = None,
+        style: str = Style.STRONG,
+        level: Level = Level.SHORT,
+        most: int | None = None,
+        by: Sequence[float] | None = None,
+    ) -> None:
+        self.title, self.style, self.level = title, style, level
+        self.columns = [column for column in columns if column is not None]
+        self.styles = [""] * len(self.columns[0].values) if styles is None else list(styles)
+        self.most, self.by = most, by
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A tree of lines."""
+
+    label: Line
+    branches: list[Branch] = field(default_factory=list)
+    level: Level = Level.SHORT
+
+    def add(self, label: Line) -> Branch:
+        """Add a branch and return it."""
+        self.branches.append(Branch(label))
+        return self.branches[-1]
+
+
+Block: TypeAlias = str | Headline | Line | Remark | Table | Branch
+"""A part of an answer; an empty text is a blank line."""
+
+
+# ── Notes, and shares of limits
+
+
+def remarks(sentences: Iterable[str]) -> list[Remark]:
+    """One remark for each sentence; notes on how a file was read come last."""
+    found = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
+    return sorted(found, key=lambda remark: remark.reading)
+
+
+def word_cell(word: str) -> Line:
+    """Word of a verdict in its colour, as a cell."""
+    return Line((word, word_style(word)))
+
+
+def limit_style(share: float) -> Style:
+    """Style of a share of a limit: over, near, or good."""
+    if over_limit(share):
+        return Style.OVER
+    return Style.NEAR if share > NEAR_LIMIT else Style.GOOD
+
+
+def mark_style(share: float) -> Style:
+    """Style of the joint that a sentence names, with its share of a limit (nan without one)."""
+    style = limit_style(share)
+    return Style.POINTED if style is Style.GOOD or math.isnan(share) else style
+
+
+def share_cell(share: float) -> str | Line:
+    """A share of a limit, in its colour; a dash without a limit."""
+    return Line((percent_of_limit(share), limit_style(share)), value=share) if math.isfinite(share) else MISSING

@@ -1,0 +1,152 @@
+"""Blocks of an answer as text in the width of a terminal, with colours or without."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from rich import box, table
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.padding import Padding
+from rich.segment import Segment
+from rich.text import Text
+from rich.tree import Tree
+
+from ..core.colours import terminal_style
+from ..core.text import visible
+from .blocks import Block, Branch, Cell, Column, Headline, Line, Piece, Remark, Table
+
+
+class _Output(Console):
+    """Console that escapes control characters, never truncates lines, and exits on a broken pipe."""
+
+    def render(self, renderable: Any, options: Any = None) -> Any:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(visible(segment.text), segment.style)
+
+    def on_broken_pipe(self) -> None:
+        raise
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*objects, **{"crop": False, **options})
+
+
+def console() -> Console:
+    """Console with the terminal's width; for files and pipes the width is COLUMNS or 80 characters."""
+    return _Output(highlight=False)
+
+
+def rendered(block: Block, output: Console) -> RenderableType:
+    """Rich renderable of a block; columns have their narrow form if the table would be too wide."""
+    if isinstance(block, Table):
+        tight = TerminalTable(block)
+        tight.padding = (0, 0)
+        wide = Measurement.get(output, output.options.update(max_width=_ANY), tight).maximum > output.width
+        return TerminalTable(block, narrow=wide)
+    if isinstance(block, Branch):
+        return _tree(block)
+    text = _text(block)
+    return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
+
+
+def _text(words: Headline | Remark | Cell) -> Text:
+    if isinstance(words, str):
+        return Text(words)
+    if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # style of the whole cell
+        text, style = words.pieces[0]
+        return Text(text, style=terminal_style(style))
+    return Text.assemble(*(_styled(piece) for piece in words.pieces))
+
+
+def _styled(piece: Piece) -> str | tuple[str, str]:
+    return piece if isinstance(piece, str) else (piece[0], terminal_style(piece[1]))
+
+
+def _tree(tree: Branch, above: Tree | None = None) -> Tree:
+    branch = Tree(_text(tree.label)) if above is None else above.add(_text(tree.label))
+    for below in tree.branches:
+        _tree(below, branch)
+    return branch
+
+
+# ── Tables: words at the left, numbers at the right
+
+_ANY = 10_000
+"""Width in characters larger than any table."""
+_LEAST = 8
+"""Minimum number of characters per piece of a folded name."""
+
+
+class TerminalTable(table.Table):
+    """Table with one rule below its heads and a title on one line; text is not interpreted as markup."""
+
+    def __init__(self, content: Table, *, narrow: bool = False) -> None:
+        title = None
+        if content.title:
+            title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
+        super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+        columns = [column.narrow if narrow and column.narrow else column for column in content.columns]
+        cells = [[_text(column.show(value)) for value in column.values] for column in columns]
+        self._folding = [
+            texts for column, texts in zip(columns, cells, strict=True) if column.words and not column.whole
+        ]
+        """Cells of the foldable columns."""
+        for column, texts in zip(columns, cells, strict=True):
+            self._add(column, texts)
+        for row, style in zip(zip(*cells, strict=True), content.styles, strict=True):
+            self.add_row(*row, style=terminal_style(style))
+
+    def _add(self, column: Column, texts: list[Text]) -> None:
+        # Rich's option for unbroken cells would take all width from the other columns.
+        for text in texts:
+            text.no_wrap = column.whole or None
+        if column.whole:
+            needs = [cell_len(line) for text in texts for line in text.plain.split("\n")]
+        else:
+            needs = [min(cell_len(part), _LEAST) for text in texts for part in text.plain.split()]
+        if column.min_width is not None:
+            needs.append(column.min_width)
+        elif not column.words:
+            needs.append(max(map(cell_len, column.head.split()), default=0))
+        self.add_column(
+            Text(column.head),
+            justify="left" if column.words else "right",
+            overflow="fold" if column.words else "ellipsis",
+            style=terminal_style(column.style),
+            min_width=max(needs, default=None),
+        )
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Render the table; in narrow consoles with less padding and with names folded at their separators."""
+        for padding in (self.padding, (0, 0)):
+            self.padding = padding
+            excess = Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
+            if excess <= 0:
+                break
+            for texts in filter(None, self._folding):
+                longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
+                least = max(cell_len(part) for text in texts for part in _parts(text.plain))
+                width = max(least, longest - excess)
+                for text in texts:
+                    text.plain = _folded(text.plain, width)
+                excess -= max(longest - width, 0)
+        yield from super().__rich_console__(console, options)
+
+
+def _parts(name: str) -> list[str]:
+    """Parts of a name, each with its trailing separator."""
+    return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
+
+
+def _folded(name: str, width: int) -> str:
+    """Break a name between its parts into lines of at most this width."""
+    if cell_len(name) <= width or " " in name:
+        return name
+    lines = [""]
+    for part in _parts(name):
+        if lines[-1] and cell_len(lines[-1] + part) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
