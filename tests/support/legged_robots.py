@@ -105,6 +105,11 @@ LEGGED = {
     ),
     "spider at 45 degrees": lambda: sprawling(np.pi / 4),
     "spider at 70 degrees": lambda: sprawling(np.radians(70)),
+    "spider with its legs flat": lambda: sprawling(0.0),
+    "humanoid lying in its file": lambda: branched(
+        [((0, y, 0), 0.0, [(0.02, 0.0), (0.4, 0.0), (0.4, 0.0)]) for y in (-0.1, 0.1)]
+        + [((0, y, 0), np.pi, [(0.3, 0.0), (0.3, 0.0), (0.3, 0.0), (0.3, 0.0)]) for y in (-0.2, 0.2)]
+    ),
     "centaur with arms": lambda: branched(
         [((x, y, 0), 0.0, DOWN) for x in (-0.3, 0.3) for y in (-0.1, 0.1)]
         + [((0.4, y, 0.4), 0.0, [(0.3, 0.0), (0.3, 0.0)]) for y in (-0.2, 0.2)]
@@ -131,21 +136,25 @@ OTHERS = {
     "arm on a ceiling with fingers": gripper_arm,
     "one leg": lambda: branched([((0, 0, 0), 0.0, DOWN)]),
     "swerve cart": lambda: branched([((x, y, -0.05), 0.0, [(0.0, -0.05), (0.0, 0.0)]) for x in (-0.4, 0.4) for y in (-0.3, 0.3)]),
-    "spider with its legs flat": lambda: sprawling(0.0),
     "excavator": lambda: branched([((0.5, 0, 0.5), 0.0, [(2.0, 1.0), (1.5, -1.0), (0.3, -0.5)]), ((0, 0, -0.8), 0.0, [])]),
     "pair of cranes": lambda: branched([((x, 0, 0.2), 0.0, [(0.5, 2.0), (1.0, -1.9)]) for x in (-1.0, 1.0)] + [((0, 0, -0.5), 0, [])]),
     "tree of arms": lambda: branched(around(3, 0.2, [(0.1, 0.3), (0.1, 0.3), (0.1, 0.1)])),
     "lamps on a ceiling, mounted": lambda: branched(around(4, 0.2, DOWN), world=True),
 } | {
     f"hand, fingers {way}": lambda R=R: branched(HAND, base=0.4, mass=0.05, turn=R)
-    for way, R in SIX_WAYS.items() if way != "down"
+    for way, R in SIX_WAYS.items()
+} | {
+    "three fingers of one length, down": lambda: branched(
+        [((0.05, y, 0.0), 0.0, FINGER) for y in (-0.03, 0.0, 0.03)], base=0.4, mass=0.05, turn=SIX_WAYS["down"]
+    ),
+    "planar gripper of two fingers": lambda: branched([((x, 0, 0), 0.0, DOWN) for x in (-0.2, 0.2)]),
+    "planar gripper of three fingers": lambda: branched([((x, 0, 0), 0.0, DOWN) for x in (-0.2, 0.0, 0.2)]),
+    "four arms on a post": lambda: branched(around(4, 0.2, [(0.1, 0.3), (0.1, 0.3), (0.1, 0.1)])),
+    "four-armed carrier of rotors": lambda: branched(around(4, 0.1, [(0.2, 0.0)])),
 }  # fmt: skip
 """Mechanisms that do not stand on their branches."""
 ALIKE = {
     "delta, its loops cut open": lambda: branched(around(3, 0.2, [(0.2, -0.05), (-0.3, -0.6)])),
     "pair of arms on a ceiling": lambda: branched([((0, y, 0), 0.0, ARM) for y in (-0.3, 0.3)]),
-    "hand, fingers down": lambda: branched(
-        [((0.05, y, 0.0), 0.0, FINGER) for y in (-0.03, 0.0, 0.03)], base=0.4, mass=0.05, turn=SIX_WAYS["down"]
-    ),
 }
 """Mechanisms with the geometry of a legged robot, and without a statement about their base."""
