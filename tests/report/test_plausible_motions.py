@@ -200,10 +200,56 @@ def test_measured_torques_are_compared_in_rows_that_are_not_an_impact(run, tmp_p
     assert said.startswith(word), said[:300]
 
 
-@pytest.mark.parametrize(("head", "asked"), [("t", True), ("time [s]", False), ("seconds", False)])
-def test_a_column_of_time_that_may_count_rows_is_asked_about(run, tmp_path, ur5, head, asked):
-    """800 rows at 100 Hz numbered by row are those of a log of 800 s at 1 Hz: a question, and no doubt."""
+@pytest.mark.parametrize(("head", "word"), [("t", "UNSURE"), ("time [s]", "OK"), ("seconds", "OK")])
+def test_a_column_of_time_that_may_count_rows_is_not_ok_and_its_remedy_is_answered(run, tmp_path, ur5, head, word):
+    """800 rows at 100 Hz numbered by row are those of a log of 800 s at 1 Hz, whose torques are those of a robot at rest."""
+    path, stamps = tmp_path / "m.csv", tmp_path / "stamps.csv"
+    for file, name, t in ((path, head, np.arange(800)), (stamps, "time", np.arange(800) / 100)):
+        header = ",".join([name, *ur5.joint_names])
+        np.savetxt(file, np.column_stack([t, Q]), "%.9g", ",", header=header, comments="")
+    _, said = run("torques", "ur5", "--trajectory", path)
+    assert said.startswith(word)
+    assert ("as row numbers do" in " ".join(said.split())) == ("--rate HZ" in said) == (word == "UNSURE")
+    if word == "UNSURE":
+        (first, of_rows), (_, of_stamps) = (
+            (said.split("\n")[0], said)
+            for _, said in (
+                run("torques", "ur5", "--trajectory", path, "--rate", "100"),
+                run("torques", "ur5", "--trajectory", stamps),
+            )
+        )
+        assert first.startswith("OK")
+        assert first == of_stamps.split("\n")[0], of_rows
+
+
+@pytest.mark.parametrize(
+    ("head", "unit", "step"),
+    [
+        ("time_ms", 1e-3, 1),
+        ("time [ms]", 1e-3, 1),
+        ("time [ms]", 1e-3, 10),
+        ("time_us", 1e-6, 10_000),
+        ("t [ns]", 1e-9, 1_000_000),
+    ],
+)
+def test_clean_logs_of_whole_units_of_time_are_not_taken_for_row_numbers(run, tmp_path, ur5, head, unit, step):
+    count = np.arange(800) * step
+    q = 0.8 * np.sin(count[:, None] * unit * np.arange(1, 7) / 3)
     header = ",".join([head, *ur5.joint_names])
-    np.savetxt(tmp_path / "m.csv", np.column_stack([np.arange(800), Q]), "%.9g", ",", header=header, comments="")
+    np.savetxt(tmp_path / "m.csv", np.column_stack([count, q]), "%.12g", ",", header=header, comments="")
     code, said = run("torques", "ur5", "--trajectory", tmp_path / "m.csv")
-    assert code == 0 and ("Does it count rows?" in " ".join(said.split())) == asked
+    assert code == 0 and said.startswith("OK"), said[:300]
+
+
+@pytest.mark.parametrize("kind", ["fast", "with velocities", "plan"])
+def test_clean_motions_of_whole_seconds_are_not_taken_for_row_numbers(run, tmp_path, ur5, kind):
+    """At ten rows a second the joints would be too fast; the logged velocities are in seconds; a plan has points of its own."""
+    t = np.arange(60.0)
+    w, size = (0.5, 2.0) if kind == "fast" else (0.5, 0.5)
+    q, dq = size * np.sin(w * t)[:, None] * np.ones(6), size * w * np.cos(w * t)[:, None] * np.ones(6)
+    names = ur5.joint_names
+    heads = ["t", *names, *(f"{name}.vel" for name in names if kind == "with velocities")]
+    columns = [t, q, dq] if kind == "with velocities" else [t, q]
+    np.savetxt(tmp_path / "m.csv", np.column_stack(columns), "%.9g", ",", header=",".join(heads), comments="")
+    _, said = run("torques", "ur5", "--trajectory", tmp_path / "m.csv", *(["--plan"] if kind == "plan" else []))
+    assert "row numbers" not in said, said[:400]

@@ -32,7 +32,17 @@ from .column_names import (
     unit_since_1970,
 )
 from .coordinates import Coordinates, MimicJoint
-from .matching import RULES, NamedJoints, alike, candidates, most_by_prefix, rising_columns, series, varying_columns
+from .matching import (
+    RULES,
+    NamedJoints,
+    alike,
+    candidates,
+    counts_rows,
+    most_by_prefix,
+    rising_columns,
+    series,
+    varying_columns,
+)
 from .readers.csv_reader import is_number
 
 _FEW = 4
@@ -269,18 +279,22 @@ class Assignment:
                 self.given["tau"][k] = replace(choice, gain=gain * ampere)
 
     def assign_time(self, requested: Choice | None, rate: float | None, look: Callable[[int], Array]) -> Choice | None:
-        """Time column by name or unit; None if there is none, or if ``rate`` is given."""
+        """Time column by name or unit; None if there is none. With a ``rate``, it may only have row numbers."""
         ranked = sorted((rank[0], k) for k in self.free if (rank := time_meaning(self.split[k][0])) is not None)
         if others := [(rank, k) for rank, k in ranked if self.cells[k] not in self.names["q"]]:
             ranked = others  # a joint may be named t
         first = [k for rank, k in ranked if rank == ranked[0][0]]
         if rate is not None:
-            if requested or first:
-                name = self.cells[requested.column if requested else first[0]]
-                raise TrajectoryError(
-                    f"{self.where}: --rate is given, and column {name!r} is time. Leave out one of them."
-                )
-            return None
+            if not requested and not first:
+                return None
+            column = requested.column if requested else first[0]
+            if (requested is None or requested.unit is None) and counts_rows(look(column)):
+                self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
+                self.free = [k for k in self.free if k != column]
+                return Choice(column)
+            raise TrajectoryError(
+                f"{self.where}: --rate is given, and column {self.cells[column]!r} is time. Leave out one of them."
+            )
         if requested is None and not first:
             timed = [k for k in self.free if time_factor(self.split[k][1] or "") is not None]
             timed = rising_columns({k: self.cells[k] for k in timed}, look)

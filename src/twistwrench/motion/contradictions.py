@@ -259,6 +259,8 @@ _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
 fine for so slow a motion."""
 _BEYOND, _NO_ROBOT = 1.5, 30.0
 """Multiple of the velocity limit, and speed [rad/s, m/s] without a limit, that excludes a unit of time as too fast."""
+_SLOWEST_RATE = 10.0
+"""Rate [Hz] from which logs are recorded whose time may count rows."""
 _SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
 """Minimum time step [s], and maximum share of the velocity limits, of a log in ms: robots are built for their limits, and
 loggers for steps of 0.1 ms and more."""
@@ -358,7 +360,7 @@ class Contradictions:
             *paths,
             *rates,
             *self._of_delays(delays),
-            *([] if time else self._of_steps()),
+            *([] if time else self._of_steps(limits, origin)),
             *self._sampling,
         ]
 
@@ -387,7 +389,7 @@ class Contradictions:
         unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
         velocity = known_velocities(velocity, self._turns)
-        if (factor * self._speed > np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).any():
+        if not self._keeps_speed(factor, limits):
             return []  # in that unit the motion would exceed the robot's limits
         share = float((self._speed / velocity)[moving].max()) if np.isfinite(velocity[moving]).all() else math.inf
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
@@ -396,14 +398,33 @@ class Contradictions:
             why = f"no joint moves faster than {printed(100 * share, 2)} % of its limit of velocity"
         else:
             return []
-        return [doubt("time-unit", why=f"the usual step of time is {printed(step, 4)} s, and {why}", unit=unit)]
+        why = f"the usual step of time is {printed(step, 4)} s, and {why}"
+        rate = "; if it counts rows, give their rate by --rate HZ" if self._counts_rows else ""
+        return [doubt("time-unit", why=why, unit=unit, rate=rate)]
 
-    def _of_steps(self) -> list[Doubt]:
-        """Note on long steps of time: seconds of a slow log and a count of rows look alike."""
+    def _of_steps(self, limits: Limits | None, origin: str) -> list[Doubt]:
+        """Doubt about a time that may count rows, or note on long steps: seconds of a slow log look alike.
+
+        Time is in seconds if velocities were logged, whose scale is compared with it, or if ten rows per second would need more
+        than the robot's speed. A plan may have points at whole seconds.
+        """
         if self._time_stated or self._usual_step < _LONG_STEP:
             return []
-        rows = " Does it count rows?" if self._counts_rows else ""
-        return [doubt("time-step", step=printed(self._usual_step, 4), rows=rows)]
+        confirmed = origin == "plan" or any(rows.dq is not None for rows in self.runs)
+        if (
+            self._counts_rows
+            and self._steps + 1 >= _FEWEST_ROWS
+            and not confirmed
+            and self._keeps_speed(_SLOWEST_RATE, limits)
+        ):
+            return [doubt("row-numbers", rows=self._steps + 1)]
+        return [doubt("time-step", step=printed(self._usual_step, 4))]
+
+    def _keeps_speed(self, factor: float, limits: Limits | None) -> bool:
+        """True if no joint is faster than a robot's can be when its speeds are multiplied by ``factor``."""
+        velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
+        velocity = known_velocities(velocity, self._turns)
+        return bool((factor * self._speed <= np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).all())
 
     @property
     def _usual_step(self) -> float:

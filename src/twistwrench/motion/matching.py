@@ -89,6 +89,15 @@ def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> li
     return found
 
 
+def counts_rows(first: Array) -> bool:
+    """True if the first numbers (n,) of a column are whole and usually rise by exactly 1.
+
+    >>> counts_rows(np.array([7.0, 8.0, 9.0, 12.0])), counts_rows(np.array([0.0, 10.0, 20.0]))
+    (True, False)
+    """
+    return bool(len(first) > 1 and (first == np.round(first)).all() and np.median(np.diff(first)) == 1.0)
+
+
 def series(cells: Sequence[str], count: int) -> list[str]:
     """The only set of ``count`` columns that differ by a number, sorted by it; empty if not unique.
 
