@@ -25,7 +25,8 @@ from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.torque_report import TorqueReport, analyse
+from twistwrench.reports.torque_analysis import analyse
+from twistwrench.reports.torque_report import TorqueReport
 
 KINDS = (
     "impossible-speed", "impossible-torque", "lone-step", "doubtful-rows", "angle-zero", "degrees-inside", "length-unit",

@@ -244,7 +244,7 @@ def _live() -> dict[str, str]:
     from twistwrench.motion.load_case import LoadCase, Payload
     from twistwrench.motion.motion_log import MotionLog
     from twistwrench.reports.drawn_motion import reported_motion
-    from twistwrench.reports.torque_report import analyse
+    from twistwrench.reports.torque_analysis import analyse
     from twistwrench.viz.page import page_text
 
     ur5, log = tw.robots.ur5(), tw.robots.path_of("ur5").with_name("ur5_demo.csv")

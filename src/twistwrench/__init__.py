@@ -60,6 +60,7 @@ __all__ = [
     "ValueRangeError",
     "Wrench",
     "ad",
+    "check",
     "differentiate",
     "doctor",
     "find",
@@ -105,6 +106,8 @@ if _typing.TYPE_CHECKING:
     from .mechanics.lie.twist_wrench import Wrench as Wrench
     from .mechanics.model.builder import ModelBuilder as ModelBuilder
     from .motion.motion import Motion as Motion
+    from .reports.check import check as check
+    from .reports.torque_report import TorqueReport as TorqueReport
     from .robot import convert as convert
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
@@ -130,7 +133,9 @@ _NAMES = {
     "SpatialInertia": "mechanics.bodies.inertia",
     "Twist": "mechanics.lie.twist_wrench",
     "Wrench": "mechanics.lie.twist_wrench",
+    "TorqueReport": "reports.torque_report",
     "ad": "mechanics.lie.adjoint",
+    "check": "reports.check",
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
     "find": "robots.finding",

@@ -16,7 +16,7 @@ from twistwrench.motion import MotionLog
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.reports.drawn_motion import motion_of
-from twistwrench.reports.torque_report import analyse
+from twistwrench.reports.torque_analysis import analyse
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = SHARED / "logs"

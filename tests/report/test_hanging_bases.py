@@ -20,7 +20,7 @@ from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.drawn_motion import reported_motion
 from twistwrench.reports.spoken_verdict import verdict_text
-from twistwrench.reports.torque_report import analyse
+from twistwrench.reports.torque_analysis import analyse
 from twistwrench.viz import write_page
 
 FIRST = "UNSURE: the base (trunk) is held in the air; a standing robot: --floating-base, one on a stand: --fixed-base"

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.cli import torques as command
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.torque_report import TorqueReport, analyse
+from twistwrench.reports.doors import measured_causes
+from twistwrench.reports.torque_analysis import analyse
+from twistwrench.reports.torque_report import TorqueReport
 from twistwrench.reports.torque_verdict import notes_of
 
 ARM = tw.robots.planar_3r()
@@ -26,7 +27,7 @@ def report(tmp_path, q=Q, tau=MEASURED, *, load=None, limits=ARM.model.limits):
     tw.Motion(T, q, tau=tau, robot=ARM).to_csv(tmp_path / "log.csv")
     log = MotionLog.open(tmp_path / "log.csv", ARM.model)
     found = analyse(load or LoadCase(ARM), Differentiation.plan(log, ARM.model), limits)
-    object.__setattr__(found, "causes", command.measured_causes(found, log))
+    object.__setattr__(found, "causes", measured_causes(found, log))
     return found
 
 
@@ -123,7 +124,7 @@ def test_a_swaying_base_is_not_looked_for_if_it_would_not_load_the_joints(tmp_pa
     tw.Motion(times, turned.q, tau=tau, robot=wheel).to_csv(tmp_path / "log.csv")
     log = MotionLog.open(tmp_path / "log.csv", wheel.model)
     found = analyse(LoadCase(wheel), Differentiation.plan(log, wheel.model), wheel.model.limits)
-    assert command.measured_causes(found, log) == ()
+    assert measured_causes(found, log) == ()
 
 
 WHEEL = """<robot name="wheel"><link name="base"/><link name="disc"><inertial><mass value="2"/>

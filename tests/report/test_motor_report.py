@@ -17,7 +17,7 @@ from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.motors import MotorFigures
-from twistwrench.reports.torque_report import analyse
+from twistwrench.reports.torque_analysis import analyse
 
 FOLDER = Path(tw.__file__).parent / "robots"
 DEMO, MOTION = FOLDER / "ur5_demo.yaml", FOLDER / "ur5_demo.csv"

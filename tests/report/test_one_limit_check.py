@@ -14,10 +14,10 @@ from rich.console import Console
 
 import twistwrench as tw
 from twistwrench.cli.payload import payload_view
-from twistwrench.cli.torques import motors_table, report_view
 from twistwrench.core.verdict import Word
 from twistwrench.mechanics.model.limits import TOLERANCE
 from twistwrench.reports.motors import Demand, MotorUse
+from twistwrench.reports.torque_view import motors_table, report_view
 from twistwrench.statics import largest_payload
 from twistwrench.trajectories import bounds_of
 from twistwrench.viz.plots.torques import plot_report

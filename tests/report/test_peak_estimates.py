@@ -15,12 +15,12 @@ from rich.console import Console
 from robot_files import FILES
 
 from twistwrench import load, robots
-from twistwrench.cli.torques import report_view
 from twistwrench.core.errors import ModelWarning
 from twistwrench.core.estimation.noise import sample_errors, survey
 from twistwrench.motion.smoothing import best_strength
 from twistwrench.reports.statistics import Runs, excess_of_largest
 from twistwrench.reports.torque_verdict import confidence
+from twistwrench.reports.torque_view import report_view
 
 TIAGO = SHARED / "logs" / "tiago"
 STEP = 2 * np.pi / 8192

@@ -7,7 +7,7 @@ import numpy as np
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.torque_report import analyse
+from twistwrench.reports.torque_analysis import analyse
 
 SLED = """<robot name="sled"><link name="ground"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
 <inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -48,4 +48,7 @@ def rough_motion():
 def report_of(robot, path, *, limits=None, smoothing=False, chunk=None, csv=None, split=False, **load):
     trajectory = MotionLog.open(path, robot.model)
     plan = Differentiation.plan(trajectory, robot.model, smoothing=smoothing)
-    return analyse(LoadCase(robot, **load), plan, limits or robot.limits, chunk=chunk, csv=csv, split=split)
+    report = analyse(LoadCase(robot, **load), plan, limits or robot.limits, chunk=chunk)
+    if csv is not None:
+        report.to_csv(csv, split=split)
+    return report

@@ -14,7 +14,7 @@ from twistwrench.mechanics.model.couplings import Coupling, with_couplings
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.torque_report import analyse
+from twistwrench.reports.torque_analysis import analyse
 from twistwrench.trajectories import bounds_of, fastest, fitted, joint_line, spline
 
 PLANNERS = ("fastest", "jerk", "quintic", "cubic", "trapezoid", "s-curve")

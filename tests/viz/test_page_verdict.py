@@ -18,7 +18,7 @@ from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.drawn_motion import reported_motion
 from twistwrench.reports.spoken_verdict import verdict_text as said
-from twistwrench.reports.torque_report import analyse
+from twistwrench.reports.torque_analysis import analyse
 from twistwrench.viz import motion_of, write_page
 
 SET = "m.mass = given.mass; m.push = given.push; motion.pace = given.pace; motion.run();"

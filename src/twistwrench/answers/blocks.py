@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, TypeAlias
 
@@ -273,3 +273,57 @@ def mark_style(share: float) -> Style:
 def share_cell(share: float) -> str | Line:
     """A share of a limit, in its colour; a dash without a limit."""
     return Line((percent_of_limit(share), limit_style(share)), value=share) if math.isfinite(share) else MISSING
+
+
+# ── What a surface shows
+
+
+def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Block]:
+    """Blocks of the short form, or all of them if ``every``.
+
+    Long tables keep the rows with the largest share; notes on how files were read are counted. The ``hint`` says how to see
+    the rest.
+    """
+    most = Level.ALL if every else Level.SHORT
+    found = [block for block in blocks if isinstance(block, str) or block.level <= most]
+    if every:
+        return found
+    reading = [block for block in found if isinstance(block, Remark) and block.reading]
+    kept: list[Block] = [shortened(block, hint) if isinstance(block, Table) else block for block in found]
+    kept = [block for block in kept if not (isinstance(block, Remark) and block.reading)]
+    if reading and hint:
+        kept.append(
+            Line((f"{len(reading)} note{'s' * (len(reading) > 1)} on how the log was read: {hint}", Style.QUIET))
+        )
+    return kept
+
+
+def shortened(table: Table, hint: str) -> Table:
+    """Table with its most important rows, in their order, and a row that counts the others."""
+    count = len(table.styles)
+    if table.most is None or count <= table.most + 1:
+        return table
+    shares = [-math.inf if math.isnan(x) else x for x in table.by] if table.by is not None else []
+    order = sorted(range(count), key=lambda k: -shares[k]) if shares else range(count)
+    kept = sorted([*order][: table.most])
+    left = [k for k in range(count) if k not in kept]
+    below = (
+        f" below {percent_of_limit(max(shares[k] for k in left))}"
+        if shares and max(shares[k] for k in left) > 0
+        else ""
+    )
+    last = Line((f"{len(left)} more{below}: {hint}", Style.QUIET))
+    columns = [_rows_of(column, kept, last if k == 0 else "") for k, column in enumerate(table.columns)]
+    return Table(
+        table.title, *columns, styles=[*(table.styles[k] for k in kept), ""], style=table.style, level=table.level
+    )
+
+
+def _rows_of(column: Column, rows: Sequence[int], last: Cell) -> Column:
+    """Some rows of a column, and a last cell."""
+
+    def show(value: Any) -> Cell:
+        return value if value is last else column.show(value)
+
+    narrow = None if column.narrow is None else _rows_of(column.narrow, rows, last)
+    return replace(column, values=[*(column.values[k] for k in rows), last], show=show, narrow=narrow)

@@ -3,14 +3,99 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from ..core.numbers import MISSING
+from ..core.tables import data_frame
 from .blocks import Bar, Block, Branch, Cell, Column, Glyphs, Headline, Line, Piece, Remark, Table
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """Table of an answer as data: columns with their units, and rows with all digits.
+
+    Examples
+    --------
+    >>> table = DataTable("Torques", (("joint", ""), ("peak", "N m")), (("elbow", 28.5),))
+    >>> table.to_dict(), table.rows()
+    ({'joint': ['elbow'], 'peak': [28.5]}, [{'joint': 'elbow', 'peak': 28.5}])
+    >>> table.to_pandas().attrs["units"]
+    {'joint': '', 'peak': 'N m'}
+    """
+
+    title: str
+    """Title without the unit."""
+    columns: tuple[tuple[str, str], ...]
+    """Name and unit of each column."""
+    cells: tuple[tuple[Any, ...], ...]
+    """Rows; a number is in the unit of its column, and None if it is not finite."""
+
+    @classmethod
+    def from_table(cls, table: Table) -> DataTable:
+        """All rows of a table.
+
+        Parameters
+        ----------
+        table : Table, a block of an answer
+
+        Returns
+        -------
+        table : DataTable
+
+        Examples
+        --------
+        >>> DataTable.from_table(Table("Peaks [N]", Column("joint", ["rail"], words=True))).title
+        'Peaks'
+        """
+        data = table_data(table)
+        columns = tuple((column["name"], column["unit"]) for column in data["columns"])
+        title = _UNIT.sub("", table.title)
+        return cls(title, columns, tuple(tuple(row) for row in data["rows"]))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One dictionary for each row.
+
+        Returns
+        -------
+        rows : list of {column: value}
+        """
+        names = [name for name, _ in self.columns]
+        return [dict(zip(names, row, strict=True)) for row in self.cells]
+
+    def to_dict(self) -> dict[str, list[Any]]:
+        """One list for each column.
+
+        Returns
+        -------
+        columns : {column: list of values}
+        """
+        return {name: [row[k] for row in self.cells] for k, (name, _) in enumerate(self.columns)}
+
+    def to_pandas(self) -> Any:
+        """Table as a DataFrame, with units in ``attrs``.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+        """
+        frame = data_frame(self.to_dict())
+        frame.attrs["units"] = dict(self.columns)
+        return frame
+
+
+_UNIT = re.compile(r" \[[^\]]*\]$")
+"""Unit at the end of a title."""
 
 
 def report_data(blocks: Sequence[Block]) -> dict[str, Any]:

@@ -6,17 +6,29 @@ The page has no scripts and no requests, and styles for paper, phones and dark s
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
+import os
+import platform
 import re
-from collections.abc import Callable, Iterable, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from importlib import resources
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..core.colours import page_colours
-from .blocks import Bar, Block, Branch, Cell, Glyphs, Headline, Line, Piece, Remark, Table
+import numpy as np
+
+from ..core.colours import COLOURS, Style, page_colours
+from ..core.version import __version__
+from .blocks import Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, Piece, Remark, Table
 from .data import plain, table_data
+
+if TYPE_CHECKING:
+    from .answer import Answer
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
 """Content-Security-Policy: no requests and no scripts."""
@@ -58,8 +70,23 @@ class Picture:
     title: str
     """Caption below a PNG, and alternative text of both kinds."""
     content: str | bytes
+    """SVG element, or PNG file."""
     link: str = ""
     """Address of an interactive page with the same content."""
+
+
+@dataclass(frozen=True)
+class MarkedJoint:
+    """Joint that a picture marks, with label and colour."""
+
+    joint: str
+    label: str
+    style: Style = Style.POINTED
+
+    @property
+    def caption(self) -> str:
+        """Colour and label, for the title of the picture."""
+        return f"{COLOURS[self.style].name}: {self.label}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +142,7 @@ class ReportPage:
         if doubts or self.notes:
             items = [html.escape(doubt.words) for doubt in doubts] + [html.escape(note) for note in self.notes]
             parts.append(f"<h2>Doubts and notes</h2><ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
-        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(_table, self.tables))}")
+        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(table_html, self.tables))}")
         text = "\n".join(self._cut(part) for part in parts)
         if terms := _terms_in(text):
             text += f"\n<h2>Terms</h2>{_list(terms)}"
@@ -144,6 +171,39 @@ class ReportPage:
         }
         data |= {"facts": dict(self.facts), "provenance": dict(self.provenance), "tables": tables}
         return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def answer_page(answer: Answer, *, command: Sequence[str] = (), notes: Sequence[str] = ()) -> ReportPage:
+    """Page of an answer, with the words of the command and the sentences on standard error if it comes from the shell."""
+    blocks = list(answer.blocks())
+    typed = [("command", shlex.join(["twistwrench", *command]))] if command else []
+    return ReportPage(
+        answer.call,
+        answer.subject,
+        [block for block in blocks if isinstance(block, str) or block.level < Level.PAGE],
+        details=[block for block in blocks if not isinstance(block, str) and block.level is Level.PAGE],
+        facts=list(answer.facts().items()),
+        pictures=list(answer.pictures()),
+        notes=notes,
+        provenance=[*typed, *provenance(answer.sources()), *versions()],
+    )
+
+
+def provenance(files: Mapping[str, str | Path | None]) -> Iterator[tuple[str, str]]:
+    """Name, size and digest of each file."""
+    for name, path in files.items():
+        if path is not None and Path(path).is_file():
+            content = Path(path).read_bytes()
+            digest = hashlib.sha256(content).hexdigest()
+            yield name.partition(" ")[0], f"{path}, {len(content):,} bytes, SHA-256 {digest}"
+
+
+def versions() -> Iterator[tuple[str, str]]:
+    """Versions of the programs, and the date."""
+    yield "versions", f"twistwrench {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    now = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now().astimezone()
+    yield "date", now.isoformat(sep=" ", timespec="seconds")
 
 
 _TEMPLATE = """<!doctype html>
@@ -188,7 +248,7 @@ def _pieces(pieces: Iterable[Piece]) -> str:
     return "".join(found)
 
 
-def _paragraphs(line: str | Headline | Line | Remark) -> list[str]:
+def paragraphs(line: Block) -> list[str]:
     """HTML of each line of a text."""
     opened, lines = "", []
     for part in _line(line).split("\n"):
@@ -202,7 +262,7 @@ def _paragraphs(line: str | Headline | Line | Remark) -> list[str]:
 def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
     """Printed verdict and its decisive numbers."""
     first, *others = [
-        text for block in head if isinstance(block, str | Headline | Line) for text in _paragraphs(block)
+        text for block in head if isinstance(block, str | Headline | Line) for text in paragraphs(block)
     ] or [""]
     decisive = "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in facts)
     more = "".join(f"<p>{text}</p>" for text in others)
@@ -223,14 +283,14 @@ def _picture(picture: Picture) -> str:
 
 def _block(block: Block) -> str:
     if isinstance(block, Table):
-        return _table(block)
+        return table_html(block)
     if isinstance(block, Branch):
         return f"<ul><li>{_line(block.label)}{''.join(map(_block, block.branches))}</li></ul>"
     start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
-    return "".join(f"{start}{text}</p>" for text in _paragraphs(block) if text)
+    return "".join(f"{start}{text}</p>" for text in paragraphs(block) if text)
 
 
-def _table(table: Table) -> str:
+def table_html(table: Table) -> str:
     """Table with its title as caption; columns in their narrow form if they have one."""
     columns = [c.narrow or c for c in table.columns]
     columns = [c for c in columns if any(_line(c.show(value)) for value in c.values)]

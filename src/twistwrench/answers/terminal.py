@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Iterable
+from io import StringIO
+from typing import Any, TextIO
 
 from rich import box, table
 from rich.cells import cell_len
@@ -16,7 +18,7 @@ from rich.tree import Tree
 
 from ..core.colours import terminal_style
 from ..core.text import visible
-from .blocks import Block, Branch, Cell, Column, Headline, Line, Piece, Remark, Table
+from .blocks import Block, Branch, Cell, Column, Headline, Line, Piece, Remark, Table, shown_blocks
 
 
 class _Output(Console):
@@ -36,6 +38,28 @@ class _Output(Console):
 def console() -> Console:
     """Console with the terminal's width; for files and pipes the width is COLUMNS or 80 characters."""
     return _Output(highlight=False)
+
+
+_PLAIN_WIDTH = 80
+"""Width of reports as text."""
+
+
+def as_text(blocks: Iterable[Block]) -> str:
+    """Short form of a report in 80 columns, without colours."""
+    output = _Output(width=_PLAIN_WIDTH, file=StringIO(), highlight=False, color_system=None)
+    with output.capture() as captured:
+        _print(shown_blocks(blocks, every=False, hint=".print(every=True)"), output)
+    return captured.get().rstrip("\n")
+
+
+def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO | None = None) -> None:
+    """Print a report in the width of the terminal, with colours where it has some."""
+    _print(shown_blocks(blocks, every=every, hint=".print(every=True)"), _Output(file=file, highlight=False))
+
+
+def _print(blocks: Iterable[Block], output: Console) -> None:
+    for block in blocks:
+        output.print(rendered(block, output))
 
 
 def rendered(block: Block, output: Console) -> RenderableType:

@@ -18,7 +18,7 @@ from ..reports.torque_verdict import base_doubts
 from ..robot import Robot, load
 from ..testing.verify import Check, VerifyReport, verify
 from .main import Given, command, option
-from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
+from .report import PAGE, REPORT, write_report, write_viewer
 from .shared import JSON, LIMITS, XACRO, RobotOptions, base_option, robot_command, robot_source, xacro_arguments
 from .terminal import show
 
@@ -107,6 +107,7 @@ def write_doctor_report(
 ) -> None:
     """Write the files of --html and --report, with links coloured by finding and inertias before and after repair."""
     from ..viz.page import findings_scene
+    from ..viz.pictures import drawn, robot_picture
     from ..viz.plots.diagnosis import links_drawn, plot_diagnosis
 
     pictures, scene = [], findings_scene(report)

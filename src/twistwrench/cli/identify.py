@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import identification
 from ..answers.blocks import Block, Headline, Line, Table, numbers, words
+from ..answers.page import MarkedJoint
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import number, percent, percent_of_limit
@@ -31,9 +32,10 @@ from ..mechanics.model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
 from ..robot import Robot
+from ..robots.finding import bundled_file
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, MarkedJoint, robot_picture, write_report
+from .report import REPORT, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -133,6 +135,8 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     show(*blocks)
     write_results(found, given, notes)
     if given.report is not None:
+        from ..viz.pictures import robot_picture
+
         files = {**inputs, **options.files}
         joints = {name: share for name, share in found.held_out.joints.items() if math.isfinite(share)}
         worst = max(joints, key=lambda name: joints[name], default=None)
@@ -184,7 +188,7 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Expand folders and patterns to files, sorted by name, and ``demo`` to the bundled log."""
     found: list[str] = []
     for text in paths:
-        found += shared.expand_paths(shared.bundled(text, options.source, "_log.csv", "log"), text)
+        found += shared.expand_paths(bundled_file(text, options.source, "_log.csv", "log"), text)
     return tuple(found)
 
 

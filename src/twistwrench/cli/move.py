@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..answers.blocks import Bar, Block, Glyphs, Headline, Line, Table, mark_style, numbers, remarks, words
+from ..answers.page import MarkedJoint
 from ..core.arguments import parse_numbers
 from ..core.colours import Style, strong
 from ..core.errors import ConstraintWarning, PathError, ValueRangeError
@@ -41,7 +42,7 @@ from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..trajectories.trajectory import required_torques
 from .main import Given, noted_if_failed, option
-from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
+from .report import PAGE, REPORT, write_report, write_viewer
 from .shared import (
     CLEARANCE,
     JSON,
@@ -178,6 +179,8 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         shown = replace(motion_of(judged, moving.sample(given.step)), clearance=clearance)
         link = write_viewer(given, judged.robot, motion=shown)
     if given.report is not None:
+        from ..viz.pictures import drawn, robot_picture
+
         pictures = [robot_picture(robot, *_worst_moment(moving, uses, bounds, friction=friction), link=link)]
         pictures.append(drawn("Motion and limits", lambda path: moving.plot(path, bounds, friction=friction)))
         facts = [("duration", f"{number(moving.duration, 6)} s")]

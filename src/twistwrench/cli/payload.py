@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..answers.blocks import Bar, Block, Headline, Line, Table, numbers, remarks, words
+from ..answers.page import MarkedJoint
 from ..core.arguments import parse_numbers
 from ..core.colours import Style, strong
 from ..core.errors import FrameError, UnknownNameError, ValueRangeError
@@ -34,7 +35,7 @@ from ..statics.payload import LargestPayload, largest_payload, payload_map, plan
 from ..statics.torque_limits import unit_slips
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report
+from .report import REPORT, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -136,6 +137,8 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
         plot(given.plot)
     shared.show_written(given.csv, given.plot)
     if given.report is not None:
+        from ..viz.pictures import drawn, robot_picture
+
         worst = found.joint_names[int(found.joint)] if judged and found.joint >= 0 else None
         marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
         pictures = [robot_picture(robot, q, marked, f"{robot.name} in this pose")]

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
-import platform
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-import numpy as np
-
 from ..answers.blocks import Block
 from ..answers.data import report_data
-from ..answers.page import Picture, ReportPage
-from ..core.colours import COLOURS, Style
+from ..answers.page import Picture, ReportPage, provenance, versions
 from ..core.files import replacing
 from ..core.version import __version__
 from ..reports.robot_summary import limits_table
@@ -29,7 +21,6 @@ from .shared import show_written, write_text
 if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
     from ..robot import Robot
-    from ..viz.scene import Scene
 
 REPORT = option_group(
     option("--report OUT.html", "Write a report as one self-contained page."),
@@ -74,7 +65,13 @@ def write_report(
         facts=list(facts),
         pictures=list(pictures),
         notes=notes,
-        provenance=[("command", shlex.join(["twistwrench", *typed])), *_provenance(files, robot), *used, *_versions()],
+        provenance=[
+            ("command", shlex.join(["twistwrench", *typed])),
+            *provenance(files),
+            *_moving(robot),
+            *used,
+            *versions(),
+        ],
         tables=[] if robot is None or limits is None else [limits_table(robot.model, limits, degrees=degrees)],
         shorten=shorten,
     )
@@ -92,39 +89,6 @@ def write_json(given: Given, code: int | None) -> None:
         data |= {"notes": [*data["notes"], *notes], "version": __version__}
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
     write_text(given.json or "", text)
-
-
-def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
-    """Picture of a plot for the page."""
-    from ..viz.style import page_svg
-
-    return Picture(title, page_svg(plot))
-
-
-@dataclass(frozen=True)
-class MarkedJoint:
-    """Joint that a picture marks, with label and colour."""
-
-    joint: str
-    label: str
-    style: Style = Style.POINTED
-
-    @property
-    def caption(self) -> str:
-        """Colour and label, for the title of the picture."""
-        return f"{COLOURS[self.style].name}: {self.label}"
-
-
-def robot_picture(
-    robot: Robot, q: Any, marked: MarkedJoint | None, title: str, scene: Scene | None = None, link: str = ""
-) -> Picture:
-    """Picture of the robot at a configuration (None: a typical one), with a marked joint and a ``link`` below."""
-    from ..viz.movie import still
-
-    if marked is None:
-        return Picture(title, still(robot, q, scene=scene), link)
-    image = still(robot, q, marked.joint, marked.label, mark=marked.style, scene=scene)
-    return Picture(f"{title}; {marked.caption}", image, link)
 
 
 def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> str:
@@ -160,18 +124,6 @@ def _without_folders(texts: Iterable[str]) -> Callable[[str], str]:
     return shorten
 
 
-def _provenance(files: Mapping[str, str | Path | None], robot: Robot | None) -> Iterator[tuple[str, str]]:
-    for name, path in files.items():
-        if path is not None and Path(path).is_file():
-            content = Path(path).read_bytes()
-            digest = hashlib.sha256(content).hexdigest()
-            yield name.partition(" ")[0], f"{path}, {len(content):,} bytes, SHA-256 {digest}"
+def _moving(robot: Robot | None) -> Iterator[tuple[str, str]]:
     if robot is not None:
         yield "robot", f"{robot.name}: {', '.join(robot.model.velocity_names)}"
-
-
-def _versions() -> Iterator[tuple[str, str]]:
-    yield "versions", f"twistwrench {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
-    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
-    now = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now().astimezone()
-    yield "date", now.isoformat(sep=" ", timespec="seconds")

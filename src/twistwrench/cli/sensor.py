@@ -30,7 +30,7 @@ from ..sensing.files import read_sensor_file
 from ..sensing.identification import CAUSES
 from ..sensing.outliers import runs
 from .main import Given, command, option, with_option_names
-from .report import REPORT, drawn, write_report
+from .report import REPORT, write_report
 from .shared import JSON, csv_option, show_written, write_csv
 from .terminal import show
 
@@ -108,6 +108,8 @@ def _draw(
         plot(given.plot)
     show_written(given.csv, given.plot)
     if given.report is not None:
+        from ..viz.pictures import drawn
+
         pictures = [drawn("Readings before and after", plot)]
         write_report(given, f"sensor {command}", Path(log.name).name, blocks, files=files, pictures=pictures)
 

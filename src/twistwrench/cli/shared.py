@@ -17,13 +17,14 @@ import click
 
 from ..answers.blocks import Block, Headline
 from ..core.arguments import assignments, parse_numbers
-from ..core.errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
+from ..core.errors import ModelWarning, NotFoundError, ValueRangeError
 from ..core.files import replacing
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
+from ..robots.finding import bundled_file
 from .main import Decorator, Given, RobotOption, command, note, option, option_group
 
 if TYPE_CHECKING:
@@ -64,29 +65,10 @@ def robot_source(source: str) -> str | Path:
 
 # ── Files of bundled robots, called ``demo``
 
-_DEMO = "demo"
-
-
-def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
-    """Given path, or for ``demo`` the bundled file of this kind."""
-    if name != _DEMO or Path(name).is_file():
-        return Path(name)
-    folder = Path(__file__).parents[1] / "robots"
-    path = folder / f"{robot}_{_DEMO}{suffix}"
-    if not path.is_file():
-        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
-        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise UnknownNameError(
-            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
-            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
-        )
-    return path
-
 
 def motion_path(options: RobotOptions, motion: str) -> Path:
     """Path of the motion file; bundled ones are in radians."""
-    path = bundled(motion, options.source, ".csv", "motion")
+    path = bundled_file(motion, options.source, ".csv", "motion")
     if options.degrees and path != Path(motion):
         raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
     return path
@@ -141,7 +123,7 @@ class RobotOptions:
         """Path of the actuator file; for ``demo`` the bundled one."""
         if self.actuators is None:
             return None
-        return bundled(self.actuators, self.source, ".yaml", "actuator file")
+        return bundled_file(self.actuators, self.source, ".yaml", "actuator file")
 
     @cached_property
     def drives(self) -> ActuatorFile | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..answers.blocks import Block, Headline, Line, Table, numbers, remarks, words
+from ..answers.page import MarkedJoint
 from ..core.arguments import parse_numbers
 from ..core.colours import Style
 from ..core.errors import SimulationError, ValueRangeError
@@ -27,7 +28,7 @@ from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
 from . import shared
 from .main import Given, note, noted_if_failed, option, with_option_names
-from .report import REPORT, MarkedJoint, drawn, robot_picture, write_report
+from .report import REPORT, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -125,24 +126,33 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         elif path is not None:
             shared.show_written(write(path))
     if given.report is not None:
-        end = f"{number(result.times[-1], 6)} s"
-        pictures = [robot_picture(loaded, *_worst_moment(loaded, result))]
-        pictures.append(drawn("Joints, energies and drift", result.plot))
-        facts = [
-            ("simulated", end),
-            ("energy drift, relative to the energy exchanged", residual(result.relative_drift)),
-        ]
-        used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
-        subject = f"{loaded.name} · {end}"
-        write_report(
-            given, "simulate", subject, blocks, files=options.files, facts=facts, pictures=pictures, robot=loaded,
-            limits=loaded.limits, degrees=options.degrees, used=used,
-        )  # fmt: skip
+        write_simulation_report(loaded, result, blocks, options, given, friction=friction)
     if isinstance(failure, KeyboardInterrupt):
         raise failure
     judged = simulation_verdict(loaded, result, driven=bool(given.torque))
     clear = clearance is None or clearance.verdict.ok
     return judged.exit_code if failure is None and clear else ExitCode.NO
+
+
+def write_simulation_report(
+    loaded: Robot, result: Any, blocks: Sequence[Block], options: RobotOptions, given: Given, *, friction: bool
+) -> None:
+    """Write the page of a simulation: the end or the worst moment, and plots."""
+    from ..viz.pictures import drawn, robot_picture
+
+    end = f"{number(result.times[-1], 6)} s"
+    pictures = [robot_picture(loaded, *_worst_moment(loaded, result))]
+    pictures.append(drawn("Joints, energies and drift", result.plot))
+    facts = [
+        ("simulated", end),
+        ("energy drift, relative to the energy exchanged", residual(result.relative_drift)),
+    ]
+    used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
+    subject = f"{loaded.name} · {end}"
+    write_report(
+        given, "simulate", subject, blocks, files=options.files, facts=facts, pictures=pictures, robot=loaded,
+        limits=loaded.limits, degrees=options.degrees, used=used,
+    )  # fmt: skip
 
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:

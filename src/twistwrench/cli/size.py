@@ -24,6 +24,7 @@ from ..answers.blocks import (
     share_cell,
     words,
 )
+from ..answers.page import MarkedJoint
 from ..core.colours import Style
 from ..core.errors import ValueRangeError
 from ..core.numbers import number, percent_of_limit, quantity, seconds
@@ -36,13 +37,15 @@ from ..motion.motion import Motion
 from ..motion.motion_log import MotionLog
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
-from ..reports.torque_report import TorqueReport, analyse
+from ..reports.torque_analysis import analyse
+from ..reports.torque_report import TorqueReport
 from ..reports.torque_verdict import as_it_stands, contradictions, log_doubts, notes_on_log, rows_in_doubt
+from ..robots.finding import bundled_file
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
 from . import shared
 from .main import Given, option
-from .report import PAGE, REPORT, MarkedJoint, drawn, robot_picture, write_report, write_viewer
+from .report import PAGE, REPORT, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -95,7 +98,7 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     source = (
         "servos"
         if given.catalog == "servos"
-        else shared.bundled(given.catalog, options.source, ".drives.yaml", "catalogue")
+        else bundled_file(given.catalog, options.source, ".drives.yaml", "catalogue")
     )
     read = {"MOTION": path, "--catalog": source if source != "servos" else None, "--emergency": given.emergency}
     files = {**read, **options.files}
@@ -140,6 +143,8 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
 
         link = write_viewer(given, report.load.robot, state, motion=reported_motion(report))
     if given.report is not None:
+        from ..viz.pictures import drawn, robot_picture
+
         pictures = [
             robot_picture(robot, q, marked, title, link=link),
             drawn("Drives", lambda path: plot_sizing(found, path)),

@@ -97,8 +97,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
 def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
     """Load the robot with payloads and wrenches, and its motion, judged as in ``torques``; doubts are printed on stderr."""
     from ..reports.drawn_motion import reported_motion
-    from ..reports.motors import Steps
-    from .torques import analysis
+    from .torques import answer_of
 
     if path is None:
         about = ("columns", "gain", "rate", "topic", "episode", "lock_missing", "smooth", "limits")
@@ -107,7 +106,7 @@ def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
         loaded = load_case(options.load(), options, given)
         clearance_along(given, loaded.robot, None)
         return loaded.with_load, loaded.wrenches, None
-    report = analysis(options, given, path, Steps(None, (1.0, 1.0)))
+    report = answer_of(options, given, path)
     motion = reported_motion(report)
     if report.clearance is not None:
         show(*clearance_verdict(report.clearance), *report.clearance.lines)

@@ -11,12 +11,13 @@ import csv
 import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from .errors import MissingExtraError
 from .files import replacing
 from .numbers import number
 from .typing import Array
@@ -102,3 +103,12 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     )
     above = f"<p>{html.escape(title)}</p>" if title else ""
     return f"{above}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """Data frame of columns; raises :class:`~twistwrench.MissingExtraError` if pandas is not installed."""
+    try:
+        import pandas
+    except ImportError:
+        raise MissingExtraError.from_extra("pandas", "tables", "Making a DataFrame") from None
+    return pandas.DataFrame(columns)

@@ -1,4 +1,4 @@
-"""Joint limits from a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
+"""Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
 The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored.
 """
@@ -6,12 +6,15 @@ The table of ``twistwrench info --csv`` is accepted: one row for each entry of d
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..core.errors import UnknownNameError, ValueRangeError
+from ..core import arguments
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import printed
 from ..mechanics.joints.units import unit_of
@@ -35,6 +38,61 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
 """Words for numbers."""
 _PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
 """Quantities of the kinds of limits, for their units; jerk is one by itself."""
+
+
+Given: TypeAlias = str | Path | Limits | Mapping[str, Any] | None
+"""A file, limits, efforts by joint, or arrays by kind of limit."""
+
+
+def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
+    """Limits of the model, replaced by those that are given.
+
+    Parameters
+    ----------
+    given : path of a CSV file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, in SI units
+    degrees : bool, angles of a file without units are in degrees
+
+    Returns
+    -------
+    limits : Limits
+
+    Raises
+    ------
+    NotFoundError, UnknownNameError, ValueRangeError
+        The file cannot be read, a joint is unknown, or a number cannot be a limit.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> limits_of({"joint1": 28.0}, tw.robots.planar_2r().model).effort.tolist()
+    [28.0, inf]
+    """
+    if isinstance(given, Limits):
+        return given
+    if not isinstance(given, Mapping):
+        return read_limits(given, model, degrees=degrees)
+    kinds = {name: value for name, value in given.items() if name in KINDS and np.ndim(value)}
+    efforts = {name: value for name, value in given.items() if name not in kinds}
+    found = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
+    for kind, values in kinds.items():
+        found[kind] = np.asarray(arguments.plain(values, f"limits: {kind}"), float)
+        if found[kind].shape != (model.nv,):
+            raise ShapeError(f"limits: {kind} has shape {found[kind].shape}; give ({model.nv},), one for each joint.")
+    joints, stated = Coordinates.from_model(model), np.zeros(model.nv, bool)
+    for joint, effort in efforts.items():
+        k = _check(joint, {"effort": effort}, joints, set(), "limits")
+        found["effort"][k] = arguments.number(effort, f"limits: {joint}")
+        stated[k] = True
+    for kind in KINDS:
+        least = -math.inf if kind in ("lower", "upper") else 0.0
+        wrong = np.isnan(found[kind]) | (found[kind] <= least) & (least == 0.0)
+        if wrong.any() and (kind in kinds or kind == "effort"):
+            joint = joints.velocity_names[int(np.argmax(wrong))]
+            raise ValueRangeError(
+                f"limits: the {kind} limit of {joint!r} cannot be a limit. Give a number above 0, or inf."
+            )
+    with_unit = np.zeros((len(KINDS), model.nv), bool)
+    return StatedLimits(**found, stated=stated | ("effort" in kinds), with_unit=with_unit)
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:

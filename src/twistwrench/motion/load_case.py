@@ -9,14 +9,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.arguments import parse_numbers
+from ..core.arguments import finite, parse_numbers
+from ..core.arguments import number as number_of
 from ..core.doubts import Doubt
-from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
 from ..core.text import listed
 from ..core.typing import Array
@@ -147,11 +148,24 @@ def least_torque_per_kilogram(model: Model) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """A point mass [kg] at a point (3,) [m] of a frame; the robot's tip if the frame is None."""
+    """A mass [kg] with its centre at a point (3,) [m] of a frame; the robot's tip if the frame is None."""
 
     mass: float
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     frame: str | None = None
+    body: SpatialInertia | None = None
+    """The whole body, in the axes of the frame; None for a point mass."""
+
+    @classmethod
+    def from_inertia(cls, inertia: SpatialInertia, frame: str | None = None) -> Payload:
+        """A body with moments of inertia, in the axes of a frame; None: the robot's tip."""
+        x, y, z = np.asarray(inertia.com, float).tolist()
+        return cls(float(inertia.mass), (x, y, z), frame, inertia)
+
+    @property
+    def inertia(self) -> SpatialInertia:
+        """Spatial inertia in the axes of the frame."""
+        return SpatialInertia.from_com(self.mass, self.place) if self.body is None else self.body
 
 
 _HEAVY, _FEWEST_GRAMS = 10.0, 10.0
@@ -193,9 +207,10 @@ class LoadCase:
         for load in self.payloads:
             frame = robot.model.tip if load.frame is None else load.frame
             robot.model.frame(frame)  # raises for unknown frames and a missing tip
-            robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
+            robot = robot.with_payload(load.inertia, frame=frame)
         for frame in self.wrenches:
             robot.model.frame(frame)
+        object.__setattr__(self, "wrenches", {frame: _wrench(F, frame) for frame, F in self.wrenches.items()})
         object.__setattr__(self, "with_load", robot)
 
     @property
@@ -306,6 +321,13 @@ class LoadCase:
         return follower_torques(self.robot.model, F - alone)
 
 
+def _wrench(given: ArrayLike, frame: str) -> Array:
+    F = np.asarray(finite(given, f"wrench on {frame}"), float)
+    if F.shape != (6,):
+        raise ShapeError(f"the wrench on {frame} has shape {F.shape}; give (6,): moments [N m], then forces [N].")
+    return F
+
+
 def reach(model: Model) -> float:
     """Reach: largest distance of a frame or link end from the base [m], fully stretched; inf with an unlimited sliding joint.
 
@@ -346,6 +368,34 @@ def parse_payload(text: str, tip: str | None = None) -> Payload:
         raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
     x, y, z = place or (0.0, 0.0, 0.0)
     return Payload(mass, (x, y, z), frame.strip() or tip)
+
+
+LoadsGiven: TypeAlias = "float | str | SpatialInertia | Payload | Mapping[str, Any] | Sequence[Any]"
+"""Kilograms, ``"5,0,0,0.1@tool0"``, a body, {frame: one of these}, or several of these."""
+
+
+def payloads_of(given: LoadsGiven, tip: str | None = None) -> tuple[Payload, ...]:
+    """Payloads that a user gives, at the ``tip`` if no frame is named.
+
+    Examples
+    --------
+    >>> [(p.mass, p.place, p.frame) for p in payloads_of([5, "2,0,0,0.1@flange", {"tool0": 1.5}])]
+    [(5.0, (0.0, 0.0, 0.0), None), (2.0, (0.0, 0.0, 0.1), 'flange'), (1.5, (0.0, 0.0, 0.0), 'tool0')]
+    """
+    if isinstance(given, Payload):
+        return (given,)
+    if isinstance(given, SpatialInertia):
+        return (Payload.from_inertia(given, tip),)
+    if isinstance(given, str):
+        return (parse_payload(given, tip),)
+    if isinstance(given, Mapping):
+        return tuple(load for frame, loads in given.items() for load in payloads_of(loads, frame))
+    if isinstance(given, Sequence):
+        return tuple(load for one in given for load in payloads_of(one, tip))
+    mass = number_of(given, "payload")
+    if mass < 0:
+        raise ValueRangeError(f"payload {printed(mass)} has a negative mass. Give kilograms, at least 0.")
+    return (Payload(mass, frame=tip),)
 
 
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.doubts import Doubt
-from ..core.errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
+from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..core.tables import csv_table
+from ..core.tables import csv_table, data_frame
 from ..core.typing import Array
 from ..mechanics.model.limits import Limits
 from ..robot.task_space_methods import require_robot
@@ -233,7 +233,8 @@ class Motion(MotionDoors):
                 MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain), robot
             )
         said = tuple(replace(doubt, sentence=in_python_words(doubt.sentence)) for doubt in found.doubts)
-        return replace(found, notes=(*map(in_python_words, found.notes), *ignored), read=said)
+        notes = (*map(in_python_words, found.notes), *ignored)
+        return replace(found, notes=notes, read=said)._with_log(found.log)
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
@@ -245,7 +246,17 @@ class Motion(MotionDoors):
         asked = (str(doubt) for doubt in doubts if doubt.level == "note" and doubt.kind in ASKED)
         given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "epoch": log.epoch}
         given["plan"] = log.plan
-        return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *said, *asked), in_seconds=True)
+        notes = (*log.notes, *said, *asked)
+        return cls(rows.time, rows.q, **given, robot=robot, notes=notes, in_seconds=True)._with_log(log)
+
+    def _with_log(self, log: MotionLog | None) -> Motion:
+        object.__setattr__(self, "_log", log)
+        return self
+
+    @property
+    def log(self) -> MotionLog | None:
+        """Log of exactly these states, by which noise and columns are judged; None for arrays, parts and edits."""
+        return getattr(self, "_log", None)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -489,12 +500,8 @@ class Motion(MotionDoors):
         MissingExtraError
             pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError:
-            raise MissingExtraError.from_extra("pandas", "tables", "Making a DataFrame") from None
         columns = self.columns()
-        return pandas.DataFrame(columns).set_index(next(iter(columns)))
+        return data_frame(columns).set_index(next(iter(columns)))
 
     def to_xarray(self) -> Any:
         """Dataset of q, dq, ddq, and tau if known, with named axes: time, coordinate, joint.
@@ -529,7 +536,7 @@ class Motion(MotionDoors):
             raise ValueRangeError(
                 f"the motion belongs to robot {self.robot.name!r}, whose coordinates differ from those of {robot.name!r}."
             )
-        return replace(self, robot=robot)
+        return replace(self, robot=robot)._with_log(self.log)
 
 
 def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:

@@ -296,7 +296,7 @@ class MotionLog:
 
     @classmethod
     def from_motion(cls, motion: Motion) -> MotionLog:
-        """Log in memory of the states from which the rates of a motion are derived.
+        """Log in memory of a motion, with the rates that it was given; measured torques only if it is not a plan.
 
         Parameters
         ----------
@@ -313,12 +313,19 @@ class MotionLog:
         >>> MotionLog.from_motion(tw.Motion(t, t[:, None] ** 2, robot=tw.robots.pendulum())).table.shape
         (11, 2)
         """
-        names = motion.coordinates
-        q, dq = names.headers(), names.headers("dq") if motion.derived == "velocities" else ()
-        table = np.column_stack([motion.time, motion.q, *([motion.dq] if dq else [])])
-        header = (time_column(names.names), *q, *dq)
+        names, given = motion.coordinates, {"q": motion.q}
+        if motion.derived != "positions":
+            given["dq"] = motion.dq
+        if not motion.derived:
+            given["ddq"] = motion.ddq
+        if motion.tau is not None and not motion.plan:
+            given["tau"] = motion.tau
+        header = [time_column(names.names)]
+        for part in given:
+            header += names.headers(part)
+        table = np.column_stack([motion.time, *given.values()])
         file = ArrayFile.from_table(Path("motion"), header, table, table.nbytes)
-        return cls.open(file, motion.robot.model)
+        return cls.open(file, motion.robot.model, plan=motion.plan)
 
     @property
     def path(self) -> Path:

@@ -18,7 +18,8 @@ from ..motion.load_case import LoadCase
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import spline_rates
-from .torque_report import TorqueReport, analyse
+from .torque_analysis import analyse
+from .torque_report import TorqueReport
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -39,8 +40,7 @@ class LoadStates(NamedTuple):
     @classmethod
     def from_report(cls, report: TorqueReport) -> LoadStates:
         """States of the analysis of a log."""
-        plan, robot = report.differentiation, report.load.robot
-        motion = _joined(plan.states(_ROWS), robot)
+        plan, robot, motion = report.differentiation, report.load.robot, states_of(report)
         if not report.noisy:
             return cls(motion)
         rng, draws = np.random.default_rng(_SEED), [list[MotionSamples]() for _ in range(DRAWS)]
@@ -57,6 +57,11 @@ class LoadStates(NamedTuple):
         log = MotionLog.from_motion(motion)
         load = LoadCase(robot, friction=friction)
         return cls.from_report(analyse(load, Differentiation.plan(log, robot.model), robot.limits))
+
+
+def states_of(report: TorqueReport) -> Motion:
+    """States of the analysis of a log; velocities of joints at rest within the noise are 0."""
+    return _joined(report.differentiation.states(_ROWS), report.load.robot)
 
 
 def _joined(parts: Iterable[MotionSamples], robot: Robot) -> Motion:

@@ -13,7 +13,7 @@ from ..answers.data import plain
 from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
-from ..core.verdict import Word
+from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import TOLERANCE
 from ..motion import load_case
@@ -58,9 +58,9 @@ if TYPE_CHECKING:
 MISSING_CONTACT = "IS A CONTACT MISSING?"
 
 
-def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Headline:
-    """Verdict with its reasons, one per line; angles in degrees if ``degrees``."""
-    judged, load = verdict_of(report, degrees=True) if degrees else report.verdict, report.load
+def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headline:
+    """Verdict with its reasons, one per line; by default the report's, in its unit of angles."""
+    judged, load = judged or report.verdict, report.load
     first, *others = judged.reasons or (_nearest(report),)
     assumed = ""
     if judged.ok:
@@ -80,8 +80,8 @@ def verdict_view(report: TorqueReport, *, degrees: bool = False) -> Headline:
 
 
 def verdict_text(report: TorqueReport) -> str:
-    """Text of :func:`verdict_view` without colours."""
-    return plain(verdict_view(report))
+    """Text of the verdict with angles in radians, as pages judge it."""
+    return plain(verdict_view(report, verdict_of(report)))
 
 
 def _questions(report: TorqueReport) -> list[tuple[str, str]]:
@@ -273,4 +273,6 @@ def why_fixed(load: LoadCase) -> str | None:
         return "motors and gears are judged as well"
     if len(load.payloads) > 1:
         return f"there are {len(load.payloads)} payloads"
+    if any(payload.body is not None for payload in load.payloads):
+        return "the payload has moments of inertia"
     return None

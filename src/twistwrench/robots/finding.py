@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import importlib
 import os
 from collections.abc import Iterator, Mapping
@@ -208,3 +209,28 @@ def _downloaded(wanted: str, name: object) -> Path:
             f"{_FETCHED} has {name!r} as xacro only: load its file with twistwrench.load(path, xacro={{…}})."
         )
     return Path(path)
+
+
+# ── Files beside the bundled robots, called ``demo``
+
+_DEMO = "demo"
+
+
+def bundled_file(name: str, robot: str, suffix: str, what: str) -> Path:
+    """Given path, or for ``demo`` the file of this kind that is bundled with a robot.
+
+    Raises :class:`~twistwrench.UnknownNameError` if none is bundled with it.
+    """
+    if name != _DEMO or Path(name).is_file():
+        return Path(name)
+    folder = Path(__file__).parent
+    path = folder / f"{robot}_{_DEMO}{suffix}"
+    if not path.is_file():
+        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise UnknownNameError(
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
+        )
+    return path

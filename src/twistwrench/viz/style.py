@@ -110,13 +110,19 @@ def figure(width: float, height: float, title: str, purpose: str = "Drawing (--p
         yield drawn
 
 
-def save(drawn: Figure, path: str | Path) -> Path:
+class ShownFigure:
+    """Figure in memory, in place of a file."""
+
+    figure: Any = None
+
+
+def save(drawn: Figure, path: str | Path | ShownFigure) -> Path:
     """Write a figure atomically: on failure an existing file is kept.
 
     Parameters
     ----------
     drawn : Matplotlib's Figure
-    path : str or Path; the suffix selects the format, default .png
+    path : str or Path; the suffix selects the format, default .png; or a ShownFigure, which keeps the figure
 
     Raises
     ------
@@ -132,6 +138,9 @@ def save(drawn: Figure, path: str | Path) -> Path:
     """
     import matplotlib as mpl
 
+    if isinstance(path, ShownFigure):
+        path.figure = drawn
+        return Path()
     target = Path(picture_path(path))
     # Ticks and their labels are created on saving, so the style must be active again.
     with replacing(target) as scratch, mpl.rc_context(cast("Any", dict(STYLE))):

@@ -1,0 +1,272 @@
+"""Base of all results that answer a question: verdict, text, card of a notebook, pictures, page and data."""
+
+from __future__ import annotations
+
+import html
+import json
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
+
+from ..core.files import as_path, refuse_existing, replacing
+from ..core.version import __version__
+from .blocks import Block, Headline, Table
+from .data import DataTable, plain, report_data
+
+if TYPE_CHECKING:
+    from ..core.verdict import Verdict
+    from .card import Shares
+    from .page import Picture
+
+SCHEMA = 1
+"""Version of the keys of :meth:`Answer.to_dict`."""
+
+
+class Answer:
+    """Result of a question: its verdict, and the blocks that every surface shows.
+
+    A subclass writes ``verdict`` and ``blocks``. ``print(answer)`` is the report of the command, ``answer.print()`` the same
+    with colours; a notebook shows a card; ``to_html`` writes a page, ``to_json`` the data with all digits.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> answer = tw.check(tw.robots.ur5(), "demo", payload=10)
+    >>> answer.verdict.ok, answer
+    (False, <TorqueReport of ur5: OVER LIMIT, shoulder_lift_joint 111 %>)
+    >>> list(answer.tables)
+    ['Torques', 'What the peak is made of']
+    """
+
+    call: ClassVar[str] = ""
+    """Name of the function and of the command."""
+
+    @property
+    @abstractmethod
+    def verdict(self) -> Verdict:
+        """Word, reasons and exit code of the answer."""
+
+    @abstractmethod
+    def blocks(self) -> Iterable[Block]:
+        """Headline, facts, tables and remarks, in the order of all surfaces.
+
+        Returns
+        -------
+        blocks : iterable of Block
+        """
+
+    @property
+    def subject(self) -> str:
+        """Robot and motion, pose or file of the question."""
+        return self.robot_name
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return ""
+
+    @property
+    def brief(self) -> str:
+        """Decisive figure in a few words; empty without one."""
+        return ""
+
+    def facts(self) -> Mapping[str, str]:
+        """Decisive numbers of the verdict with their units, by name."""
+        return {}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the question, by argument."""
+        return {}
+
+    def shares(self) -> Shares | None:
+        """Shares of limits over time, the picture of the card; None without them."""
+        return None
+
+    def pictures(self) -> Iterable[Picture]:
+        """Pictures of the page; none if matplotlib is not installed.
+
+        Returns
+        -------
+        pictures : iterable of Picture
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> [picture.title for picture in tw.check(tw.robots.ur5(), "demo").pictures()][0]
+        'Torques and limits'
+        """
+        from .doors import pictures_of
+
+        return pictures_of(self)
+
+    # ── Surfaces
+
+    def __str__(self) -> str:
+        from .terminal import as_text
+
+        return as_text(self.blocks())
+
+    def print(self, *, every: bool = False, file: TextIO | None = None) -> None:
+        """Print the report of the command, with colours on a terminal.
+
+        Parameters
+        ----------
+        every : bool, also all rows of long tables, and notes on how files were read
+        file : text stream, optional; default: standard output
+
+        Examples
+        --------
+        >>> import io, twistwrench as tw
+        >>> text = io.StringIO()
+        >>> tw.check(tw.robots.ur5(), "demo").print(file=text)
+        >>> text.getvalue()[:22]
+        'OK: all limits kept. C'
+        """
+        from .terminal import print_blocks
+
+        print_blocks(self.blocks(), every=every, file=file)
+
+    def __repr__(self) -> str:
+        brief = f", {self.brief}" if self.brief else ""
+        of = f" of {self.robot_name}" if self.robot_name else ""
+        return f"<{type(self).__name__}{of}: {self.verdict.word}{brief}>"
+
+    def __bool__(self) -> bool:
+        raise TypeError(f"a {type(self).__name__} has no truth value. Use .verdict.ok")
+
+    def _repr_html_(self) -> str:
+        """Card of a notebook; the plain text if the card cannot be drawn, since a notebook must show something."""
+        from .card import card
+
+        try:
+            return card(self)
+        except Exception:
+            return f"<pre>{html.escape(str(self))}</pre>"
+
+    def plot(self, kind: str | None = None, path: str | Path | None = None) -> Any:
+        """Draw the answer.
+
+        Parameters
+        ----------
+        kind : str, optional, one of the kinds that an error lists; default: the first
+        path : str or Path, optional, file to write (.png, .pdf, .svg)
+
+        Returns
+        -------
+        figure : matplotlib figure, or Path of the written file
+
+        Raises
+        ------
+        MissingExtraError
+            matplotlib is not installed.
+        UnknownNameError
+            There is no picture of this kind.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     tw.check(tw.robots.ur5(), "demo").plot("causes", f"{folder}/causes.svg").name
+        'causes.svg'
+        """
+        from .doors import plot
+
+        return plot(self, kind, path)
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write the answer as one self-contained page, replacing an existing one.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     page = tw.check(tw.robots.ur5(), "demo").to_html(f"{folder}/report.html").read_text()
+        >>> page.startswith("<!doctype html>")
+        True
+        """
+        from .page import answer_page
+
+        target = as_path(path)
+        with replacing(target) as scratch:
+            scratch.write_text(answer_page(self).html(), encoding="utf-8")
+        return target
+
+    def to_dict(self) -> dict[str, Any]:
+        """Data of the answer: verdict, reasons, facts, sentences, tables with all digits, and notes.
+
+        Returns
+        -------
+        data : dict, as written by ``--json``
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> data = tw.check(tw.robots.ur5(), "demo", payload=10).to_dict()
+        >>> data["verdict"], data["exit_code"], data["facts"]["share of limit"], data["tables"][0]["columns"][1]
+        ('OVER LIMIT', 1, '111 %', {'name': 'peak', 'unit': 'N m'})
+        """
+        verdict = self.verdict
+        return {
+            "schema": SCHEMA,
+            "call": self.call,
+            "robot": self.robot_name,
+            **report_data(list(self.blocks())),
+            "verdict": str(verdict.word),
+            "reasons": list(verdict.reasons),
+            "ok": verdict.ok,
+            "exit_code": int(verdict.exit_code),
+            "facts": dict(self.facts()),
+            "version": __version__,
+        }
+
+    def to_json(self, path: str | Path | None = None, *, overwrite: bool = False) -> str | Path:
+        """Data of :meth:`to_dict` as JSON.
+
+        Parameters
+        ----------
+        path : str or Path, optional, file to write
+        overwrite : bool, replace an existing file
+
+        Returns
+        -------
+        text : str, or Path of the written file
+
+        Raises
+        ------
+        ValueRangeError
+            The file exists, and ``overwrite`` is False.
+
+        Examples
+        --------
+        >>> import json, twistwrench as tw
+        >>> json.loads(tw.check(tw.robots.ur5(), "demo").to_json())["verdict"]
+        'OK'
+        """
+        text = json.dumps(self.to_dict(), ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+        if path is None:
+            return text
+        target = as_path(path)
+        refuse_existing(target, overwrite=overwrite)
+        with replacing(target) as scratch:
+            scratch.write_text(text, encoding="utf-8", newline="")
+        return target
+
+    @property
+    def tables(self) -> Mapping[str, DataTable]:
+        """Tables by title, with all rows and digits."""
+        found = [DataTable.from_table(block) for block in self.blocks() if isinstance(block, Table)]
+        return {table.title: table for table in found}
+
+    @property
+    def headline(self) -> str:
+        """First line of the report, without its colour."""
+        return next((plain(block).partition("\n")[0] for block in self.blocks() if isinstance(block, Headline)), "")

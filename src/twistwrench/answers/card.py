@@ -1,0 +1,132 @@
+"""Card of an answer in a notebook: word and sentence, one picture, one table; HTML without scripts."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.colours import COLOURS, NEAR_LIMIT
+from ..core.numbers import number
+from ..core.text import visible
+from ..core.typing import Array
+from .blocks import Block, Headline, Remark, Table, limit_style, shown_blocks
+from .page import paragraphs, table_html
+
+if TYPE_CHECKING:
+    from .answer import Answer
+
+_MOST = 120_000
+"""Maximum number of bytes of a card."""
+_LONGEST = 200
+"""Maximum number of characters of a name."""
+_WIDTH, _HEIGHT, _LEFT, _BELOW = 640, 150, 36, 18
+"""Size of the picture, and its margins, in pixels."""
+_MOST_POINTS = 240
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """Shares of limits over time, the picture of a card."""
+
+    time: Array
+    """(n,) times [s]."""
+    values: Array
+    """(n, joints) shares of the limits; nan without a limit."""
+    names: Sequence[str]
+    """Joints."""
+
+
+def card(answer: Answer) -> str:
+    """HTML of the card of an answer, at most 120 kB."""
+    blocks = shown_blocks(answer.blocks(), every=False, hint="")
+    head = [html_of(block) for block in blocks if isinstance(block, Headline)]
+    tables = [block for block in blocks if isinstance(block, Table)]
+    remarks = [block for block in blocks if isinstance(block, Remark)]
+    shares = answer.shares()
+    parts = [f'<p class="kind">{_clipped(answer.subject)}</p>', *head]
+    if shares is not None and np.isfinite(shares.values).any():
+        parts.append(shares_svg(shares))
+    parts += [table_html(table) for table in tables[:1]]
+    rest = len(tables[1:]) + len(remarks)
+    if rest:
+        parts.append(
+            f'<p class="kind">{rest} more table{"s" * (rest > 1)} and notes: .print(), .to_html("report.html")</p>'
+        )
+    text = f'<div class="twistwrench">{_STYLE}{"".join(parts)}</div>'
+    if len(text.encode()) > _MOST:
+        text = f'<div class="twistwrench">{_STYLE}{"".join(parts[:2])}</div>'
+    return text
+
+
+def html_of(block: Block) -> str:
+    """HTML of the headline, one paragraph a line."""
+    first, *others = paragraphs(block) or [""]
+    return f'<p class="headline">{first}</p>' + "".join(f"<p>{text}</p>" for text in others)
+
+
+def _clipped(text: str) -> str:
+    return html.escape(visible(text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"))
+
+
+def shares_svg(shares: Shares) -> str:
+    """Curve of the share of its limit of each joint, with the limit as a line; the largest is in its colour."""
+    time, values, names = shares.time, shares.values, shares.names
+    step = max(1, -(-len(time) // _MOST_POINTS))
+    blocks = [slice(k, k + step) for k in range(0, len(time), step)]
+    peaks = np.array([np.nanmax(np.nan_to_num(values[block], nan=-1.0), axis=0) for block in blocks])
+    when = np.array([time[block].mean() for block in blocks])
+    known = (peaks >= 0).any(axis=0)
+    top = max(1.1, 1.05 * float(peaks.max()))
+    span = float(when[-1] - when[0]) or 1.0
+    x = (_LEFT + (_WIDTH - _LEFT - 6) * (when - when[0]) / span).round(1).tolist()
+
+    def height(share: Array | float) -> Any:
+        return ((_HEIGHT - _BELOW) * (1.0 - np.asarray(share) / top) + 4).round(1).tolist()
+
+    worst = int(np.argmax(np.where(known, peaks.max(axis=0), -1.0)))
+    lines = []
+    for k in [*(int(k) for k in np.flatnonzero(known) if k != worst), worst]:
+        points = " ".join(f"{a},{b}" for a, b in zip(x, height(peaks[:, k]), strict=True))
+        colour = COLOURS[limit_style(float(peaks[:, k].max()))].plot if k == worst else "#9aa3ad"
+        width = 1.8 if k == worst else 1.0
+        lines.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}"/>')
+    limit = height(1.0)
+    near = height(NEAR_LIMIT)
+    texts = [
+        f'<text x="2" y="{limit + 4}">100 %</text>',
+        f'<text x="2" y="{height(0.0) + 4}">0</text>',
+        f'<text x="{_LEFT}" y="{_HEIGHT}">{number(shares.time[0])} s</text>',
+        f'<text x="{_WIDTH - 6}" y="{_HEIGHT}" text-anchor="end">{number(shares.time[-1])} s · '
+        f"share of the limit of each joint, {_clipped(names[worst])} marked</text>",
+    ]
+    rules = chain(
+        [f'<line x1="{_LEFT}" x2="{_WIDTH}" y1="{limit}" y2="{limit}" stroke="currentColor"/>'],
+        [f'<line x1="{_LEFT}" x2="{_WIDTH}" y1="{near}" y2="{near}" stroke="currentColor" stroke-dasharray="2 4"/>'],
+    )
+    return (
+        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT + 4}" role="img" aria-label="Share of the limit of each joint over time" '
+        f'font-size="11" fill="currentColor">{"".join(rules)}{"".join(lines)}{"".join(texts)}</svg>'
+    )
+
+
+def _style() -> str:
+    """Style sheet of the card; a notebook's dark theme or a dark screen gets light text."""
+    light = "".join(f".twistwrench .{style} {{ color: {colour.light} }}" for style, colour in COLOURS.items())
+    dark = "".join(f".twistwrench .{style} {{ color: {colour.dark} }}" for style, colour in COLOURS.items())
+    return (
+        "<style>.twistwrench { font: 14px/1.45 system-ui, sans-serif; max-width: 46rem } "
+        ".twistwrench p { margin: 0.25rem 0 } .twistwrench .headline { font-size: 1.1rem } "
+        ".twistwrench .strong { font-weight: 650 } .twistwrench .kind { opacity: 0.7; font-size: 0.85rem } "
+        ".twistwrench svg { display: block; width: 100%; max-width: 640px; height: auto } "
+        ".twistwrench figure { margin: 0.5rem 0 } .twistwrench td, .twistwrench th { text-align: right; padding: 0.1rem 0.6rem "
+        "0.1rem 0; font-variant-numeric: tabular-nums } .twistwrench .word { text-align: left } "
+        f"{light}@media (prefers-color-scheme: dark) {{ {dark} }}</style>"
+    )
+
+
+_STYLE = _style()

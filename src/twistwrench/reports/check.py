@@ -1,0 +1,199 @@
+"""Function of the command ``torques``: whether a robot carries a load along a path, which joint fails, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.text import listed
+from ..core.typing import Array
+from ..motion import limits_file
+from ..motion.differentiation import Differentiation
+from ..motion.load_case import LoadCase, LoadsGiven, payloads_of
+from ..motion.motion import Motion
+from ..motion.motion_io import data_frame_file, errors_in_python_words
+from ..motion.motion_log import MotionLog
+from ..robot import Robot, load
+from ..robots.finding import bundled_file
+from .doors import measured_causes
+from .motors import Steps
+from .torque_analysis import analyse
+from .torque_report import TorqueReport
+
+if TYPE_CHECKING:
+    from ..formats.actuators import ActuatorFile
+    from ..statics.clearance import PathClearance
+
+__all__ = ["check"]
+
+_PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
+"""Durations of noise estimation and smoothing relative to the analysis."""
+_ROWS = 8192
+"""Rows of a slice whose clearance is searched at once."""
+
+
+def check(
+    robot: Robot | str | Path,
+    motion: Any,
+    *,
+    payload: LoadsGiven = (),
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    limits: limits_file.Given = None,
+    friction: bool = True,
+    smooth: bool = False,
+    clearance: float | None = None,
+    srdf: str | Path | None = None,
+    actuators: str | Path | ActuatorFile | None = None,
+    columns: Mapping[str, str] | None = None,
+    gain: Mapping[str, float] | None = None,
+    rate: float | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
+    degrees: bool = False,
+    lock: Mapping[str, ArrayLike] | None = None,
+    plan: bool = False,
+    why: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> TorqueReport:
+    """Judge the torques of a motion against the robot's limits, with its loads; joint friction is counted.
+
+    Parameters
+    ----------
+    robot : Robot, path of a robot file, or name of a known robot
+    motion : path of a log or plan, Motion, anything with ``.motion``, DataFrame, or "demo" for a bundled robot
+    payload : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
+        Loads at the robot's tip, or at a named frame.
+    wrench_on_robot : {frame: (6,) array}, optional, constant wrenches exerted on the robot, in the frame [N m, N]
+    limits : path of a limits file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, optional
+        In place of the robot file's.
+    friction : bool, count joint friction and damping
+    smooth : bool, smooth a log before differentiating it, even if its noise does not matter
+    clearance : float, optional, also check that links keep this distance [m]
+    srdf : path, optional, file of pairs of links that are left out of ``clearance``
+    actuators : path, optional, file of motors, gears, rotors and friction; "demo": that of a bundled robot
+    columns : {joint: column}, optional, as for :meth:`Motion.from_file`
+    gain : {joint: float}, optional, torque per ampere of columns of currents [N m/A]
+    rate : float, optional, sampling rate of a file without a time column [Hz]
+    topic : str, optional, topic of a ROS recording
+    episode : int, optional, episode of a LeRobot dataset
+    degrees : bool, angles of files and of the answer are in degrees
+    lock : {joint: position}, optional, joints to lock, as for :func:`load`
+    plan : bool, judge a file as a plan: a step that no robot makes is then an excess, and not an error of a log
+    why : bool, also split the peak of the worst joint by link
+    progress : callable, optional, receives the finished share, 0 to 1
+
+    Returns
+    -------
+    report : TorqueReport
+        ``report.verdict``, ``report.joints``, ``report.largest_payload``, ``report.plot()``.
+
+    Raises
+    ------
+    NotFoundError, RobotFileError, TrajectoryError, UnknownNameError, ValueRangeError
+        The robot, the motion, the loads or the limits cannot be read.
+    ShapeError
+        The motion is of another robot.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> answer = tw.check(tw.robots.ur5(), "demo", payload=10)
+    >>> print(answer.headline)
+    OVER LIMIT: shoulder_lift_joint needs -167.0 N m at t = 1.808 s, 111 % of its limit (150 N m). Largest part: payload, 63 %.
+    >>> answer.verdict.ok, round(answer.largest_payload, 2)
+    (False, 8.38)
+    """
+    robot, named = _robot_of(robot, actuators, lock)
+    log = log_of(
+        motion, robot, named=named, columns=columns, gain=gain, rate=rate, topic=topic, episode=episode, degrees=degrees,
+        plan=plan,
+    )  # fmt: skip
+    loads = LoadCase(robot, payloads_of(payload), _wrenches(wrench_on_robot), friction=friction)
+    bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
+    steps = Steps(progress, (_PLANNING_AND_SMOOTHING if smooth else _PLANNING, 1.0))
+    differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
+    report = analyse(loads, differentiation, bounds, progress=steps.next())
+    return replace(
+        report,
+        causes=measured_causes(report, log),
+        clearance=clearance_along(report, clearance, srdf),
+        degrees=degrees,
+        with_why=why,
+    )
+
+
+def _wrenches(given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
+    return {frame: np.asarray(F) for frame, F in (given or {}).items()}
+
+
+def _robot_of(
+    given: Robot | str | Path, actuators: str | Path | ActuatorFile | None, lock: Mapping[str, ArrayLike] | None
+) -> tuple[Robot, str]:
+    """Robot with its drives, and the name by which files are bundled with it."""
+    if isinstance(given, Robot):
+        robot, name = given if lock is None else given.lock(cast("Any", lock)), given.name
+    else:
+        robot, name = load(given, lock=lock), str(given)
+    if actuators is None:
+        return robot, name
+    from ..formats.actuators import ActuatorFile, add_actuators
+
+    if not isinstance(actuators, ActuatorFile):
+        actuators = ActuatorFile.from_source(bundled_file(str(actuators), name, ".yaml", "actuator file"))
+    return Robot(add_actuators(robot.model, actuators, stiff=True)), name
+
+
+def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **reading: Any) -> MotionLog:
+    """Log of a motion: a file is opened, a motion gives its own, and arrays become a table in memory.
+
+    Raises
+    ------
+    ShapeError
+        The motion is of another robot.
+    TypeError
+        It is not a motion.
+    """
+    if isinstance(motion, MotionLog):
+        return motion
+    if isinstance(motion, str | Path):
+        path = bundled_file(str(motion), named or robot.name, ".csv", "motion")
+        if reading.get("degrees") and path != Path(motion):
+            raise ValueRangeError("the bundled motion 'demo' is in radians. Leave degrees out.")
+        with errors_in_python_words():
+            return MotionLog.open(path, robot.model, plan=plan, **reading)
+    if hasattr(motion, "columns") and hasattr(motion, "iloc"):
+        file, _ = data_frame_file(motion)
+        with errors_in_python_words():
+            return MotionLog.open(file, robot.model, plan=plan, **reading)
+    motion = getattr(motion, "motion", motion)
+    if not isinstance(motion, Motion):
+        raise TypeError(
+            f"a {type(motion).__name__} is not a motion. Give a path, tw.Motion(time, q, robot=robot), or 'demo'."
+        )
+    own, other = robot.model.velocity_names, motion.robot.model.velocity_names
+    if own != other:
+        raise ShapeError(
+            f"the motion is of {motion.robot.name!r} with the joints {listed(other)}, and the robot {robot.name!r} has "
+            f"{listed(own)}."
+        )
+    return MotionLog.from_motion(motion) if motion.log is None else motion.log
+
+
+def clearance_along(report: TorqueReport, distance: float | None, srdf: str | Path | None) -> PathClearance | None:
+    """Least distance between links along the motion of a report; None without a distance to keep."""
+    if distance is None:
+        if srdf is not None:
+            raise ValueRangeError(
+                "srdf=… leaves out pairs of links for clearance=…, and that is not given. Add clearance=…."
+            )
+        return None
+    from ..statics.clearance import PathClearance
+
+    rows = ((s.time, s.q) for s in report.differentiation.states(_ROWS))
+    return PathClearance.along(report.load.robot, rows, distance, srdf)

@@ -1,0 +1,96 @@
+"""Pictures of answers: kinds of plots, and pictures of their pages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial, singledispatch
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..answers.answer import Answer
+from ..answers.blocks import mark_style
+from ..answers.page import MarkedJoint, Picture
+from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.numbers import percent_of_limit, seconds
+from ..reports.drawn_motion import reported_motion
+from ..reports.torque_report import TorqueReport
+from . import style
+from .pictures import Plot, drawn, robot_picture
+from .plots.motion import plot_phase, plot_power, plot_split
+from .plots.torques import plot_motors, plot_report
+
+
+@singledispatch
+def plots_of(answer: Answer) -> Mapping[str, Plot]:
+    """Kinds of plots of an answer, the usual one first."""
+    del answer
+    return {}
+
+
+@singledispatch
+def pictures_of(answer: Answer) -> Iterable[Picture]:
+    """Pictures of the page of an answer: by default its usual plot; none without matplotlib."""
+    if find_spec("matplotlib") is None:
+        return []
+    return [drawn(kind, plot) for kind, plot in [*plots_of(answer).items()][:1]]
+
+
+def plot(answer: Answer, kind: str | None, path: str | Path | None) -> Any:
+    """Draw a kind of plot of an answer into a file, or as a figure without one."""
+    known = plots_of(answer)
+    if not known:
+        raise ValueRangeError(f"a {type(answer).__name__} has no picture. Its tables: {', '.join(answer.tables)}.")
+    if kind is not None and kind not in known:
+        raise UnknownNameError.from_choices("kind of plot", kind, known)
+    chosen = known[kind or next(iter(known))]
+    if path is not None:
+        chosen(path)
+        return Path(path)
+    shown = style.ShownFigure()
+    chosen(shown)
+    return shown.figure
+
+
+# ── Torques of a motion
+
+
+_OF_MOTION = {"causes": plot_split, "power": plot_power, "phase": plot_phase}
+"""Plots of a motion with its torques."""
+
+
+@plots_of.register
+def _(answer: TorqueReport) -> Mapping[str, Plot]:
+    plots: dict[str, Plot] = {"torques": partial(plot_report, answer)}
+
+    def of_motion(draw: Callable[..., Any]) -> Plot:
+        return lambda path: draw(reported_motion(answer), path)
+
+    plots |= {kind: of_motion(draw) for kind, draw in _OF_MOTION.items()}
+    return plots | ({"motors": partial(plot_motors, answer)} if answer.motors else {})
+
+
+@pictures_of.register
+def _(answer: TorqueReport) -> Iterable[Picture]:
+    if find_spec("matplotlib") is None:
+        return []
+    pictures = [drawn("Torques and limits", partial(plot_report, answer))]
+    if answer.worst is not None:
+        pictures.append(worst_moment(answer))
+    if answer.motors:
+        pictures.append(drawn("Motors", partial(plot_motors, answer)))
+    return pictures
+
+
+def worst_moment(report: TorqueReport, link: str = "") -> Picture:
+    """Robot at the peak of the joint nearest to its limit, which is marked."""
+    assert report.worst is not None
+    joint, states = report.joints[report.worst], report.around
+    share = f"{percent_of_limit(joint.share)} of its limit" if math.isfinite(joint.limit) else "no limit"
+    q = states.q[int(np.argmin(np.abs(states.time - joint.time)))]
+    marked = MarkedJoint(joint.joint, f"{joint.joint}, {share}", mark_style(joint.share))
+    title = f"{report.robot} at t = {seconds(joint.time)} s"
+    return robot_picture(report.load.with_load, q, marked, title, link=link)
