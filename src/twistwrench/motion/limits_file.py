@@ -80,6 +80,8 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
             raise ShapeError(f"limits: {kind} has shape {found[kind].shape}; give ({model.nv},), one for each joint.")
     joints, stated = Coordinates.from_model(model), np.zeros(model.nv, bool)
     for joint, effort in efforts.items():
+        if joint not in joints.velocity_names:
+            raise UnknownNameError.from_choices("joint", joint, joints.velocity_names)
         k = _check(joint, {"effort": effort}, joints, set(), "limits")
         found["effort"][k] = arguments.number(effort, f"limits: {joint}")
         stated[k] = True

@@ -393,8 +393,8 @@ def payloads_of(given: LoadsGiven, tip: str | None = None) -> tuple[Payload, ...
     if isinstance(given, Sequence):
         return tuple(load for one in given for load in payloads_of(one, tip))
     mass = number_of(given, "payload")
-    if mass < 0:
-        raise ValueRangeError(f"payload {printed(mass)} has a negative mass. Give kilograms, at least 0.")
+    if not 0 <= mass < math.inf:
+        raise ValueRangeError(f"payload {printed(mass)} cannot be a mass. Give kilograms, at least 0.")
     return (Payload(mass, frame=tip),)
 
 

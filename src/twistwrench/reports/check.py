@@ -112,7 +112,7 @@ def check(
     robot, named = _robot_of(robot, actuators, lock)
     log = log_of(
         motion, robot, named=named, columns=columns, gain=gain, rate=rate, topic=topic, episode=episode, degrees=degrees,
-        plan=plan,
+        plan=plan, locked=tuple(lock or ()),
     )  # fmt: skip
     loads = LoadCase(robot, payloads_of(payload), _wrenches(wrench_on_robot), friction=friction)
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)

@@ -202,7 +202,7 @@ class TorqueReport(Answer):
     quality: Survey
     """Sampling and noise of the log."""
     differentiation: Differentiation
-    """How rates were derived."""
+    """Derivation of rates from the log."""
     load: LoadCase
     """Robot with its payloads and wrenches."""
     envelope: tuple[Array, Array, Array]
