@@ -243,6 +243,7 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--csv", "no/such/out.csv"], "cannot write"),
         (["ur5", "--csv", "out.png", "--plot", "out"], "would overwrite the file of --csv"),
         (["ur5", "--plot", "out.nope"], "cannot draw"),
+        (["quadruped"], "needs a fixed base"),
         (["quadruped", "--frame", "FL_foot"], "needs a fixed base"),
         (["quadruped", "--frame", "FL_foot"], "(in the shell: --fixed-base, without --floating-base)"),
         (["quadruped", "--frame", "FL_foot", "--at", "1"], "JOINT=VALUE, as FL_hip_joint=0.5"),

@@ -32,7 +32,7 @@ from ..robot import Robot
 from ..statics.equilibrium import BeyondStop, joints_beyond_stops
 from ..statics.force_capability import largest_wrench, weakest_direction
 from ..statics.payload import LargestPayload, largest_payload, payload_map, plane_and_samples
-from ..statics.torque_limits import unit_slips
+from ..statics.torque_limits import require_fixed_base, unit_slips
 from . import shared
 from .main import Given, note, option
 from .report import REPORT, write_report
@@ -154,8 +154,12 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _check_frame(robot: Robot, frame: str | None) -> None:
-    """Raise FrameError for a robot without a single tip, and UnknownNameError for an unknown frame, naming --frame."""
+    """Raise FrameError for a robot without a single tip, and UnknownNameError for an unknown frame, naming --frame.
+
+    Raises ValueRangeError if a robot without a single tip has a floating base.
+    """
     if frame is None and robot.tip is None:
+        require_fixed_base(robot, "the largest payload")  # a frame does not help there
         raise FrameError(
             f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: --frame FRAME. "
             f"Its leaves: {listed(robot.model.leaves)}."
