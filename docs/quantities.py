@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import twistwrench as tw
+from twistwrench.core.first_calls import first_calls
 from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES, Quantity
 from twistwrench.robot.quantity_methods import QuantityMethods
@@ -70,13 +71,13 @@ def page() -> str:
         (
             _name(name),
             row.book,
-            _code(row.pinocchio),
-            _code(row.mujoco),
+            _code(names["Pinocchio"]),
+            _code(names["MuJoCo"]),
             "M⁻¹" if row.needs_inverse else "",
             row.constrained,
             _flops(panda, row, name),
         )
-        for name, row in QUANTITIES.items()
+        for name, row, names in ((name, row, _names_of(name)) for name, row in QUANTITIES.items())
     ]
     return "\n".join(
         (
@@ -103,8 +104,14 @@ def _name(name: str) -> str:
     return f"`{name}`" + ("" if name in {*vars(QuantityMethods), *vars(DerivativeMethods)} else "°")
 
 
+def _names_of(quantity: str) -> dict[str, str]:
+    """Names of the first row for a quantity in each library, from the table of first calls."""
+    found = {row.of: " ".join(row.words) for row in reversed(first_calls()) if row.quantity == quantity}
+    return {"Pinocchio": "", "MuJoCo": "", **found}
+
+
 def _code(names: str) -> str:
-    return ", ".join(f"`{name}`" for name in names.split(", ")) if names else ""
+    return ", ".join(f"`{name}`" for name in names.split())
 
 
 def _list(names: tuple[str, ...]) -> str:

@@ -152,9 +152,23 @@ def __getattr__(name: str) -> object:
     elif name in _NAMES:
         found = getattr(_importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
     else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise _missing(name)
     globals()[name] = found
     return found
+
+
+def _missing(name: str) -> AttributeError:
+    """Error for a name that the package does not have, with the call to write instead."""
+    if name.startswith("_"):
+        return AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from .core.first_calls import missing_attribute
+    from .robots import names
+
+    if name.lower() in names():
+        return AttributeError(
+            f"module {__name__!r} has no attribute {name!r}: use tw.robots.{name.lower()}()", name=None
+        )
+    return missing_attribute(f"module {__name__!r}", name, "module", __dir__())
 
 
 def __dir__() -> list[str]:

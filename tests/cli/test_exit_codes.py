@@ -44,7 +44,7 @@ TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     "a table in a spreadsheet's own format": ("torques ur5 --trajectory demo --csv t.xlsx", {}, ExitCode.BAD_INPUT, r"error: --csv 't.xlsx': CSV is written, .* Name it 't.csv'"),
     "a command that is none": ("dance", {}, ExitCode.BAD_INPUT, r"error: No such command 'dance'"),
     "an option that is none": ("info ur5 --speed", {}, ExitCode.BAD_INPUT, r"error: No such option"),
-    "no robot": ("info", {}, ExitCode.BAD_INPUT, r"error: Missing argument 'ROBOT'"),
+    "no robot": ("info", {}, ExitCode.BAD_INPUT, r"error: Missing ROBOT: a file"),
     "a lock that is none": ("info ur5 --lock elbow", {}, ExitCode.BAD_INPUT, r"error: --lock 'elbow' is not JOINT=VALUE"),
     "a joint that is not there": ("info ur5 --lock x=1", {}, ExitCode.BAD_INPUT, r"error: .*'x'"),
     # ── robot files ──

@@ -131,12 +131,18 @@ def test_near_names_are_suggested():
             tw.find(name)
 
 
-def test_loading_a_name_says_how_robots_are_found():
-    with pytest.raises(tw.NotFoundError, match=r"twistwrench\.find\('talos'\)"):
-        tw.load("talos")
+def test_a_robot_is_loaded_by_its_name_unless_a_file_has_it(fetched, tmp_path, monkeypatch):
+    assert tw.load("ONE").name == tw.load(tw.find("one")).name
+    assert tw.load("quadruped").nq == tw.robots.quadruped().nq  # with the options of the bundled robot
+    assert tw.load("quadruped", floating_base=False).nq == 12
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ur5").write_text(tw.robots.pendulum().to_urdf())
+    assert tw.load("ur5").name == "pendulum"
+    with pytest.raises(tw.NotFoundError, match="'no_such_robot', and no bundled robot of that name"):
+        tw.load("no_such_robot")
     with pytest.raises(tw.NotFoundError) as refused:
-        tw.load("talos.urdf")
-    assert "find" not in str(refused.value)
+        tw.load("one.urdf")
+    assert "bundled" not in str(refused.value)
 
 
 # ── in the shell ──

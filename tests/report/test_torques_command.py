@@ -64,7 +64,7 @@ BAD_INPUT = {
     "wrench without numbers": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0"], "names no frame"),
     "no such picture folder": (["ur5", "--trajectory", DEMO, "--plot", "no/such/o.png"], "cannot write"),
     "no such option": (["ur5", "--trajectory", DEMO, "--plott", "o.png"], "--plot"),
-    "no trajectory": (["ur5"], "Missing option '--trajectory'"),
+    "no trajectory": (["ur5"], "Missing MOTION: a log or plan, or 'demo'."),
     "split without csv": (["ur5", "--trajectory", DEMO, "--split"], "Add --csv"),
     "no such folder": (["ur5", "--trajectory", DEMO, "--csv", "no/such/folder/o.csv"], "cannot write"),
     "no such picture": (["ur5", "--trajectory", DEMO, "--plot", "o.xyz"], "pictures of kind 'xyz'"),

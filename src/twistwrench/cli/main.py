@@ -32,6 +32,7 @@ from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from ..core.files import check_outputs, picture_path, refuse_existing
 from ..core.text import visible
 from ..core.verdict import ExitCode, end_at_once
+from .hints import Seconds, missing_parameter, unknown_command, unknown_option
 
 
 class RobotOption(click.Option):
@@ -159,21 +160,6 @@ _LONGEST = 80
 _HEARD: list[bool] = []
 """Nonempty after Ctrl-C."""
 
-_RENAMED = {
-    "--actuators-out": "--out-actuators",
-    "--configuration": "--at",
-    "--dt": "--step",
-    "--fix": "--out",
-    "--method": "--weights",
-    "--motor-plot": "--plot motors=OUT.png",
-    "--no-test": "--no-test-program",
-    "--noise": "--torque-noise",
-    "--seconds": "--duration",
-    "--test": "--test-program",
-    "--torque": "--torque-side",
-}
-"""Options of earlier versions and their replacements; other commands may still have some of them."""
-
 ARGUMENTS, NOTES, BLOCKS = "twistwrench.arguments", "twistwrench.notes", "twistwrench.blocks"
 """Context entries: words of the command line, sentences of :func:`note`, and blocks of the report."""
 
@@ -236,13 +222,8 @@ def _own_endings() -> Iterator[None]:
     except click.exceptions.NoArgsIsHelpError:
         raise
     except click.UsageError as error:
-        if isinstance(error, click.NoSuchOption) and error.ctx and (new := _RENAMED.get(error.option_name)):
-            known = {name for param in error.ctx.command.params for name in (*param.opts, *param.secondary_opts)}
-            if new.split()[0] in known:
-                # NoSuchOption drops suggestions with a different spelling.
-                error = click.UsageError(f"No such option: {error.option_name}. Did you mean {new}?", error.ctx)
         where = f" See {error.ctx.command_path} --help." if error.ctx else ""
-        raise _UsageLine(" ".join(error.format_message().split()) + where) from None
+        raise _UsageLine(" ".join(_usage_sentence(error).split()) + where) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):
         raise
     except KeyboardInterrupt:
@@ -272,6 +253,13 @@ def _own_endings() -> Iterator[None]:
             f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}."
         )
         sys.exit(ExitCode.FAULT)
+
+
+def _usage_sentence(error: click.UsageError) -> str:
+    """Message of a usage error, with what to type instead."""
+    if isinstance(error, click.NoSuchOption) and error.ctx is not None:
+        return unknown_option(error, error.ctx.meta.get(ARGUMENTS, []))
+    return missing_parameter(error) if isinstance(error, click.MissingParameter) else error.format_message()
 
 
 def _say(text: str) -> None:
@@ -490,6 +478,8 @@ def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **set
         settings["type"] = click.Choice(choices)
     if metavar:
         settings["metavar"] = metavar
+        if metavar == "SECONDS" and (settings.get("type") is float or isinstance(settings.get("default"), float)):
+            settings["type"] = Seconds()
     elif not {"default", "type"} & settings.keys():
         settings["is_flag"] = True
     return click.option(flag, *names, help=text, **{"show_default": "default" in settings, **settings})
@@ -571,11 +561,21 @@ _GROUPS = {
 """Commands by group and name: module with the function NAME_command, and line in the list of commands."""
 _WIDTH = 8
 """Width of the name column in each group."""
+_SYNONYMS = {"check": "torques"}
+"""Commands that are not listed, by the listed command that they are."""
 _COMMANDS = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
 
 class LazyCommands(Commands):
     """Commands of :data:`_COMMANDS`, loaded on demand."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; raises UsageError with what to type instead."""
+        if not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            raise click.UsageError(unknown_command(args[0], _COMMANDS), ctx)
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  as click calls it
         """Names of all commands."""
@@ -583,6 +583,7 @@ class LazyCommands(Commands):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Load a command; None if the name is unknown."""
+        cmd_name = _SYNONYMS.get(cmd_name, cmd_name)
         if cmd_name not in _COMMANDS:
             return super().get_command(ctx, cmd_name)
         module = import_module(f".{_COMMANDS[cmd_name].file}", __package__)
@@ -599,7 +600,7 @@ class LazyCommands(Commands):
 @click.group(
     cls=LazyCommands,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=examples("torques ur5 --trajectory demo --payload 10", "doctor ur5", "torques --help"),
+    epilog=examples("torques ur5 demo --payload 10", "doctor ur5", "torques --help"),
 )
 @click.version_option(package_name="twistwrench")
 def main() -> None:

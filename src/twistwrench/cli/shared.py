@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import glob
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property, partial, wraps
 from pathlib import Path
@@ -17,7 +15,7 @@ import click
 
 from ..answers.blocks import Block, Headline
 from ..core.arguments import assignments, parse_numbers
-from ..core.errors import ModelWarning, NotFoundError, ValueRangeError
+from ..core.errors import ModelWarning, ValueRangeError
 from ..core.files import replacing
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
@@ -43,24 +41,13 @@ def robot_source(source: str) -> str | Path:
     """
     from ..core.files import is_stream
     from ..formats.source import read_robot_text, standard_input_text
-    from ..robots.finding import known_robots, plain_name
+    from ..robots.finding import robot_file
 
     if source == "-":  # a pipe is read once, but may be loaded twice
         return standard_input_text()
     if is_stream(Path(source)):
         return read_robot_text(source)[0]
-    with suppress(OSError):  # the name may be too long for a file
-        if Path(source).exists():
-            return source
-    known, wanted = known_robots(), plain_name(source)
-    if wanted in known:
-        return known[wanted].path
-    near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
-    raise NotFoundError(
-        f"no robot file {source!r}, and no bundled robot of that name, nor one of another package.{hint} "
-        "Give a path, or a name that `twistwrench robots` lists."
-    )
+    return robot_file(source)
 
 
 # ── Files of bundled robots, called ``demo``
@@ -211,7 +198,8 @@ _ROBOT = option_group(
     _option("--floating-base", "Let the base move freely."),
     _option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
     _option(
-        "--lock JOINT=VALUE", "Lock a joint at a position, or all joints of a pattern: '*wheel*=0'; may be repeated.",
+        "--lock JOINT=VALUE",
+        "Lock joints at positions, a=0,b=0.5, or all joints of a pattern: '*wheel*=0'; may be repeated.",
         multiple=True,
     ),
     _option("--chain BASE TIP", "Lock all joints that are not between these two frames.", nargs=2),
@@ -263,7 +251,8 @@ def robot_command(
 
 
 def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
-    given = assignments(texts, "--lock", "JOINT=VALUE, for example gripper=0.02")
+    parts = (part for text in texts for part in re.split(r",(?=[^,=]*=)", text))  # a=0,b=0
+    given = assignments(parts, "--lock", "JOINT=VALUE, for example gripper=0.02")
     return {joint: parse_numbers(value, f"--lock {joint}", "a number", 1)[0] for joint, value in given.items()}
 
 
@@ -354,10 +343,30 @@ LOG_READING = option_group(
 # ── The motion: its options, its robot and its file
 
 
+def motion_argument(*, required: bool) -> Decorator:
+    """Argument MOTION and the option --trajectory, which is another way to give it."""
+
+    def choose(context: click.Context, argument: click.Parameter, motion: str | None) -> None:
+        option = context.params.get("trajectory")  # read before, as it is eager
+        if motion is not None and option is not None:
+            raise click.UsageError(
+                f"the motion is given twice, {motion} and --trajectory {option}. Leave one of them out.", context
+            )
+        if motion is None and option is None and required:
+            raise click.MissingParameter(ctx=context, param=argument)
+        context.params["trajectory"] = option if motion is None else motion
+
+    return option_group(
+        click.argument("motion", metavar="[MOTION]", required=False, callback=choose, expose_value=False),
+        option(
+            "--trajectory FILE.csv", "Motion to read, as MOTION; 'demo': the one bundled with the robot.", is_eager=True
+        ),
+    )
+
+
 def motion_options(*, required: bool) -> Decorator:
-    """Options for the file of a motion and how it is read."""
-    file = option("--trajectory FILE.csv", "Motion to read; 'demo': the one bundled with the robot.", required=required)
-    return option_group(file, reading_options())
+    """Arguments for the file of a motion, and options for how it is read."""
+    return option_group(motion_argument(required=required), reading_options())
 
 
 VERBOSE = option("--verbose", "Print all notes on how the log was read.")

@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import click
 import numpy as np
 
 from ..answers.blocks import (
@@ -57,7 +56,7 @@ _DIGITS = 3
 
 @robot_command(
     "size",
-    click.argument("trajectory", metavar="MOTION"),
+    shared.motion_argument(required=True),
     option(
         "--catalog FILE.yaml",
         "Catalogue of motors and gears; 'demo': bundled with the robot, 'servos': a table of servos.",

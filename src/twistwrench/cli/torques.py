@@ -70,9 +70,10 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     shared.VERBOSE,
     option("--why", "Split the peak of the worst joint by link, payload and rotor."),
     examples=(
-        "torques ur5 --trajectory demo --payload 10 --why",
-        "torques ur5 --trajectory demo --payload 5 --csv torques.csv --plot torques.png",
+        "torques ur5 demo --payload 10 --why",
+        "torques ur5 demo --payload 5 --csv torques.csv --plot torques.png",
     ),
+    robot_first=True,
 )
 def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     """Compute the torques of a motion, compare them with the limits, and split them by cause.

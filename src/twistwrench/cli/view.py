@@ -46,9 +46,10 @@ from .terminal import frame_progress, show
     option("--speed", "Playback speed of the film, in multiples of real time.", default=1.0),
     option("--no-browser", "Print the path of the page, without opening a browser."),
     examples=(
-        "view ur5 --trajectory demo --payload 5 --html ur5.html",
+        "view ur5 demo --payload 5 --html ur5.html",
         "view panda --section 8.1.3 --html mass_matrix.html",
     ),
+    robot_first=True,
 )
 def view_command(options: RobotOptions, given: Given) -> ExitCode:
     """Show a robot in the browser, with joints to move, its motion, torques and forces at the tip; or write a page or film.

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import operator
+import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
 from numbers import Rational
 from typing import Any, ParamSpec, TypeVar
 
@@ -256,6 +258,29 @@ def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequ
     return M if M.dtype == object else np.asarray(M, float)
 
 
+_UNITS: Mapping[str, Mapping[str, float]] = {
+    "s": {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0},
+}
+"""Units of texts for a quantity, by its SI unit: factor of each."""
+_WITH_UNIT = re.compile(r"\s*(?P<number>[^a-zA-Z\s]+(?:[eE][-+]?\d+)?)\s*(?P<unit>[a-zA-Z]*)\s*")
+
+
+def measured(text: str, what: str, unit: str) -> float:
+    """Read a number with or without its unit, ``5``, ``5s``, ``500 ms``, in SI units; raises ValueRangeError.
+
+    >>> measured("500 ms", "duration", "s"), measured("5", "duration", "s")
+    (0.5, 5.0)
+    """
+    found, factors = _WITH_UNIT.fullmatch(text), _UNITS[unit]
+    try:
+        return float(found["number"]) * factors[found["unit"]] if found else float(text)
+    except (KeyError, ValueError):
+        *others, last = list(factors)[1:]
+        raise ValueRangeError(
+            f"{what} is {text!r}: expected a number, or one with {', '.join(others)} or {last}."
+        ) from None
+
+
 def number(x: Any, what: str) -> float:
     """x as one real number, which may be NaN or infinite."""
     if type(x) is float:
@@ -267,8 +292,8 @@ def number(x: Any, what: str) -> float:
 
 
 def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
-    """x as one number above 0 [``unit``]; ``zero`` and ``infinite`` allow those values too. Raises ValueRangeError."""
-    value = number(x, what)
+    """x as one number above 0 [``unit``], or text with one; ``zero`` and ``infinite`` allow those. Raises ValueRangeError."""
+    value = measured(x, what, unit) if isinstance(x, str) and unit in _UNITS else number(x, what)
     if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
         wanted = "a number, at least 0" if zero else "a positive number"
         raise ValueRangeError(f"{what} is {x}, and must be {wanted}{f' [{unit}]' if unit else ''}.")
@@ -432,5 +457,23 @@ def taking_the_arguments_of(
     def decorate(function: Callable[..., Result]) -> Callable[Arguments, Result]:
         function.__wrapped__ = other  # type: ignore[attr-defined]
         return function
+
+    return decorate
+
+
+def hint_if_misused(hint: str) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
+    """Decorator for a function whose TypeError for arguments that it does not take is replaced by this hint."""
+
+    def decorate(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+        @wraps(function)
+        def call(*given: Arguments.args, **named: Arguments.kwargs) -> Result:
+            try:
+                return function(*given, **named)
+            except TypeError as error:
+                if error.__traceback__ is not None and error.__traceback__.tb_next is None:  # raised by the call itself
+                    raise TypeError(hint) from None
+                raise
+
+        return call
 
     return decorate

@@ -31,6 +31,7 @@ Each message names the cause, the allowed values, and a remedy.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING, NoReturn
 
 from .glossary import complete
 from .text import bounded_message, clipped, listed, visible
@@ -56,6 +57,20 @@ __all__ = [
     "UnknownNameError",
     "ValueRangeError",
 ]
+
+
+class HintedClass(type):
+    """Class of public classes: a missing class attribute, such as ``Robot.from_urdf``, names the call to write instead."""
+
+    if not TYPE_CHECKING:  # so that type checkers reject these names too
+
+        def __getattr__(cls, name: str) -> NoReturn:
+            """Raise AttributeError with the row of the table of first calls."""
+            if name.startswith("_") or name in cls.__annotations__:  # fields, for which dataclass looks for defaults
+                raise AttributeError(f"type object {cls.__name__!r} has no attribute {name!r}", name=name, obj=cls)
+            from .first_calls import missing_class_attribute
+
+            raise missing_class_attribute(cls, name)
 
 
 class TwistWrenchError(Exception):
@@ -109,7 +124,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
 
         known, text = list(choices), repr(str(name) if isinstance(name, str) else name)
         text = clipped(text)
-        near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=0.5)
+        near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(repr(clipped(n)) for n in near)}?" if near else ""
         return cls(f"no {kind} named {text}.{hint} Known: {listed(known, 40) or '(none)'}.")
 

@@ -29,6 +29,8 @@ from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.model import BASE, Model
 from ..robot import Robot
+from ..robot.load import is_name
+from ..robots.finding import robot_file
 from ..shapes.meshes import MeshFiles
 from ..shapes.reader import link_shapes
 from ..shapes.solids import LinkSolids, SolidReader
@@ -331,6 +333,8 @@ def read_subject(
             return Subject(ParsedFile(source.model, "", links))
         floating_base = (source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names) or None
         source = kept
+    if is_name(source):
+        source = robot_file(str(source))
     path = None if is_text(source) else as_path(source)
     if path is not None and usd_path(path) is not None:
         raise RobotFileError(

@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.doubts import Doubt
-from ..core.errors import ModelWarning, ShapeError, ValueRangeError
+from ..core.errors import HintedClass, ModelWarning, ShapeError, ValueRangeError
 from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.tables import csv_table, data_frame
+from ..core.text import clipped
 from ..core.typing import Array
 from ..mechanics.model.limits import Limits
 from ..robot.task_space_methods import require_robot
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(MotionDoors):
+class Motion(MotionDoors, metaclass=HintedClass):
     """States of one robot at increasing times.
 
     Parameters
@@ -102,6 +103,10 @@ class Motion(MotionDoors):
     """True for a planned or simulated motion: what no robot does is then a violation of limits, and not an error of a log."""
 
     def __post_init__(self) -> None:
+        first: object = self.time
+        if isinstance(first, str | Path):
+            name = clipped(str(first))
+            raise TypeError(f'Motion takes arrays; to read a file: tw.Motion.from_file("{name}", robot)')
         if self.robot is None:
             raise ShapeError("Motion: robot= is missing: the robot whose states these are.")
         require_robot(self.robot, "Motion")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Mapping
 from functools import cached_property
+from os import PathLike
 from typing import TYPE_CHECKING, Any, NoReturn, Unpack, cast
 from weakref import WeakMethod
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
+from ..core.text import clipped
 from ..core.typing import Array
 from .engine import CachedModel, Engine
 
@@ -48,6 +50,8 @@ class RobotBase:
     """The robot with its loops open, of a robot with constraints."""
 
     def __init__(self, model: Model | CachedModel) -> None:
+        if isinstance(model, str | PathLike):
+            raise TypeError(f'Robot takes a Model; to read a file: tw.load("{clipped(str(model))}")')
         self.engine = Engine(model, WeakMethod(self._put_in_front))  # weak: a robot without references is freed at once
         vars(self).update(_call=self.engine.call, _with_wrenches=self.engine.call_with_wrenches)  # one frame less
 
@@ -63,9 +67,8 @@ class RobotBase:
     if not TYPE_CHECKING:  # so that type checkers reject these names too
 
         def __getattr__(self, name: str) -> NoReturn:
-            """Name the method or the kernel for a quantity that has another name here."""
-            hint = "" if name.startswith("_") else _other_call(type(self), name)
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=self)
+            """Raise AttributeError with the method or the kernel that has another name here."""
+            raise _missing(self, name)
 
     def __getstate__(self) -> Any:
         return self.model
@@ -187,6 +190,13 @@ class RobotBase:
     def gravity(self) -> Array:
         """Gravity in the base frame, (3,) m/s²."""
         return self.model.gravity
+
+    if not TYPE_CHECKING:  # type checkers reject it
+
+        @gravity.setter
+        def gravity(self, _: ArrayLike) -> None:
+            """Raise AttributeError: robots are immutable."""
+            raise AttributeError("robot.gravity cannot be set: robot.with_gravity(g) gives a new robot", name=None)
 
     @property
     def actuators(self) -> Mapping[str, Actuator]:
@@ -406,17 +416,18 @@ class RobotBase:
         return self.engine.reference(name, arrays, options)
 
 
-def _other_call(robot: type, name: str) -> str:
-    """Clause on how to evaluate what another library, or the table of quantities, calls by that name."""
-    from .quantities import OTHER_NAMES, QUANTITIES, other_name_hint
+def _missing(robot: RobotBase, name: str) -> AttributeError:
+    """Error for an attribute that a robot does not have, with the call of the table of quantities or of first calls."""
+    subject = f"{type(robot).__name__!r} object"
+    if name.startswith("_"):
+        return AttributeError(f"{subject} has no attribute {name!r}", name=name, obj=robot)
+    from ..core.first_calls import missing_attribute
+    from .quantities import QUANTITIES
 
-    hint = other_name_hint(name)
-    _, quantity = OTHER_NAMES.get(name.casefold(), ("", name))
-    if quantity not in QUANTITIES:
-        return ""
-    call = f"robot.{quantity}(…)" if hasattr(robot, quantity) else f"robot.kernel({quantity!r})"
-    call = "robot.momentum(q, dq, frame='com')" if quantity == "momentum_about_com" else call
-    return f": {hint}; use {call}" if hint else f": use {call}"
+    if name in QUANTITIES:
+        call = "momentum(q, dq, frame='com')" if name == "momentum_about_com" else f"kernel({name!r})"
+        return AttributeError(f"{subject} has no attribute {name!r}: use robot.{call}", name=None)
+    return missing_attribute(subject, name, "robot", dir(type(robot)))
 
 
 complete(globals())

@@ -33,6 +33,9 @@ def _robot_of(robot: RobotBase, model: Model) -> Robot:
 class EditMethods(RobotBase):
     """Methods of a robot that return an edited one."""
 
+    @arguments.hint_if_misused(
+        "Robot.with_payload() takes a SpatialInertia: robot.with_payload(tw.SpatialInertia.from_com(5)), mass in kg"
+    )
     def with_payload(self, payload: SpatialInertia, frame: str | None = None) -> Robot:
         """Robot with a payload: a body fixed to one of its frames.
 

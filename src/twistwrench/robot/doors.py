@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..statics.clearance import Clearance
     from ..viz.page import ShownPage
     from .explanation import Explanation
+    from .load import LoadOptions
     from .robot import Robot
 else:
     from typing import TypeVar
@@ -43,6 +44,18 @@ if TYPE_CHECKING:
     ]
 else:
     MethodName, Simulated, RolledOut = map(TypeVar, ("MethodName", "Simulated", "RolledOut"))
+
+
+def load_by_name(name: str, options: LoadOptions) -> Robot:
+    """Robot that has this name, with the options of :func:`.load`. Raises NotFoundError with similar names."""
+    from .. import robots
+    from ..robots.finding import plain_name, robot_file
+    from .load import load
+
+    given = {option: value for option, value in options.items() if value is not None}
+    if (wanted := plain_name(name)) in robots.names():  # its function has defaults: some bundled robots float
+        return cast("Robot", getattr(robots, wanted)(**given))
+    return load(robot_file(name), **cast("LoadOptions", given))
 
 
 class RobotDoors(Generic[MethodName, Simulated, RolledOut]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -48,6 +49,16 @@ class LoadOptions(BuildOptions, total=False):
     xacro: Mapping[str, str | float | bool] | bool | None
 
 
+_ENDINGS = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
+"""Ending of a file of each format."""
+_NAME = re.compile(r"\w[\w -]{0,79}")
+
+
+def is_name(source: object) -> bool:
+    """True for a text that may be a robot's name: without an ending, a folder or markup."""
+    return isinstance(source, str) and _NAME.fullmatch(source) is not None
+
+
 def load(
     source: str | Path,
     *,
@@ -69,7 +80,7 @@ def load(
 
     Parameters
     ----------
-    source : str or Path, file or XML text
+    source : str or Path, file, XML text, or a name that :func:`twistwrench.find` knows; a file of that name takes precedence
     format : "urdf", "mjcf", "sdf" or "usd", optional; None: from the root element or the suffix
     floating_base : bool, optional; None: as in the file (URDF and SDF models are fixed, free joints of MJCF and USD
         bodies without a joint float). True adds a floating base if there is none; False fixes floating bodies in place
@@ -112,6 +123,10 @@ def load(
         format=format, floating_base=floating_base, keep=keep, model=model, include_paths=include_paths,
         max_bodies=max_bodies, xacro=xacro, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity,
     )  # fmt: skip
+    if is_name(source) and not Path(source).exists():
+        from .doors import load_by_name
+
+        return load_by_name(str(source), options)
     known = known_file(source, options)
     if known is None:
         return Robot(_read(source, None, options))
@@ -366,7 +381,8 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     form = SUFFIXES.get(path.suffix.lower())
     if form is None:
         raise ValueRangeError(
-            f"cannot write {path.name!r}: its ending does not name a format. Choose one of {', '.join(SUFFIXES)}."
+            f"cannot write {path.name!r}: its ending does not name a format. Choose one of {', '.join(SUFFIXES)}, "
+            f"for example {robot.name}{_ENDINGS.get(path.name.lower(), '.urdf')}."
         )
     check_outputs({"the file": path}, {})
     refuse_existing(path, overwrite=overwrite)

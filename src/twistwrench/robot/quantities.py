@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 from ..mechanics.algorithms import (
@@ -45,9 +46,6 @@ class Quantity:
     unit: str = ""
     book: str = ""
     """Section or equation of Modern Robotics."""
-    pinocchio: str = ""
-    mujoco: str = ""
-    """Names in other libraries."""
 
     def shapes(self, model: Model) -> list[tuple[str, Shape]]:
         """Names and shapes of the inputs for one robot."""
@@ -78,16 +76,15 @@ _TORQUE = "N m (sliding joints: N)"
 QUANTITIES: Mapping[str, Quantity] = {
     "add": row(
         kinematics.add, "q dv", "q", "nq", "q moved along the constant joint twists dv for unit time",
-        pinocchio="integrate", mujoco="mj_integratePos", unit="rad, m",
+        unit="rad, m",
     ),
     "bias_forces": row(
         inverse_dynamics.bias_forces, "q dq", "h", "nv", "h = c + g, what remains of the torques at ddq = 0",
-        options="wrenches gravity", felt=True, unit=_TORQUE, book="section 8.1.2", pinocchio="nonLinearEffects",
-        mujoco="qfrc_bias",
+        options="wrenches gravity", felt=True, unit=_TORQUE, book="section 8.1.2",
     ),
     "center_of_mass": row(
         mass_matrix.center_of_mass, "q", "com", "3", "centre of mass of the moving bodies in the base frame [m]",
-        needs_mass=True, unit="m", pinocchio="centerOfMass", mujoco="subtree_com",
+        needs_mass=True, unit="m",
     ),
     "christoffel": row(
         mass_matrix.christoffel, "q", "gamma", "nv nv nv",
@@ -100,14 +97,14 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "com_jacobian": row(
         mass_matrix.com_jacobian, "q", "J", "3 nv", "J with d(com)/dt = J dq",
-        needs_mass=True, pinocchio="jacobianCenterOfMass", mujoco="mj_jacSubtreeCom",
+        needs_mass=True,
         unit="m/rad (sliding joints: m/m)",
     ),
     "constrained_dynamics": row(
         constraints.constrained_dynamics, "q dq tau", "ddq lambda pivots", "nv, rows, rows",
         "accelerations and multipliers of tau = M ddq + h + A' lambda, A ddq + (dA/dt) dq = 0",
         options="wrenches constraints", felt=True, needs_inverse=True, book="section 8.7",
-        pinocchio="constraintDynamics", unit="rad/s^2 (sliding joints: m/s^2), N m or N",
+        unit="rad/s^2 (sliding joints: m/s^2), N m or N",
     ),
     "constraint_bias": row(
         constraints.constraint_bias, "q dq", "b", "rows", "b = (dA/dt) dq, with A ddq + b = 0",
@@ -127,7 +124,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "coriolis_matrix": row(
         mass_matrix.coriolis_matrix, "q dq", "C", "nv nv", "C with c = C dq, dM/dt - 2 C skew-symmetric",
-        felt=True, book="section 8.1.2", pinocchio="computeCoriolisMatrix", unit="N m s/rad (sliding joints: N s/m)",
+        felt=True, book="section 8.1.2", unit="N m s/rad (sliding joints: N s/m)",
     ),
     "drive_torques": row(
         inverse_dynamics.drive_torques, "q dq ddq", "gear rotor", "nv, nv",
@@ -137,26 +134,26 @@ QUANTITIES: Mapping[str, Quantity] = {
     "forward_dynamics": row(
         forward_dynamics.forward_dynamics, "q dq tau", "ddq", "nv", "ddq = inverse of M times (tau - h)",
         options="wrenches gravity friction", felt=True, needs_inverse=True, unit="rad/s^2 (sliding joints: m/s^2)",
-        book="section 8.5", pinocchio="aba", mujoco="mj_forward", constrained="projected",
+        book="section 8.5", constrained="projected",
     ),
     "forward_dynamics_derivatives": row(
         forward_dynamics.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
         "derivatives of ddq by q (along the joint twists), dq and tau",
-        options="wrenches", felt=True, needs_inverse=True, pinocchio="computeABADerivatives",
+        options="wrenches", felt=True, needs_inverse=True,
         unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)", constrained="refused",
     ),
     "forward_kinematics": row(
         kinematics.forward_kinematics, "q", "T", "4 4", "pose of the frame in the base frame, 4 x 4",
-        options="frame", book="section 4.1", pinocchio="updateFramePlacement", mujoco="xpos, xmat", unit="m",
+        options="frame", book="section 4.1", unit="m",
     ),
     "frame_acceleration": row(
         kinematics.frame_acceleration, "q dq ddq", "dV", "6",
         "rate of the twist of the frame [rad/s^2, m/s^2], gravity not included",
-        options="frame kind", unit="rad/s^2, m/s^2", pinocchio="getFrameAcceleration",
+        options="frame kind", unit="rad/s^2, m/s^2",
     ),
     "frame_velocity": row(
         kinematics.frame_velocity, "q dq", "V", "6", "twist (omega, v) [rad/s, m/s] of the frame",
-        options="frame kind", unit="rad/s, m/s", pinocchio="getFrameVelocity",
+        options="frame kind", unit="rad/s, m/s",
     ),
     "friction_forces": row(
         friction.friction_forces, "dq", "tau", "nv", "torques that overcome the friction of the joints",
@@ -170,7 +167,6 @@ QUANTITIES: Mapping[str, Quantity] = {
     "gravity_forces": row(
         inverse_dynamics.gravity_forces, "q", "g", "nv", "g, the torques that hold the robot at rest against gravity",
         options="wrenches gravity", felt=True, unit=_TORQUE, book="section 8.1.2",
-        pinocchio="computeGeneralizedGravity",
     ),
     "holding_torques": row(
         inverse_dynamics.holding_torques, "q", "tau", "nv",
@@ -179,18 +175,18 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "inverse_dynamics": row(
         inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "nv", "tau = M ddq + c + g",
-        options="wrenches gravity friction", felt=True, unit=_TORQUE, book="eq. 8.54", pinocchio="rnea",
-        mujoco="mj_inverse", constrained="projected",
+        options="wrenches gravity friction", felt=True, unit=_TORQUE, book="eq. 8.54",
+        constrained="projected",
     ),
     "inverse_dynamics_derivatives": row(
         forward_dynamics.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
         "derivatives of tau by q (along the joint twists) and dq",
-        options="wrenches", felt=True, pinocchio="computeRNEADerivatives",
+        options="wrenches", felt=True,
         unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)", constrained="projected",
     ),
     "jacobian": row(
         kinematics.jacobian, "q", "J", "6 nv", "J with V = J dq, V the twist (omega, v) of the frame",
-        options="frame kind", book="eq. 5.11, 5.18", pinocchio="computeFrameJacobian", mujoco="mj_jac",
+        options="frame kind", book="eq. 5.11, 5.18",
         unit="rad, m, per rad or m",
     ),
     "jacobian_derivative": row(
@@ -200,7 +196,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "jacobian_rate": row(
         kinematics.jacobian_rate, "q dq", "dJ", "6 nv", "dJ/dt of the Jacobian of the frame",
-        options="frame kind", pinocchio="getFrameJacobianTimeVariation", mujoco="mj_jacDot",
+        options="frame kind",
         unit="rad/s, m/s, per rad or m",
     ),
     "joint_wrenches": row(
@@ -210,16 +206,16 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "kinetic_energy": row(
         mass_matrix.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
-        unit="J", book="section 8.1.2", pinocchio="computeKineticEnergy",
+        unit="J", book="section 8.1.2",
     ),
     "link_poses": row(
         kinematics.link_poses, "q", "T", "links 4 4",
         "poses of all links in the base frame, 4 x 4 each, in the order of the robot's file",
-        pinocchio="updateFramePlacements", mujoco="xpos, xmat", unit="m",
+        unit="m",
     ),
     "mass_matrix": row(
         mass_matrix.mass_matrix, "q", "M", "nv nv", "M, symmetric and full",
-        felt=True, unit="kg m^2 (sliding joints: kg)", book="eq. 8.57", pinocchio="crba", mujoco="mj_fullM",
+        felt=True, unit="kg m^2 (sliding joints: kg)", book="eq. 8.57",
     ),
     "momentum": row(
         mass_matrix.momentum, "q dq", "P", "6", "momentum (angular, linear) at the origin of the base frame",
@@ -228,22 +224,22 @@ QUANTITIES: Mapping[str, Quantity] = {
     "momentum_about_com": row(
         mass_matrix.momentum_about_com, "q dq", "P", "6",
         "momentum (angular, linear) about the centre of mass, axes of the base frame",
-        needs_mass=True, unit="N m s, N s", pinocchio="computeCentroidalMomentum",
+        needs_mass=True, unit="N m s, N s",
     ),
     "potential_energy": row(
         mass_matrix.potential_energy, "q", "P", "",
         "potential energy [J], zero with the centre of mass at the origin of the base frame",
-        unit="J", pinocchio="computePotentialEnergy",
+        unit="J",
     ),
     "regressor": row(
         inverse_dynamics.regressor, "q dq ddq", "Y", "nv parameters",
         "Y with tau = Y pi, pi the ten inertial parameters of each moving body",
-        options="gravity", book="section 8.2", pinocchio="computeJointTorqueRegressor",
+        options="gravity", book="section 8.2",
         unit="that of tau over that of the parameter", constrained="refused",
     ),
     "subtract": row(
         kinematics.subtract, "q1 q0", "dv", "nv", "dv that moves q0 to q1 in unit time, each joint along its constant twist",
-        pinocchio="difference", mujoco="mj_differentiatePos", unit="rad, m",
+        unit="rad, m",
     ),
     "task_bias": row(
         operational_space.task_bias, "q dq", "eta pivots", "rows, rows",
@@ -271,18 +267,18 @@ QUANTITIES: Mapping[str, Quantity] = {
 
 # ── Names of quantities in other libraries
 
-OTHER_NAMES: Mapping[str, tuple[str, str]] = {
-    "centroidal_momentum": ("another library", "momentum_about_com"),
-    "rne": ("the Robotics Toolbox", "inverse_dynamics"),
-    **{
-        name.casefold(): (library, quantity)
-        for quantity, row_ in reversed([*QUANTITIES.items()])
-        for library, names in (("MuJoCo", row_.mujoco), ("Pinocchio", row_.pinocchio))
-        for name in names.split(", ")
-        if name
-    },
-}
-"""Library and quantity by the library's name for it, in small letters."""
+
+@cache
+def other_names() -> Mapping[str, tuple[str, str]]:
+    """Library and quantity by the library's name for it, in small letters, from the table of first calls."""
+    from ..core.first_calls import GUESS, first_calls
+
+    found: dict[str, tuple[str, str]] = {}
+    for row in first_calls():
+        if row.quantity in QUANTITIES:
+            library = "another library" if row.of == GUESS else row.of
+            found = {word.casefold(): (library, row.quantity) for word in row.words} | found
+    return found
 
 
 def other_name_hint(name: str) -> str:
@@ -291,5 +287,5 @@ def other_name_hint(name: str) -> str:
     >>> other_name_hint("rnea"), other_name_hint("elbow")
     ("Pinocchio's name for 'inverse_dynamics'", '')
     """
-    library, quantity = OTHER_NAMES.get(name.casefold(), ("", ""))
+    library, quantity = other_names().get(name.casefold(), ("", ""))
     return f"{library}'s name for {quantity!r}" if quantity else ""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.errors import ShapeError
+from ..core.errors import HintedClass, ShapeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Rows, Wrenches, check_mapping, names_of, states, wrench_at
@@ -48,6 +49,7 @@ class Robot(
     ConstraintMethods,
     RobotDoors[MethodName, Simulated, RolledOut],
     Generic[Motion, Torques, Slopes, MethodName, Simulated, RolledOut],
+    metaclass=HintedClass,
 ):
     """A robot: kinematics, dynamics, statics and control of a tree of joints, compiled at first use.
 
@@ -158,7 +160,7 @@ class Robot(
 
         Returns True if calls of this kind need no further counting: a builtin exists or is impossible.
         """
-        method = getattr(Robot, name, None)
+        method = getattr(Robot, name) if name in _METHODS else None
         before = vars(self).get(name)
         if method is None or getattr(type(self), name) is not method:
             return True
@@ -382,4 +384,14 @@ class Robot(
         return closed_form(self.model, q, dq, wrenches)
 
 
+def _name_methods() -> None:
+    """Name the methods of the mixins after Robot, as errors for missing arguments show these names."""
+    for mixin in Robot.__mro__[1:]:
+        for name, method in vars(mixin).items():
+            if mixin.__module__.startswith(__package__) and isinstance(method, FunctionType):
+                method.__qualname__ = f"Robot.{name}"
+
+
+_name_methods()
+_METHODS = frozenset(dir(Robot))
 complete(globals())

@@ -226,9 +226,11 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def __getattr__(name: str) -> Any:
-    """Raise an error that lists the bundled robots and sources of others."""
+    """Bundled robot in another case, as ``UR5``; others raise an error that lists the robots and sources of others."""
     if name.startswith("_"):
         raise AttributeError(name)
+    if name.lower() in names():  # UR5
+        return globals()[name.lower()]
     near = get_close_matches(name, names(), 1, 0.6)
     meant = f" Did you mean {near[0]}?" if near else ""
     raise AttributeError(

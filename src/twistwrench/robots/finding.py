@@ -7,11 +7,14 @@ import difflib
 import importlib
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from ..core.errors import MissingExtraError, NotFoundError, UnknownNameError
+from ..core.first_calls import similar_names
+from ..core.text import clipped
 from . import names, path_of
 
 _EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
@@ -71,6 +74,22 @@ def find(name: str, *, download: bool = False) -> Path:
     if download:
         return _downloaded(wanted, name)
     raise UnknownNameError.from_choices("robot", name, known)
+
+
+def robot_file(source: str) -> Path:
+    """Path of a robot file, or of the robot of this name; a file takes precedence. Raises NotFoundError with similar names."""
+    with suppress(OSError, ValueError):  # the name may be too long for a file
+        if Path(source).exists():
+            return Path(source)
+    known, wanted = known_robots(), plain_name(source)
+    if wanted in known:
+        return known[wanted].path
+    near = similar_names(wanted, known, cutoff=0.6)
+    hint = f" Did you mean {near}?" if near else ""
+    raise NotFoundError(
+        f"no robot file {clipped(source)!r}, and no bundled robot of that name, nor one of another package.{hint} "
+        "Give a path, or a name that `twistwrench robots` lists."
+    )
 
 
 def known_robots() -> dict[str, FoundRobot]:

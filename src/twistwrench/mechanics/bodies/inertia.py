@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, sin, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core import arguments
-from ...core.errors import FrameError, InertiaError, ValueRangeError
+from ...core.errors import FrameError, HintedClass, InertiaError, ValueRangeError
 from ...core.glossary import complete
 from ...core.numbers import number, vector, without_noise
 from ...core.typing import Array
@@ -21,7 +21,7 @@ from .solids import moment_matrix, second_moments, ten_parameters
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpatialInertia:
+class SpatialInertia(metaclass=HintedClass):
     """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
 
     The object has no frame label. Its frame is that of the operand it is used with: the twist in ``G @ V``, the other
@@ -341,6 +341,12 @@ class SpatialInertia:
     defects = consistency.defects
     nearest_consistent = consistency.nearest_consistent
     repair = consistency.repair
+
+
+if not TYPE_CHECKING:  # type checkers have the signature of the fields
+    SpatialInertia.__init__ = arguments.hint_if_misused(
+        "SpatialInertia takes an array of ten parameters; of mass, centre and moments: tw.SpatialInertia.from_com(1, com, I)"
+    )(SpatialInertia.__init__)
 
 
 # ── Momentum-conserving steps of free rotation about the centre of mass

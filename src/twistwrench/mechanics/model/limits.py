@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -110,6 +110,13 @@ class Limits:
     """Largest decelerations of a joint that slows down [rad/s² or m/s²]."""
     jerk: Array = None  # type: ignore[assignment]
     """Largest jerks [rad/s³ or m/s³]."""
+
+    if not TYPE_CHECKING:  # type checkers reject it
+
+        def __getitem__(self, kind: str) -> NoReturn:
+            """Raise TypeError: limits are attributes."""
+            name = kind if kind in vars(self) else "effort"
+            raise TypeError(f"Limits has attributes, not keys: use robot.limits.{name}")
 
     def __post_init__(self) -> None:
         none = np.full(np.shape(self.velocity), np.inf)

@@ -1,0 +1,83 @@
+"""Hints of usage errors: what to type in place of an unknown command or option, and for a missing argument."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+from ..core.arguments import measured
+from ..core.errors import ValueRangeError
+from ..core.first_calls import rows_of, similar_names
+
+_ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf", ".sdf", ".world", ".usd", ".usda", ".usdc", ".xacro")
+_MISSING = {
+    "ROBOT": "a file, or a name that `twistwrench robots` lists",
+    "MOTION": "a log or plan, or 'demo'",
+    "LOG": "a log, or several",
+    "FILE": "a log, or several",
+    "OUT": "a file, whose ending names the format",
+}
+"""Meaning of arguments, by metavar without dots and brackets."""
+
+
+class Seconds(click.ParamType):  # type: ignore[type-arg]  # generic in new versions
+    """Number of seconds, with or without unit: ``5``, ``5s``, ``500 ms``, ``2 min``."""
+
+    name = "seconds"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse the text; raises UsageError with the units."""
+        try:
+            return measured(str(value), param.opts[0] if param else "duration", "s")
+        except ValueRangeError as error:
+            raise click.UsageError(str(error), ctx) from None
+
+
+def unknown_command(word: str, known: Iterable[str]) -> str:
+    """Sentence on a command that does not exist: the robot's commands, the command of another name, or similar ones."""
+    if robot := _robot_hint(word):
+        return robot
+    text = f"No such command {word!r}."
+    if rows := rows_of(word, "command"):
+        use = rows[0].use
+        return f"{text} {'Use' if use.startswith('twistwrench') else 'In Python:'} {use}."
+    near = similar_names(word, known)
+    return f"{text} Did you mean {near}?" if near else text
+
+
+def _robot_hint(word: str) -> str:
+    """Sentence with commands of a robot that stands in place of a command; empty for other words."""
+    from ..robots.finding import known_robots, plain_name
+
+    if not word.lower().endswith(_ROBOT_ENDINGS) and plain_name(word) not in known_robots():
+        return ""
+    folder = Path(__file__).parents[1] / "robots"
+    motion = "demo" if (folder / f"{plain_name(word)}_demo.csv").is_file() else "MOTION"
+    return f"{word} is a robot: twistwrench info {word}, twistwrench torques {word} {motion}."
+
+
+def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
+    """Sentence on an option that does not exist: the option or argument of another name, or similar options."""
+    assert error.ctx is not None
+    name, command = error.option_name, error.ctx.command
+    known = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
+    text = f"No such option: {name}."
+    rows = [row for row in rows_of(name, "option") if not row.only or error.ctx.info_name in row.only]
+    rows.sort(key=lambda row: not row.only)
+    for row in rows:
+        use = row.use.split()[0]
+        if use in known or not use.startswith("-"):
+            robot = next((word for word in typed[1:] if not word.startswith("-")), "ROBOT")
+            differs = row.differs.format(command=error.ctx.info_name, robot=robot, name=Path(robot).stem)
+            meant = "" if row.only else f" Did you mean {row.use}?"
+            return f"{text}{meant}{f' {differs[0].upper()}{differs[1:]}.' if differs else ''}"
+    near = similar_names(name, known)
+    return f"{text} Did you mean {near.replace(chr(39), '')}?" if near else text
+
+
+def missing_parameter(error: click.MissingParameter) -> str:
+    """Sentence on a missing argument with its meaning, or on a missing option."""
+    name = (error.param.metavar or "").strip("[].") if isinstance(error.param, click.Argument) else ""
+    return f"Missing {name}: {_MISSING[name]}." if name in _MISSING else error.format_message()

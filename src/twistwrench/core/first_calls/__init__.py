@@ -1,0 +1,140 @@
+"""First calls: names of other libraries, of earlier versions and of a first guess, with the call to write instead.
+
+The rows are data in ``first_calls.toml``, which is read when a name is missing. Errors of :class:`~twistwrench.Robot`, of the
+package and of the command line, and the tables of ``docs/coming-from.md``, are made from them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+GUESS = "guess"
+"""Origin of rows that no library has."""
+CUTOFF = 0.7
+"""Least similarity of a name that a message offers."""
+_PLACES = {"Robot": "robot", "Motion": "motion", "SpatialInertia": "inertia"}
+"""Place of the rows for attributes of a public class."""
+_LIBRARY = "robot module"
+_LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
+_CALL = re.compile(r"robot\.(?:kernel\(\"(\w+)\"\)|(\w+))\([^()]*\)")
+
+
+@dataclass(frozen=True)
+class FirstCall:
+    """One row of the table.
+
+    Attributes
+    ----------
+    words : tuple of str, names that lead to this row
+    of : str, library, ``guess`` or an earlier version
+    where : tuple of str, places of the names: ``robot``, ``module``, ``motion``, ``inertia``, ``command``, ``option``, ``page``
+    use : str, call, command or option to write instead; code between backticks if there is text beside it
+    differs : str, difference of arguments, order, sign or result
+    shown : str, cell of the documentation, if it is not the words
+    quantity : str, quantity of :meth:`twistwrench.Robot.kernel` that the call evaluates
+    only : tuple of str, commands of an option; () for all that have ``use``
+    """
+
+    words: tuple[str, ...]
+    of: str
+    where: tuple[str, ...]
+    use: str
+    differs: str
+    shown: str
+    quantity: str
+    only: tuple[str, ...]
+
+    @property
+    def advice(self) -> str:
+        """Clause that names the call and the difference, as plain text."""
+        return plain_text(f"{self.use}; {self.differs}" if self.differs else self.use)
+
+
+def plain_text(markdown: str) -> str:
+    """Text of a cell without marks of code, emphasis and links.
+
+    >>> plain_text("`robot.nv`, **not** [q](page.md)")
+    'robot.nv, not q'
+    """
+    return _LINK.sub(r"\1", markdown).replace("`", "").replace("**", "")
+
+
+@cache
+def first_calls() -> tuple[FirstCall, ...]:
+    """Rows of the table, in its order."""
+    import tomllib
+
+    text = Path(__file__).with_name("first_calls.toml").read_text(encoding="utf-8")
+    return tuple(_row(of, row) for of, rows in tomllib.loads(text).items() for row in rows)
+
+
+def _row(of: str, row: Mapping[str, str]) -> FirstCall:
+    call = _CALL.fullmatch(row["use"])
+    quantity = row.get("quantity", (call[1] or call[2]) if call else "")
+    words, where, only = (tuple(row.get(key, default).split()) for key, default in _LISTS)
+    return FirstCall(words, of, where, row["use"], row.get("differs", ""), row.get("shown", ""), quantity, only)
+
+
+_LISTS = (("word", ""), ("where", _LIBRARY), ("only", ""))
+
+
+@cache
+def _by_word() -> Mapping[tuple[str, str], tuple[FirstCall, ...]]:
+    """Rows of each place and name, and of the name in small letters if no other row has it."""
+    found: dict[tuple[str, str], tuple[FirstCall, ...]] = {}
+    for row in first_calls():
+        for key in [(place, word) for place in row.where for word in row.words]:
+            found[key] = (*found.get(key, ()), row)
+    return {(place, word.casefold()): rows for (place, word), rows in found.items()} | found
+
+
+def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
+    """Rows for a name at a place; () for other names.
+
+    >>> [row.use for row in rows_of("rnea", "robot")]
+    ['robot.inverse_dynamics(q, dq, ddq)']
+    """
+    return _by_word().get((place, word)) or _by_word().get((place, word.casefold()), ())
+
+
+def similar_names(name: str, known: Iterable[str], cutoff: float = CUTOFF) -> str:
+    """At most two similar names, as a clause; empty without one.
+
+    >>> similar_names("mass_matrx", ["mass_matrix", "momentum"]), similar_names("elbow", ["momentum"])
+    ("'mass_matrix'", '')
+    """
+    return " or ".join(map(repr, difflib.get_close_matches(name, list(known), n=2, cutoff=cutoff)))
+
+
+def missing_attribute(subject: str, name: str, place: str, known: Iterable[str]) -> AttributeError:
+    """Error for an attribute that does not exist, with the call to write instead, or with similar names.
+
+    Parameters
+    ----------
+    subject : str, description of the object, such as ``'Robot' object``
+    name : str, the attribute
+    place : str, place of the rows
+    known : iterable of str, attributes that exist
+
+    Examples
+    --------
+    >>> print(missing_attribute("'Robot' object", "crba", "robot", []))
+    'Robot' object has no attribute 'crba' (Pinocchio): use robot.mass_matrix(q); symmetric and full
+    """
+    text = f"{subject} has no attribute {name!r}"
+    if rows := rows_of(name, place):
+        origin = "" if rows[0].of == GUESS else f" ({rows[0].of})"
+        text += f"{origin}: use {rows[0].advice}"
+    elif near := similar_names(name, known):
+        text += f". Did you mean {near}?"
+    return AttributeError(text, name=None)  # without a name, Python does not append a guess of its own
+
+
+def missing_class_attribute(owner: type, name: str) -> AttributeError:
+    """Error for an attribute that a public class does not have, as :func:`missing_attribute`."""
+    return missing_attribute(f"type object {owner.__name__!r}", name, _PLACES.get(owner.__name__, ""), dir(owner))
