@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import gzip
+import io
 import os
 import stat
 import tempfile
@@ -16,13 +17,16 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 
 from ..core.errors import NotFoundError, TrajectoryError
 from ..core.numbers import number, printed
 from ..core.typing import Array
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
 
 LARGE = 1 << 25
 """Largest table in memory [bytes]; larger ones are in a temporary file, whose pages the system can evict."""
@@ -134,6 +138,89 @@ def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]
         begin = end
 
 
+# ── Beginning and end of a file, which show its kind, its header and whether it is cut
+
+_START, _END = 1 << 19, 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class FileEnds:
+    """First and last bytes of a regular file; empty for a folder, a pipe, and a file that cannot be read."""
+
+    path: Path
+    start: bytes = b""
+    end: bytes = b""
+    size: int = 0
+    """Size of the file [bytes]."""
+
+    @classmethod
+    def from_path(cls, path: Path) -> FileEnds:
+        """Open the file once and read both ends."""
+        try:
+            if not path.is_file():  # reading a pipe here would consume its data
+                return cls(path)
+            with path.open("rb") as file:
+                return cls.from_file(path, file)
+        except (OSError, ValueError):  # ValueError: a path with a NUL
+            return cls(path)
+
+    @classmethod
+    def from_file(cls, path: Path, file: BinaryIO) -> FileEnds:
+        """Ends of an open file, which is left at its beginning."""
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - _END))
+        end = file.read(_END)
+        file.seek(0)
+        start = file.read(_START)
+        file.seek(0)
+        return cls(path, start, end, size)
+
+    def after(self, offset: int) -> bytes:
+        """Last bytes of the file, as far as they follow an offset from its beginning."""
+        return self.end[max(0, offset - (self.size - len(self.end))) :]
+
+    def open(self) -> BinaryIO:
+        """Read the file from its beginning; it is opened at the first byte between its ends."""
+        return cast("BinaryIO", io.BufferedReader(_BetweenEnds(self)))
+
+
+class _BetweenEnds(io.RawIOBase):
+    """Bytes of a file whose ends are known: the file is opened if others are read."""
+
+    def __init__(self, ends: FileEnds) -> None:
+        self._ends, self._at = ends, 0
+        self._file: io.FileIO | None = None
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_CUR: self._at, os.SEEK_END: self._ends.size}.get(whence, 0)
+        return self._at
+
+    def readinto(self, buffer: WriteableBuffer) -> int:
+        view, ends = memoryview(buffer), self._ends
+        end = ends.size - len(ends.end)
+        known = ends.start[self._at :] or (ends.end[self._at - end :] if self._at >= end else None)
+        if known is None:
+            self._file = self._file or ends.path.open("rb", buffering=0)
+            self._file.seek(self._at)
+            count = self._file.readinto(view[: end - self._at]) or 0
+        else:
+            count = min(len(known), len(view))
+            view[:count] = known[:count]
+        self._at += count
+        return count
+
+    def close(self) -> None:
+        if self._file:
+            self._file.close()
+        super().close()
+
+
 # ── Text in any form on disk: plain, UTF-16, gzip, or a pipe
 
 _GZIP = b"\x1f\x8b"
@@ -152,57 +239,81 @@ _KEPT_IN_MEMORY = 1 << 24
 class TextSource:
     """Seekable text of a file, readable repeatedly; copied to memory or a temporary file unless it is plain text."""
 
-    path: Path
-    size: int
-    """Size of the plain text [bytes]."""
+    ends: FileEnds
+    """Beginning and end of the plain text, and its size."""
     _copy: BinaryIO | None = None
 
     @classmethod
-    def from_path(cls, path: Path) -> TextSource:
-        """Inspect the file; raises NotFoundError, and TrajectoryError if it cannot be read."""
+    def from_ends(cls, ends: FileEnds) -> TextSource:
+        """Text of a file whose ends were read; raises NotFoundError, and TrajectoryError if it cannot be read."""
+        path = ends.path
         if os.path.isdir(path):  # noqa: PTH112  False if the text cannot be a path
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
-        try:
-            with path.open("rb") as file:
-                copy = None if stat.S_ISREG(path.stat().st_mode) else _copied(_portions(file))
-                raw = copy or file
-                size, _ = raw.seek(0, 2), raw.seek(0)
-                packed, _ = raw.read(2) == _GZIP, raw.seek(0)
-                text = cast("BinaryIO", gzip.GzipFile(fileobj=raw)) if packed else raw
-                head, _ = text.read(_LOOK), text.seek(0)
-                encoding, old = _encoding(head), b"\r" in head and b"\n" not in head
-                if packed or encoding or old:
-                    plain = _plain(text, encoding, old=old)
-                    copy = text = _copied(_in_proportion(plain, path, size) if packed else plain)
-                source = cls(path, text.seek(0, 2), copy)
-        except TrajectoryError:
-            raise
-        except FileNotFoundError:
-            raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
-        except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
-            raise TrajectoryError(
-                f"{path}: cannot be unpacked: {problem}. Pack it again, or give it unpacked."
-            ) from None
-        except UnicodeError as problem:
-            raise TrajectoryError(
-                f"{path}: is not text in the encoding of its first bytes: {problem}. Save it as UTF-8."
-            ) from None
-        except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
-            said = getattr(problem, "strerror", None) or problem
-            raise TrajectoryError(f"{path}: cannot be read: {said}. A file that can be read is needed.") from None
-        if copy is not None:
-            weakref.finalize(source, copy.close)
+        if ends.start and _is_plain(ends.start):
+            return cls(ends)
+        copy = _plain_copy(path)
+        source = cls(FileEnds.from_file(path, copy), copy)
+        weakref.finalize(source, copy.close)
         return source
+
+    @property
+    def path(self) -> Path:
+        """Path of the file."""
+        return self.ends.path
+
+    @property
+    def size(self) -> int:
+        """Size of the plain text [bytes]."""
+        return self.ends.size
 
     @contextlib.contextmanager
     def open(self) -> Iterator[BinaryIO]:
         """Open the text at its beginning."""
         if self._copy is None:
-            with self.path.open("rb") as file:
+            with self.ends.open() as file:
                 yield file
         else:
             self._copy.seek(0)
             yield self._copy
+
+
+def _is_plain(start: bytes) -> bool:
+    """True if a file with these first bytes is text in UTF-8 with newlines."""
+    head = start[:_LOOK]
+    return not (head.startswith(_GZIP) or _encoding(head) or _has_old_line_ends(head))
+
+
+def _has_old_line_ends(head: bytes) -> bool:
+    """True if lines end in carriage returns alone."""
+    return b"\r" in head and b"\n" not in head
+
+
+def _plain_copy(path: Path) -> BinaryIO:
+    """Copy of a text in UTF-8 with newlines; raises NotFoundError and TrajectoryError."""
+    try:
+        with path.open("rb") as file:
+            raw = file if stat.S_ISREG(path.stat().st_mode) else _copied(_portions(file))
+            size, _ = raw.seek(0, os.SEEK_END), raw.seek(0)
+            packed, _ = raw.read(2) == _GZIP, raw.seek(0)
+            text = cast("BinaryIO", gzip.GzipFile(fileobj=raw)) if packed else raw
+            head, _ = text.read(_LOOK), text.seek(0)
+            if raw is not file and _is_plain(head) and not packed:
+                return raw
+            plain = _plain(text, _encoding(head), old=_has_old_line_ends(head))
+            return _copied(_in_proportion(plain, path, size) if packed else plain)
+    except TrajectoryError:
+        raise
+    except FileNotFoundError:
+        raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
+        raise TrajectoryError(f"{path}: cannot be unpacked: {problem}. Pack it again, or give it unpacked.") from None
+    except UnicodeError as problem:
+        raise TrajectoryError(
+            f"{path}: is not text in the encoding of its first bytes: {problem}. Save it as UTF-8."
+        ) from None
+    except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
+        said = getattr(problem, "strerror", None) or problem
+        raise TrajectoryError(f"{path}: cannot be read: {said}. A file that can be read is needed.") from None
 
 
 def _portions(file: BinaryIO) -> Iterator[bytes]:

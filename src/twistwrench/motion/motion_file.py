@@ -24,8 +24,8 @@ from ..mechanics.model.model import Model
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970
 from .columns import absent_joints
 from .coordinates import Coordinates
-from .log_table import slices, table_of
-from .readers.array_files import ArrayFile, array_file, is_archive, simulation_file
+from .log_table import FileEnds, slices, table_of
+from .readers.array_files import ARCHIVE, ArrayFile, array_file, simulation_file
 from .readers.child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
 from .readers.csv_reader import CsvFile
 from .readers.ros_recordings import is_recording, ros_file
@@ -196,17 +196,18 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     place = as_path(path)
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False if the text cannot be a path
         return JoinedFile.open(path, partial(open_motion_file, topic=topic, episode=episode))
-    if is_recording(place) and episode is None:
+    ends = FileEnds.from_path(place)
+    if is_recording(place, ends.start) and episode is None:
         return ros_file_in_child(place, topic) if sandboxed() else ros_file(place, topic)
     if topic is not None:
         raise TrajectoryError(f"{path}: --topic is for recordings of ROS, and this is none. Leave it out.")
-    if has_foreign_reader(place) and sandboxed():
+    if has_foreign_reader(place, ends.start) and sandboxed():
         return array_file_in_child(place, episode)
-    if (arrays := array_file(place, episode)) is not None:
+    if (arrays := array_file(ends, episode)) is not None:
         return arrays
     if episode is not None:
         raise TrajectoryError(f"{path}: --episode is for LeRobot datasets in parquet, and this is none. Leave it out.")
-    return simulation_file(place) if is_archive(place) else CsvFile.open(place)
+    return simulation_file(ends) if ends.start.startswith(ARCHIVE) else CsvFile.open(ends)
 
 
 def text_columns(file: MotionFile) -> tuple[int, ...]:

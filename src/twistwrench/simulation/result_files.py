@@ -20,6 +20,7 @@ from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
+from ..motion.log_table import FileEnds
 from ..motion.readers.array_files import check_archive
 from .events import Happening
 from .forces import WORKS
@@ -126,7 +127,7 @@ def _read(path: Path) -> SimulationResult:
     if data[:2] != b"PK":
         return _read_csv(data)
     if not is_stream(path):
-        check_archive(path)
+        check_archive(FileEnds.from_path(path))
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         if "format" not in archive or str(archive["format"]) != _MARK:
             raise TrajectoryError("an archive of NumPy, but not of a simulation.")

@@ -11,6 +11,7 @@ import json
 import math
 import re
 import struct
+import weakref
 import zipfile
 import zlib
 from collections import Counter
@@ -30,7 +31,7 @@ from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from .. import log_table
 from ..column_names import PART_OF, SUFFIX, time_column
-from ..log_table import check_ratio, most_unpacked, slices, table_of
+from ..log_table import FileEnds, check_ratio, most_unpacked, slices, table_of
 
 MOST_UNPACKED = 1 << 30
 """Largest unpacked size [bytes] of data that must be read whole."""
@@ -136,25 +137,26 @@ class StoredArray:
         return self.row_size * self.shape[0]
 
 
-Reader = Callable[[Path], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
+Reader = Callable[[FileEnds], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
 """Function that returns the arrays of a file by name, and sentences about ignored content."""
 
 
-def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
+def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile | None:
     """Open a file of arrays, or one ``episode`` of it; None for other files.
 
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
-    suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
+    path = file.path
+    suffix = path.suffix.lower() or (".npz" if file.start.startswith(ARCHIVE) else "")
     reader = _READERS.get(suffix)
     if reader is None:
         return None
     if not path.is_file():
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a file.")
-    if suffix == ".npz" and is_simulation(path):
-        return simulation_file(path)
+    if suffix == ".npz" and is_simulation(file):
+        return simulation_file(file)
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
-        arrays, notes = reader(path)
+        arrays, notes = reader(file)
     wide = [name for name, array in arrays.items() if len(array.shape) and array.row_size > 8 * MOST_COLUMNS]
     if wide:
         said = f"Not read, as a row of it has more than {MOST_COLUMNS} numbers: {listed(wide)}."
@@ -166,7 +168,7 @@ def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
             + "".join(f" {note}" for note in notes)
         )
 
-    size = path.stat().st_size
+    size = file.size
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: {_EPISODES!r} cannot be read: {reason}.")):
         rows = _rows_of(path, arrays.get(_EPISODES), episode)
 
@@ -275,67 +277,64 @@ def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArr
     return StoredArray(shape, dtype, portions)
 
 
-def _npy(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
-    array = _in_numpy_format(path, lambda: path.open("rb"))
+def _npy(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    array = _in_numpy_format(file.path, file.open)
     return {"" if array.dtype.names else "column": array}, ()
 
 
-def _npz(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+def _npz(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    opened: weakref.WeakValueDictionary[Path, zipfile.ZipFile] = weakref.WeakValueDictionary()
+
+    def archive() -> zipfile.ZipFile:
+        """Archive that is open as long as one of its members is."""
+        return opened.get(file.path) or opened.setdefault(file.path, zipfile.ZipFile(file.open()))
+
     def member(name: str) -> BinaryIO:
-        with zipfile.ZipFile(path) as archive:  # the open member keeps the file open
-            return archive.open(name)  # type: ignore[return-value]
+        return archive().open(name)  # type: ignore[return-value]
 
-    with zipfile.ZipFile(path) as archive:
-        names = [name for name in archive.namelist() if name.endswith(".npy")]
-    return {name.removesuffix(".npy"): _in_numpy_format(path, partial(member, name)) for name in names}, ()
+    whole = archive()
+    names = [name for name in whole.namelist() if name.endswith(".npy")]
+    return {name.removesuffix(".npy"): _in_numpy_format(file.path, partial(member, name)) for name in names}, ()
 
 
-def check_archive(path: Path) -> None:
+def check_archive(file: FileEnds) -> None:
     """Raise TrajectoryError if the arrays of an archive of NumPy, by their headers, are out of proportion to the file."""
-    size = sum(math.prod(a.shape) * max(8, a.dtype.itemsize) for a in _npz(path)[0].values())
-    check_unpacked(path, size)
-    check_ratio(path, size, path.stat().st_size)
+    size = sum(math.prod(a.shape) * max(8, a.dtype.itemsize) for a in _npz(file)[0].values())
+    check_unpacked(file.path, size)
+    check_ratio(file.path, size, file.size)
 
 
 # ── Archives written by simulate --npz
 
+ARCHIVE = b"PK"
+"""First bytes of an archive."""
 _MARK = "twistwrench simulation"
 _MARK_BYTES = 1 << 12
 
 
-def is_archive(path: Path) -> bool:
-    """True if the file starts like a NumPy archive; False if it cannot be read."""
-    try:
-        if not path.is_file():  # reading a pipe here would consume its data
-            return False
-        with path.open("rb") as file:
-            return file.read(2) == b"PK"
-    except (OSError, ValueError):
-        return False
-
-
-def is_simulation(path: Path) -> bool:
+def is_simulation(file: FileEnds) -> bool:
     """True if ``simulate --npz`` wrote the archive; also True if the archive cannot be read."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with file.open() as whole, zipfile.ZipFile(whole) as archive:
             if "format.npy" not in archive.namelist():
                 return False
-            with archive.open("format.npy") as file:
-                shape, _, dtype = array_header(file)  # type: ignore[arg-type]
-                said = file.read(min(_MARK_BYTES, dtype.itemsize))
+            with archive.open("format.npy") as mark:
+                shape, _, dtype = array_header(mark)  # type: ignore[arg-type]
+                said = mark.read(min(_MARK_BYTES, dtype.itemsize))
             coding = "utf-32-be" if dtype.byteorder == ">" else "utf-32-le"
             return shape == () and dtype.kind == "U" and said.decode(coding).startswith(_MARK)
     except Exception:  # any NumPy error: the later read reports it
         return True
 
 
-def simulation_file(path: Path) -> ArrayFile:
+def simulation_file(file: FileEnds) -> ArrayFile:
     """Motion from an archive of ``simulate --npz``; raises TrajectoryError."""
+    path = file.path
     advice = "Give one that simulate --npz wrote, whole, or a CSV file."
     unreadable = f"{path}: an archive that cannot be read as a motion"
     with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
-        check_archive(path)
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        check_archive(file)
+        with file.open() as whole, np.load(whole, allow_pickle=False) as archive:
             if not str(archive["format"]).startswith(_MARK):
                 raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")
             said = json.loads(str(archive["said"]))
@@ -344,19 +343,20 @@ def simulation_file(path: Path) -> ArrayFile:
                 names = said["coordinate_names" if part == "q" else "velocity_names"]
                 header += [f"{name}{ending}" for name in names]
                 columns.append(np.asarray(archive[part], float).reshape(len(columns[0]), len(names)))
-    found = ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), path.stat().st_size)
+    found = ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), file.size)
     return replace(found, plan=True)  # computed, and not recorded
 
 
 # ── HDF5, and MATLAB files since version 7.3, which are HDF5
 
 
-def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+def _hdf5(file: FileEnds, *, columns_first: bool = False) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     """Arrays of an HDF5 file; ``columns_first`` for arrays stored transposed, as by MATLAB."""
     try:
         import h5py
     except ImportError:
         raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
+    path, size = file.path, file.size
     found: dict[str, StoredArray] = {}
     ignored: dict[str, list[str]] = {}
 
@@ -364,15 +364,15 @@ def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, Stor
         if not isinstance(item, h5py.Dataset):
             return
         shape = item.shape or ()
-        if reason := _ignored_storage(item, path.stat().st_size):
+        if reason := _ignored_storage(item, size):
             ignored.setdefault(reason, []).append(name)
             return
         shape = (math.prod(shape),) if len(shape) == 2 and 1 in shape else shape[::-1] if columns_first else shape
         found[name] = StoredArray(shape, item.dtype, partial(portions, name, *shape[:1]))
 
     def portions(name: str, count: int, most: int) -> Iterator[Array]:
-        with h5py.File(path, "r") as file:
-            x: Any = file[name]
+        with h5py.File(path, "r") as data:
+            x: Any = data[name]
             ndim, first, line = x.ndim, len(x), x.ndim == 2 and 1 in x.shape
             if x.dtype.names:  # texts beside numbers are left in the file
                 x = x.fields([f for f in x.dtype.names if x.dtype[f].kind in _NUMBERS])
@@ -382,8 +382,8 @@ def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, Stor
                 else:
                     yield x[:, s].T if columns_first and ndim == 2 else x[s]
 
-    with h5py.File(path, "r") as file:
-        file.visititems(look)
+    with h5py.File(path, "r") as data:
+        data.visititems(look)
     return found, tuple(f"Not read, as {reason}: {listed(names)}." for reason, names in ignored.items())
 
 
@@ -411,12 +411,12 @@ def _ignored_storage(item: Any, size: int) -> str:
 # ── MATLAB files
 
 
-def _mat(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
-    with path.open("rb") as file:
-        head = file.read(128)
-        if head[:4] == b"\x89HDF" or b"MATLAB 7.3" in head:
-            return _hdf5(path, columns_first=True)
-        data = memoryview(head + file.read())
+def _mat(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    path, head = file.path, file.start[:128]
+    if head[:4] == b"\x89HDF" or b"MATLAB 7.3" in head:
+        return _hdf5(file, columns_first=True)
+    with file.open() as whole:
+        data = memoryview(whole.read())
     arrays = _mat_4(path, data) if 0 in head[:4] else _mat_5(path, data)
     return {name: StoredArray.from_array(x) for name, x in arrays.items()}, ()
 
@@ -521,7 +521,8 @@ def _mat_4(path: Path, data: memoryview) -> dict[str, Any]:
 # ── Arrow tables: parquet and feather
 
 
-def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+def _arrow(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    path = file.path
     try:
         import pyarrow.types as kinds
     except ImportError:

@@ -13,7 +13,7 @@ from typing import Any
 from ...core.child_process import ChildLimits, run_in_child, stream_from_child
 from ...core.errors import TrajectoryError
 from ...core.typing import Array
-from ..log_table import most_unpacked, slices, table_of
+from ..log_table import FileEnds, most_unpacked, slices, table_of
 from .array_files import ArrayFile, array_file, unreadable_rows
 
 _FOREIGN = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
@@ -24,14 +24,11 @@ _MEMORY, _MEMORY_A_BYTE = 1 << 30, 32
 """Memory of a reader [bytes]: constant, and per byte of the file, for messages of ROS as objects of Python."""
 
 
-def has_foreign_reader(path: Path) -> bool:
-    """True for a file of arrays that a foreign library decodes."""
+def has_foreign_reader(path: Path, start: bytes) -> bool:
+    """True for a file of arrays that a foreign library decodes, by its suffix and its ``start``."""
     if path.suffix.lower() != ".mat":
         return path.suffix.lower() in _FOREIGN
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return any(mark in file.read(128) for mark in _HDF5)
+    return any(mark in start[:128] for mark in _HDF5)
 
 
 def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
@@ -108,7 +105,7 @@ def rows_of_arrays(path: str, episode: int | None, used: Sequence[int]) -> Itera
 
 
 def _opened(path: str, episode: int | None) -> ArrayFile:
-    file = array_file(Path(path), episode)
+    file = array_file(FileEnds.from_path(Path(path)), episode)
     if file is None:
         raise TrajectoryError(f"{path}: is not a file of arrays.")
     return file

@@ -20,7 +20,7 @@ from ...core.files import as_path
 from ...core.tables import unescape_cell
 from ...core.typing import Array
 from ..column_names import PART_OF, SUFFIX
-from ..log_table import TextSource, table_of
+from ..log_table import FileEnds, TextSource, table_of
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _SEPARATORS = (";", "\t", ",", None)
@@ -287,7 +287,7 @@ def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
 
 _BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
 _LONGEST_LINE = 1 << 22
-_TAIL, _LINES_ABOVE = 1 << 14, 8
+_LINES_ABOVE = 8
 
 
 class EmptyTableError(TrajectoryError):
@@ -322,7 +322,7 @@ class CsvFile:
     """True if the last line lacks a line end and its number has fewer decimals than those above: 0.5 below 0.123."""
 
     @classmethod
-    def open(cls, path: str | Path) -> CsvFile:
+    def open(cls, path: str | Path | FileEnds) -> CsvFile:
         r"""Read the header and detect the cell separator from the row below it.
 
         Supports commas, semicolons, tabs or blanks; decimal commas if commas are not the separator; UTF-8 or UTF-16;
@@ -330,12 +330,12 @@ class CsvFile:
         rows is the header, as written by ``numpy.savetxt``. Raises :class:`~twistwrench.NotFoundError` and
         :class:`~twistwrench.TrajectoryError`.
         """
-        source = TextSource.from_path(as_path(path))
+        source = TextSource.from_ends(path if isinstance(path, FileEnds) else FileEnds.from_path(as_path(path)))
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
             row = next(_rows(file), None)
             dialect = Dialect.from_header(text, row)
-            cut = _seems_cut(file, source.size, offset, dialect)
+        cut = _seems_cut(source.ends.after(offset), dialect)
         cells = dialect.cells(text)
         if comment is not None and all(map(_numeric, cells)):
             names = dialect.cells(comment[0])
@@ -483,9 +483,9 @@ def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str
     return [f"{names[m[2]]}{SUFFIX[PART_OF[m[1]]]}" if m and names.get(m[2]) else cell for m, cell in meant]
 
 
-def _seems_cut(file: BinaryIO, size: int, offset: int, dialect: Dialect) -> bool:
-    file.seek(max(offset, size - _TAIL))
-    lines = file.read(_TAIL).decode("utf-8", "replace").split("\n")[1:]
+def _seems_cut(end: bytes, dialect: Dialect) -> bool:
+    """True if the last bytes of a file end in a number with fewer decimals than those above."""
+    lines = end.decode("utf-8", "replace").split("\n")[1:]
     if len(lines) <= _LINES_ABOVE or not lines[-1].strip():
         return False
     ends = [dialect.cells(line)[-1:] for line in lines[-_LINES_ABOVE - 1 :] if line.strip()]

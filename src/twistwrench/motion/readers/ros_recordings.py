@@ -47,17 +47,11 @@ Topics = Mapping[str, tuple[str, int]]
 """Message type and number of messages by topic."""
 
 
-def is_recording(path: Path) -> bool:
-    """True for .mcap, .bag and .db3 files, other SQLite databases, and folders with a metadata.yaml."""
-    try:
-        if path.suffix.lower() in (".mcap", ".bag", ".db3") or os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113
-            return True
-        if not path.is_file():  # reading a pipe here would consume its data
-            return False
-        with path.open("rb") as file:
-            return file.read(len(_DATABASE)) == _DATABASE
-    except (OSError, ValueError):
-        return False
+def is_recording(path: Path, start: bytes = b"") -> bool:
+    """True for .mcap, .bag and .db3 files, folders with a metadata.yaml, and files with the ``start`` of an SQLite database."""
+    if path.suffix.lower() in (".mcap", ".bag", ".db3") or start.startswith(_DATABASE):
+        return True
+    return os.path.isfile(path / "metadata.yaml")  # noqa: PTH113  False if the text cannot be a path
 
 
 def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
