@@ -9,7 +9,7 @@ import pytest
 from random_trees import ROUNDING, frames
 
 import twistwrench as tw
-from twistwrench.mechanics.algorithms.operational_space import row_numbers
+from twistwrench.mechanics.algorithms.kinematics import row_numbers
 from twistwrench.mechanics.lie.labelled import TWIST
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import assert_close, derivative, random_robot, random_state

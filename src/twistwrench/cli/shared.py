@@ -557,14 +557,14 @@ worker_options = option_group(
 
 def expand_paths(path: Path, text: str) -> list[str]:
     """Expand a folder or a pattern to its files, sorted by name; other paths are returned unchanged."""
-    from ..motion.readers.ros_recordings import is_recording
+    from ..motion.readers import format_of
 
     if any(c in text for c in "*?[") and not path.exists():
         matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
         if not matches:
             raise ValueRangeError(f"no file matches {text!r}.")
         return matches
-    if path.is_dir() and not is_recording(path):
+    if path.is_dir() and format_of(path) is None:
         inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
         if not inside:
             raise ValueRangeError(f"{text!r} is a folder without files.")

@@ -26,8 +26,7 @@ from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.typing import Array
-from ..mechanics.algorithms.kinematics import KINDS
-from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.algorithms.kinematics import KINDS, row_numbers
 from ..mechanics.lie.labelled import WRENCH
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows

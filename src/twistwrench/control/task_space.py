@@ -25,7 +25,7 @@ from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.algorithms.kinematics import row_numbers
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.labelled import TWIST
 from ..robot import Robot

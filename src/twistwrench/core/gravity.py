@@ -1,6 +1,12 @@
-"""Default gravity, and the weight of a kilogram."""
+"""Default gravity, the weight of a kilogram, and check of a given gravity."""
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .errors import ShapeError, ValueRangeError
+from .typing import Array
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Acceleration of gravity in a frame whose z axis points up [m/s²]. MR section 8.1."""
@@ -10,3 +16,27 @@ STRENGTH = -GRAVITY[2]
 
 KGF = 9.80665
 """Weight of a kilogram, for files with kilograms as a unit of force [N]."""
+
+
+def gravity_vector(g: ArrayLike) -> Array:
+    """Gravity as a read-only array of finite numbers.
+
+    Returns
+    -------
+    g : (3,) array [m/s²]
+
+    Examples
+    --------
+    >>> gravity_vector([0, 0, -1.62]).tolist()
+    [0.0, 0.0, -1.62]
+    """
+    try:
+        vector = np.array(g, float)
+    except (TypeError, ValueError):
+        raise ShapeError(f"gravity is {g!r}, expected three numbers, such as {GRAVITY}.") from None
+    if vector.shape != (3,):
+        raise ShapeError(f"gravity has shape {vector.shape}, expected (3,): an acceleration such as {GRAVITY}.")
+    if not np.isfinite(vector).all():
+        raise ValueRangeError(f"gravity is {vector.tolist()}; its components must be finite.")
+    vector.setflags(write=False)
+    return vector

@@ -14,7 +14,6 @@ from ..core.errors import NotFoundError, RobotFileError
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
-from ..mechanics.bodies.mesh_files import SUFFIXES
 
 MAX_BYTES = 64 * 2**20
 """Largest accepted file [bytes]; the largest robot descriptions in use have a few MiB."""
@@ -157,6 +156,8 @@ def find_resource(uri: str, robot_file: Path) -> Path | None:
     names, those of ``file://`` too, are read below the package around the robot file, and without one below the folder above
     the robot's. Files elsewhere, files without the suffix of a mesh, and remote files (http://) count as not found.
     """
+    from ..mechanics.bodies.mesh_files import SUFFIXES
+
     try:
         for place, roots in _places(uri.strip(), robot_file):
             path = place.resolve()

@@ -12,11 +12,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from ..core.child_process import sandboxed
 from ..core.errors import TrajectoryError, TwistWrenchError
 from ..core.files import as_path
 from ..core.typing import Array
@@ -25,10 +25,9 @@ from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning
 from .columns import absent_joints
 from .coordinates import Coordinates
 from .log_table import FileEnds, slices, table_of
-from .readers.array_files import ARCHIVE, ArrayFile, array_file, simulation_file
-from .readers.child_readers import array_file_in_child, has_foreign_reader, ros_file_in_child
+from .readers import format_of
+from .readers.array_files import ArrayFile
 from .readers.csv_reader import CsvFile
-from .readers.ros_recordings import is_recording, ros_file
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
@@ -197,17 +196,23 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False if the text cannot be a path
         return JoinedFile.open(path, partial(open_motion_file, topic=topic, episode=episode))
     ends = FileEnds.from_path(place)
-    if is_recording(place, ends.start) and episode is None:
-        return ros_file_in_child(place, topic) if sandboxed() else ros_file(place, topic)
-    if topic is not None:
-        raise TrajectoryError(f"{path}: --topic is for recordings of ROS, and this is none. Leave it out.")
-    if has_foreign_reader(place, ends.start) and sandboxed():
-        return array_file_in_child(place, episode)
-    if (arrays := array_file(ends, episode)) is not None:
-        return arrays
-    if episode is not None:
-        raise TrajectoryError(f"{path}: --episode is for LeRobot datasets in parquet, and this is none. Leave it out.")
-    return simulation_file(ends) if ends.start.startswith(ARCHIVE) else CsvFile.open(ends)
+    form = format_of(place, ends.start)
+    given = {name: value for name, value in (("topic", topic), ("episode", episode)) if value is not None}
+    for name in given:
+        if form is None or form.option != name:
+            raise TrajectoryError(f"{path}: {_OPTIONS[name]}, and this is none. Leave it out.")
+    if form is None:
+        return CsvFile.open(ends)
+    module, function = form.opener.split(":")
+    opener = getattr(import_module(f".readers.{module}", __package__), function)
+    opened: MotionFile = opener(ends, **given)
+    return opened
+
+
+_OPTIONS = {
+    "topic": "--topic is for recordings of ROS",
+    "episode": "--episode is for LeRobot datasets in parquet",
+}
 
 
 def text_columns(file: MotionFile) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ from ..core import arguments
 from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..mechanics.algorithms.operational_space import row_numbers
+from ..mechanics.algorithms.kinematics import row_numbers
 from ..mechanics.joints.screw_joint import ScrewJoint
 from ..mechanics.lie import se3, so3
 from ..mechanics.model.assembly import random_configuration

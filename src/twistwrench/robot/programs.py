@@ -14,7 +14,7 @@ from ..compiler.ir.program import Program
 from ..compiler.ir.tracer import Trace, trace
 from ..core.errors import KernelError, UnknownNameError, ValueRangeError
 from ..core.typing import Array
-from ..mechanics.algorithms import constraints, forward_dynamics, kinematics, operational_space
+from ..mechanics.algorithms import constraints, forward_dynamics, kinematics
 from ..mechanics.algorithms.forward_dynamics import accelerations, torque_derivatives_and_factors
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
@@ -108,7 +108,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if "rows" in allowed:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
-        full["rows"] = operational_space.row_numbers(options.get("rows"))
+        full["rows"] = kinematics.row_numbers(options.get("rows"))
     if "constraints" in allowed:
         full["constraints"] = _constraints(name, options.get("constraints", ()))
     if "wrenches" in allowed:

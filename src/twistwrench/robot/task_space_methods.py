@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def _count(given: Mapping[str, Any]) -> int:
-    from ..mechanics.algorithms.operational_space import row_numbers
+    from ..mechanics.algorithms.kinematics import row_numbers
 
     return len(row_numbers(given.get("rows")))
 
@@ -96,8 +96,8 @@ class TaskSpaceMethods(RobotBase):
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
+        from ..mechanics.algorithms.kinematics import row_numbers
         from ..mechanics.algorithms.loop_closure import ConstraintProjector
-        from ..mechanics.algorithms.operational_space import row_numbers
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
@@ -110,8 +110,8 @@ def _by_kernel(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
+    from ..mechanics.algorithms.kinematics import row_numbers
     from ..mechanics.algorithms.loop_closure import ConstraintProjector, doubtful
-    from ..mechanics.algorithms.operational_space import row_numbers
 
     chosen = row_numbers(rows)
     arrays = brought(robot.model, name, arrays, {})

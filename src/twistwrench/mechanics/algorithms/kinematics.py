@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
+from ...core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ...core.typing import Array
 from ..lie import se3
 from ..lie.adjoint import Ad, ad
+from ..lie.labelled import TWIST
 from ..lie.series import LARGEST_HALF_TURN
 from ..model.model import BASE, Body, Model
 from .recursion import ancestors, base_poses, joint_poses, zeros
@@ -39,6 +41,39 @@ def link_poses(model: Model, q: Array) -> Array:
 KINDS = ("body", "space", "world_aligned")
 PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_aligned"}
 """Names of the Jacobian's frames in Pinocchio."""
+
+
+def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
+    """Numbers 0 to 5 of the rows of a twist, from names ("vx vz"), numbers, or None for all six; in the order given.
+
+    Raises UnknownNameError for other names, ValueRangeError for numbers outside 0 to 5, repeated rows, and an empty selection.
+    """
+    if rows is None:
+        return tuple(range(6))
+    try:
+        given = rows.replace(",", " ").split() if isinstance(rows, str) else list(rows)
+    except TypeError:
+        raise ShapeError(
+            f"rows={rows!r}: give names, such as {' '.join(TWIST[3:])!r}, or numbers from 0 to 5."
+        ) from None
+    found = tuple(_row_number(row) for row in given)
+    if not found:
+        raise ValueRangeError(f"rows={rows!r} names no row. Choose from {', '.join(TWIST)}; None means all six.")
+    if len(set(found)) < len(found):
+        raise ValueRangeError(f"rows={rows!r} names a row twice: {', '.join(TWIST[k] for k in found)}. Name each once.")
+    return found
+
+
+def _row_number(row: object) -> int:
+    if isinstance(row, str):
+        if row not in TWIST:
+            raise UnknownNameError.from_choices("row of a twist", row, TWIST)
+        return TWIST.index(row)
+    if isinstance(row, bool) or not isinstance(row, int | np.integer):
+        raise ShapeError(f"a row of a twist is a name or a number, got {row!r}. Names: {', '.join(TWIST)}.")
+    if not 0 <= row < 6:
+        raise ValueRangeError(f"row {row} is out of range: a twist has rows 0 to 5, which are {', '.join(TWIST)}.")
+    return int(row)
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, sin, sqrt
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ...core.numbers import number, vector, without_noise
 from ...core.typing import Array
 from ..lie import so3
 from ..lie.labelled import Labelled
-from . import consistency, mesh, solids
+from . import consistency, solids
 from .solids import moment_matrix, second_moments, ten_parameters
 
 
@@ -159,7 +160,56 @@ class SpatialInertia(metaclass=HintedClass):
     capsule = classmethod(solids.capsule)
     cone = classmethod(solids.cone)
     ellipsoid = classmethod(solids.ellipsoid)
-    mesh = classmethod(mesh.mesh)
+
+    @classmethod
+    def mesh(
+        cls,
+        surface: str | Path | tuple[ArrayLike, ArrayLike],
+        *,
+        mass: float | None = None,
+        density: float | None = None,
+        scale: float = 1.0,
+    ) -> SpatialInertia:
+        """Spatial inertia of a uniform solid bounded by a mesh, in the mesh's own frame.
+
+        Parameters
+        ----------
+        surface : str, Path, or (vertices (n, 3), triangles (k, 3) of vertex numbers)
+            File that trimesh reads (extra ``mesh``), or arrays.
+        scale : float, metres per unit of the mesh: 0.001 for millimetres
+
+        Raises
+        ------
+        ModelError
+            The surface is not closed; the message gives the position.
+        MissingExtraError
+            trimesh is not installed and a file has to be read.
+        NotFoundError
+            The file does not exist.
+
+        Warns
+        -----
+        ModelWarning
+            Shells intersect or coincide, or the size or density is implausible for a robot part.
+
+        Notes
+        -----
+        Shells are sets of faces connected by edges. The orientation of their faces is ignored: an outer shell bounds a solid,
+        a shell inside it a cavity, a shell inside a cavity a solid again. Shells that intersect or coincide each count as
+        solids, so that their common volume counts twice.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+        >>> G = SpatialInertia.mesh(corner, density=6.0)
+        >>> round(G.mass, 12), G.com.round(12).tolist()
+        (1.0, [0.25, 0.25, 0.25])
+        """
+        from .mesh import mass_com_and_inertia
+
+        return cls.from_com(*mass_com_and_inertia(surface, mass, density, scale))
+
     from_matrix = classmethod(consistency.from_matrix)
     from_pseudo_inertia = classmethod(consistency.from_pseudo_inertia)
     from_log_cholesky = classmethod(consistency.from_log_cholesky)

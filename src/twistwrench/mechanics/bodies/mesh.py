@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,9 +23,6 @@ from ...core.typing import Array
 from .mesh_files import read_parts
 from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
 
-if TYPE_CHECKING:
-    from .inertia import SpatialInertia
-
 _USUAL_SIZE = 1e-4, 10.0
 """Plausible extent of a robot part [m]. A part drawn in millimetres but read in metres is 1000 times too large."""
 _USUAL_DENSITY = 1.0, 23_000.0
@@ -35,50 +31,10 @@ _COINCIDENT = 1e-8
 """Distance of coincident vertices, in the units of the mesh."""
 
 
-def mesh(
-    cls: type[SpatialInertia],
-    surface: str | Path | tuple[ArrayLike, ArrayLike],
-    *,
-    mass: float | None = None,
-    density: float | None = None,
-    scale: float = 1.0,
-) -> SpatialInertia:
-    """Spatial inertia of a uniform solid bounded by a mesh, in the mesh's own frame.
-
-    Parameters
-    ----------
-    surface : str, Path, or (vertices (n, 3), triangles (k, 3) of vertex numbers)
-        File that trimesh reads (extra ``mesh``), or arrays.
-    scale : float, metres per unit of the mesh: 0.001 for millimetres
-
-    Raises
-    ------
-    ModelError
-        The surface is not closed; the message gives the position.
-    MissingExtraError
-        trimesh is not installed and a file has to be read.
-    NotFoundError
-        The file does not exist.
-
-    Warns
-    -----
-    ModelWarning
-        Shells intersect or coincide, or the size or density is implausible for a robot part.
-
-    Notes
-    -----
-    Shells are sets of faces connected by edges. The orientation of their faces is ignored: an outer shell bounds a solid,
-    a shell inside it a cavity, a shell inside a cavity a solid again. Shells that intersect or coincide each count as
-    solids, so that their common volume counts twice.
-
-    Examples
-    --------
-    >>> from twistwrench import SpatialInertia
-    >>> corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    >>> G = SpatialInertia.mesh(corner, density=6.0)
-    >>> round(G.mass, 12), G.com.round(12).tolist()
-    (1.0, [0.25, 0.25, 0.25])
-    """
+def mass_com_and_inertia(
+    surface: str | Path | tuple[ArrayLike, ArrayLike], mass: float | None, density: float | None, scale: float
+) -> tuple[float, Array, Array]:
+    """Mass, centre of mass and rotational inertia about it of a uniform solid, as for ``SpatialInertia.mesh``."""
     if not 0.0 < arguments.number(scale, "mesh: scale") < np.inf:
         raise ValueRangeError(f"mesh: scale is {scale}, and must be positive and finite.")
     name, vertices, faces = _read(surface)
@@ -103,7 +59,7 @@ def mesh(
     rho, c = m / volume, h / volume
     _remark_on_size(name, extent, float(rho), m)
     S = rho * S - m * np.outer(c, c)
-    return cls.from_com(m, c + centre, rotational_inertia(S))
+    return m, c + centre, rotational_inertia(S)
 
 
 def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
@@ -117,7 +73,7 @@ def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
             "what they have in common counts twice. Unite them (trimesh.boolean.union can), or give the mass and check "
             "the centre of mass.",
             ModelWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     return found.sign
 
@@ -129,10 +85,10 @@ def _remark_on_size(name: str, extent: float, density: float, mass: float) -> No
     text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
     if not small <= extent <= large:
         unit = "If it is in millimetres, pass scale=0.001" if extent > large else "Check scale"
-        warnings.warn(f"{text}: not a plausible size of a robot part. {unit}.", ModelWarning, stacklevel=3)
+        warnings.warn(f"{text}: not a plausible size of a robot part. {unit}.", ModelWarning, stacklevel=4)
     elif not light <= density <= heavy:
         warnings.warn(
-            f"{text}: not a plausible density. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=3
+            f"{text}: not a plausible density. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=4
         )
 
 

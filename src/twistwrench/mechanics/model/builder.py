@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike
 
 from ...core.errors import ModelError, ValueRangeError
 from ...core.glossary import complete
-from ...core.gravity import GRAVITY
+from ...core.gravity import GRAVITY, gravity_vector
 from ...core.numbers import printed
 from ...core.text import listed
 from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
 from ..joints.screw_joint import number, numbers
-from . import edit
 from .actuation import with_actuators, with_link_friction
 from .actuators import Actuator
 from .assembly import DEFAULT_SNAP, MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
@@ -376,11 +375,14 @@ class ModelBuilder:
         drives = find_drives(self._joints.values()) if mimic == "follow" else {}
         model = assemble(
             self.name, self._links, tree, drives, floating_base=floating_base, snap=snap,
-            gravity=edit.gravity_vector(self.gravity if gravity is None else gravity), source=self.source,
+            gravity=gravity_vector(self.gravity if gravity is None else gravity), source=self.source,
             additions=self._additions,
         )  # fmt: skip
         remarks += model.defects
-        model = edit.lock(model, lock) if lock else model
+        if lock:
+            from . import edit
+
+            model = edit.lock(model, lock)
         model = self._driven(model)
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # For files with missing masses; a purely kinematic table has none by intention.

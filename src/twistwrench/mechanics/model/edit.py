@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...core.errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ...core.glossary import complete
-from ...core.gravity import GRAVITY
+from ...core.gravity import gravity_vector
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint
@@ -112,30 +112,6 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
             )
         armature[place] = values
     return replace(model, armature=armature)
-
-
-def gravity_vector(g: ArrayLike) -> Array:
-    """Gravity as a read-only array of finite numbers.
-
-    Returns
-    -------
-    g : (3,) array [m/s²]
-
-    Examples
-    --------
-    >>> gravity_vector([0, 0, -1.62]).tolist()
-    [0.0, 0.0, -1.62]
-    """
-    try:
-        vector = np.array(g, float)
-    except (TypeError, ValueError):
-        raise ShapeError(f"gravity is {g!r}, expected three numbers, such as {GRAVITY}.") from None
-    if vector.shape != (3,):
-        raise ShapeError(f"gravity has shape {vector.shape}, expected (3,): an acceleration such as {GRAVITY}.")
-    if not np.isfinite(vector).all():
-        raise ValueRangeError(f"gravity is {vector.tolist()}; its components must be finite.")
-    vector.setflags(write=False)
-    return vector
 
 
 def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint
 from .actuators import Actuator
-from .couplings import Coupling
 from .description import JointEntry, LinkEntry
 from .limits import Friction, Limits
+
+if TYPE_CHECKING:
+    from .couplings import Coupling
 
 
 @dataclass(frozen=True)

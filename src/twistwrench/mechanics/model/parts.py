@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from ..lie import se3
 from .actuation import counted, with_actuators
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
-from .couplings import Coupling
 from .description import JointEntry, LinkEntry, SiteEntry, unused
 from .limits import Friction, Limits
 from .model import BASE, Body, Model, find_tree
+
+if TYPE_CHECKING:
+    from .couplings import Coupling
 
 _ROUNDING = 1e-13
 """Largest difference between a body's inertia and the sum of its links' inertias, relative to the largest entry."""

@@ -141,16 +141,16 @@ Reader = Callable[[FileEnds], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
 """Function that returns the arrays of a file by name, and sentences about ignored content."""
 
 
-def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile | None:
-    """Open a file of arrays, or one ``episode`` of it; None for other files.
+def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
+    """Open a file of arrays, or one ``episode`` of it; an archive by another suffix is that of a simulation.
 
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
     path = file.path
-    suffix = path.suffix.lower() or (".npz" if file.start.startswith(ARCHIVE) else "")
+    suffix = path.suffix.lower() or ".npz"
     reader = _READERS.get(suffix)
     if reader is None:
-        return None
+        return simulation_file(file)
     if not path.is_file():
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a file.")
     if suffix == ".npz" and is_simulation(file):
@@ -306,8 +306,6 @@ def check_archive(file: FileEnds) -> None:
 
 # ── Archives written by simulate --npz
 
-ARCHIVE = b"PK"
-"""First bytes of an archive."""
 _MARK = "twistwrench simulation"
 _MARK_BYTES = 1 << 12
 

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...core.child_process import ChildLimits, run_in_child, stream_from_child
+from ...core.child_process import ChildLimits, run_in_child, sandboxed, stream_from_child
 from ...core.errors import TrajectoryError
 from ...core.typing import Array
 from ..log_table import FileEnds, most_unpacked, slices, table_of
@@ -24,11 +24,19 @@ _MEMORY, _MEMORY_A_BYTE = 1 << 30, 32
 """Memory of a reader [bytes]: constant, and per byte of the file, for messages of ROS as objects of Python."""
 
 
-def has_foreign_reader(path: Path, start: bytes) -> bool:
-    """True for a file of arrays that a foreign library decodes, by its suffix and its ``start``."""
-    if path.suffix.lower() != ".mat":
-        return path.suffix.lower() in _FOREIGN
-    return any(mark in start[:128] for mark in _HDF5)
+def arrays_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
+    """Open a file of arrays: in a child process if a foreign library decodes it, and the sandbox is on."""
+    foreign = file.path.suffix.lower() in _FOREIGN
+    if file.path.suffix.lower() == ".mat":
+        foreign = any(mark in file.start[:128] for mark in _HDF5)
+    return array_file_in_child(file.path, episode) if foreign and sandboxed() else array_file(file, episode)
+
+
+def recording_file(file: FileEnds, topic: str | None = None) -> ArrayFile:
+    """Open a recording of ROS: in a child process if the sandbox is on."""
+    from .ros_recordings import ros_file
+
+    return ros_file_in_child(file.path, topic) if sandboxed() else ros_file(file.path, topic)
 
 
 def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
@@ -105,10 +113,7 @@ def rows_of_arrays(path: str, episode: int | None, used: Sequence[int]) -> Itera
 
 
 def _opened(path: str, episode: int | None) -> ArrayFile:
-    file = array_file(FileEnds.from_path(Path(path)), episode)
-    if file is None:
-        raise TrajectoryError(f"{path}: is not a file of arrays.")
-    return file
+    return array_file(FileEnds.from_path(Path(path)), episode)
 
 
 def recording(path: str, topic: str | None) -> Iterator[Any]:

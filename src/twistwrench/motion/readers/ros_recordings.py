@@ -6,7 +6,6 @@ row every 2 ms and at each point.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from ..smoothing import FEWEST, spline_rates
 from .array_files import ArrayFile
 from .recording_bounds import BoundedFile, check_chunks, check_folder, recording_database, values_within
 
-_DATABASE = b"SQLite format 3\0"
 STEP = 2e-3
 """Time step between the points of a plan [s]."""
 _MOST_ROWS = 1_000_000
@@ -45,13 +43,6 @@ _DEFINITIONS = {
 
 Topics = Mapping[str, tuple[str, int]]
 """Message type and number of messages by topic."""
-
-
-def is_recording(path: Path, start: bytes = b"") -> bool:
-    """True for .mcap, .bag and .db3 files, folders with a metadata.yaml, and files with the ``start`` of an SQLite database."""
-    if path.suffix.lower() in (".mcap", ".bag", ".db3") or start.startswith(_DATABASE):
-        return True
-    return os.path.isfile(path / "metadata.yaml")  # noqa: PTH113  False if the text cannot be a path
 
 
 def ros_file(path: Path, topic: str | None = None) -> ArrayFile:

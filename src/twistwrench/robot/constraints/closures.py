@@ -14,9 +14,8 @@ from ...core.errors import ConstraintError, UnknownNameError
 from ...core.numbers import printed
 from ...core.typing import Array
 from ...mechanics.algorithms.constraints import Closure, Rolling, place_of
-from ...mechanics.algorithms.kinematics import KINDS
+from ...mechanics.algorithms.kinematics import KINDS, row_numbers
 from ...mechanics.algorithms.loop_closure import LoopRows, through
-from ...mechanics.algorithms.operational_space import row_numbers
 from ...mechanics.lie.labelled import TWIST
 from ...mechanics.model.couplings import refuse_couplings
 from ...mechanics.model.model import BASE, Model
