@@ -15,6 +15,7 @@ from ..core.colours import Style
 from ..core.errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import number
 from ..mechanics.joints.units import heading_unit
+from ..mechanics.model.actuators import RATINGS
 from ..mechanics.model.couplings import coupled_entries, joint_effort
 from ..mechanics.model.description import grouped
 from ..mechanics.model.model import BASE, Body, Model
@@ -135,8 +136,6 @@ def _joints(model: Model, *, degrees: bool) -> Table:
 def _actuators(model: Model) -> Table:
     """Gears, rotors and motors; unknown values are left blank."""
     actuators = list(model.actuators.values())
-    motor = {"k_t": "torque_constant", "R": "resistance", "V": "voltage", "A": "current_continuous"}
-    motor |= {"A peak": "current_peak", "speed": "speed"}
     return Table(
         "Actuators (SI units)",
         words("joint", [a.joint for a in actuators]),
@@ -144,7 +143,11 @@ def _actuators(model: Model) -> Table:
         numbers("η", [a.efficiency for a in actuators]),
         numbers("rotor", [a.rotor.inertia if a.rotor else math.inf for a in actuators]),
         numbers("stiffness", [a.stiffness for a in actuators]),
-        *(numbers(head, [getattr(a.motor, name, "") for a in actuators]) for head, name in motor.items()),
+        *(
+            numbers(row.head, [getattr(a.motor, name, "") for a in actuators])
+            for name, row in RATINGS.items()
+            if row.head
+        ),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..core.errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..mechanics.model.actuation import with_actuators, with_friction, with_link_friction
-from ..mechanics.model.actuators import Actuator, Motor, Rotor, Thermal
+from ..mechanics.model.actuators import RATINGS, Actuator, Motor, Rotor, Thermal
 from ..mechanics.model.couplings import Coupling, with_couplings, without_couplings
 from ..mechanics.model.edit import with_armature
 from ..mechanics.model.model import Model
@@ -48,10 +48,6 @@ def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
 
 # ── Reader of actuator files: motors, gears, rotors, elastic joints, friction laws
 
-_MOTOR = {
-    "torque_constant": "torque constant", "resistance": "resistance", "inductance": "inductance", "voltage": "voltage",
-    "current_continuous": "current", "current_peak": "current", "speed": "rotor speed",
-}  # fmt: skip
 _THERMAL = {
     "winding_housing": "thermal resistance", "housing_ambient": "thermal resistance", "winding_time": "time",
     "housing_time": "time", "maximum": "temperature", "coefficient": "", "reference": "temperature",
@@ -246,11 +242,12 @@ def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
 
 def read_motor(section: Section, *others: str) -> Motor:
     """Motor of a section; ``others`` are additional allowed entries."""
-    section.only(*_MOTOR, "thermal", *others)
+    section.only(*RATINGS, "thermal", *others)
     if "torque_constant" not in section.content:
         raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
     thermal = _thermal(section.section("thermal")) if "thermal" in section.content else None
-    return Motor(**{key: section.number(key, _MOTOR[key]) for key in _MOTOR if key in section.content}, thermal=thermal)
+    given = {key: section.number(key, row.kind) for key, row in RATINGS.items() if key in section.content}
+    return Motor(**given, thermal=thermal)
 
 
 def _thermal(section: Section) -> Thermal:

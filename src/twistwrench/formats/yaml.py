@@ -55,10 +55,19 @@ UNITS: dict[str, dict[str, float]] = {
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)", re.DOTALL)
 
 
+def si_unit(kind: str) -> str:
+    """SI unit of a kind of quantity.
+
+    >>> si_unit("rotor speed")
+    'rad/s'
+    """
+    return next(iter(UNITS[kind]))
+
+
 def in_si(value: object, kind: str, where: str) -> float:
     """Number in SI units. Raises ModelError with ``where`` and the known units."""
     known = UNITS[kind]
-    first = next(iter(known))
+    first = si_unit(kind)
     if isinstance(value, int | float) and not isinstance(value, bool):
         raise ModelError(
             f"{where} is {printed(value)} without a unit. Write {printed(value)} {first}, or one of {_listed(known)}."

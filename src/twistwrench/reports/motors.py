@@ -11,6 +11,8 @@ import numpy as np
 
 from ..core.numbers import deviation, number, percent_of_limit, quantity, seconds
 from ..core.typing import Array
+from ..formats.yaml import si_unit
+from ..mechanics.model.actuators import RATINGS
 from ..mechanics.model.limits import over_limit
 from ..motion.bounds import Extrema
 from .statistics import mean_weights, stride_of
@@ -72,7 +74,7 @@ class MotorUse:
     joint: str
     motor: Motor
     demands: tuple[Demand, ...]
-    """Peak current, rms current, voltage, speed."""
+    """One for each rating that bounds a load."""
     power: float
     """Peak electrical power [W]."""
     heat: float
@@ -135,16 +137,17 @@ class MotorFigures(NamedTuple):
     def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
         uses, rms = [], np.sqrt(self.squares)
+        rated = {row.load: name for name, row in RATINGS.items() if row.load}
         described = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
         for k, actuator in enumerate(described):
             motor = actuator.motor
             assert motor is not None
             peak = {name: (float(e.value[k]), float(e.time[k])) for name, e in self.peaks.items()}
-            demands = (
-                Demand("peak current", peak["current"][0], motor.current_peak, "A", peak["current"][1]),
-                Demand("rms current", float(rms[k]), motor.current_continuous, "A", math.nan),
-                Demand("voltage", peak["voltage"][0], motor.voltage, "V", peak["voltage"][1]),
-                Demand("speed", peak["speed"][0], motor.speed, "rad/s", peak["speed"][1]),
+            loads = {"peak current": peak["current"], "rms current": (float(rms[k]), math.nan), **peak}
+            demands = tuple(
+                Demand(load, value, getattr(motor, rated[load]), si_unit(RATINGS[rated[load]].kind), time)
+                for load, (value, time) in loads.items()
+                if load in rated
             )
             heat = motor.resistance * float(rms[k]) ** 2
             uses.append(MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, *self.points[:, k].T))

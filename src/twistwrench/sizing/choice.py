@@ -17,9 +17,9 @@ from ..core.files import replacing
 from ..core.numbers import number
 from ..core.typing import Array
 from ..core.verdict import Verdict
-from ..formats.yaml import Source
+from ..formats.yaml import Source, si_unit
 from ..mechanics.joints.units import units_of
-from ..mechanics.model.actuators import moving
+from ..mechanics.model.actuators import RATINGS, moving
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion import Motion
@@ -323,13 +323,9 @@ def _exact(value: float) -> str:
 def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
     entry, gear = catalog.pair(pair)
     motor, thermal = entry.motor, entry.motor.thermal
-    units = {
-        "torque_constant": "N m/A", "resistance": "ohm", "inductance": "H", "voltage": "V", "current_continuous": "A",
-        "current_peak": "A", "speed": "rad/s",
-    }  # fmt: skip
     said: dict[str, Any] = {
-        name: f"{_exact(getattr(motor, name))} {unit}"
-        for name, unit in units.items()
+        name: f"{_exact(getattr(motor, name))} {si_unit(row.kind)}"
+        for name, row in RATINGS.items()
         if math.isfinite(getattr(motor, name))
     }
     if thermal is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,6 +59,29 @@ class Thermal:
     """Temperature coefficient of the resistance [1/K]; default: copper."""
     reference: float = 20.0
     """Temperature at which the resistance is given [°C]."""
+
+
+class Rating(NamedTuple):
+    """Number of a motor's data sheet, as files and tables name it."""
+
+    kind: str
+    """Kind of its unit: a key of ``UNITS`` of :mod:`twistwrench.formats.yaml`."""
+    head: str = ""
+    """Head of its column in tables; empty if it is left out of them."""
+    load: str = ""
+    """Load that it bounds, such as ``peak current``; empty if it bounds none."""
+
+
+RATINGS = {
+    "torque_constant": Rating("torque constant", "k_t"),
+    "resistance": Rating("resistance", "R"),
+    "inductance": Rating("inductance"),
+    "voltage": Rating("voltage", "V", "voltage"),
+    "current_continuous": Rating("current", "A", "rms current"),
+    "current_peak": Rating("current", "A peak", "peak current"),
+    "speed": Rating("rotor speed", "speed", "speed"),
+}
+"""Numbers of a :class:`Motor` by their names there and in actuator files."""
 
 
 @dataclass(frozen=True)
