@@ -99,8 +99,9 @@ LOGS = {
     "motion.npy": 1,
     "motion.csv.gz": 2,
     "long.csv": 2,
-    "long.npz": 2,
+    "long.npz": 4,
 }
+"""Most times that a log is opened. A long archive has its kind, its arrays, its time and its rows at distant places."""
 LOG_COMMANDS = {
     "torques": ("torques", "robot.urdf", "--trajectory", "motion.csv", "--clearance", "--html", "out.html"),
     "torques of two files": ("torques", "robot.urdf", "--trajectory", "motion.csv+late.csv"),

@@ -42,7 +42,7 @@ def test_figures_are_those_of_every_row(robot):
     current, voltage, power = (np.concatenate([getattr(x, n) for x in loads]) for n in ("current", "voltage", "power"))
     assert len(report.motors) == 6
     for k, use in enumerate(report.motors):
-        peak, rms, volts, _ = use.demands
+        peak, rms, volts, *_ = use.demands
         assert peak.value == pytest.approx(np.abs(current[:, k]).max())
         assert peak.time == time[np.abs(current[:, k]).argmax()]
         squares = np.trapezoid(current[:, k] ** 2, time) / (time[-1] - time[0])
