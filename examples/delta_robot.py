@@ -20,7 +20,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import twistwrench as tw
-from twistwrench.simulation.closed import ClosedSimulation
+from twistwrench.simulation import ClosedSimulation
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
 BASE, ARM, ROD, PLATE, SIDE = 0.20, 0.30, 0.70, 0.07, 0.05  # m; SIDE is half the distance of two rods

@@ -27,7 +27,7 @@ from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import twistwrench as tw
-from twistwrench.mechanics.bodies.free_body import Flight
+from twistwrench.simulation import Flight
 
 BLUE, RED, GREY, SAND, ICE = "#2f6db5", "#c4402f", "#8a8f98", "#f3c79b", "#d7e3f1"
 SIZE = np.array([0.30, 0.20, 0.06])  # m: x is the axis of least moment, y the middle one, z that of the greatest

@@ -43,6 +43,7 @@ __all__ = [
     "ModelError",
     "ModelWarning",
     "Motion",
+    "Motor",
     "NotFoundError",
     "PathError",
     "Pose",
@@ -70,8 +71,10 @@ __all__ = [
     "from_screws",
     "get_threads",
     "load",
+    "move_covariance",
     "robots",
     "save",
+    "screws",
     "se3",
     "set_threads",
     "size_drives",
@@ -97,6 +100,7 @@ if _typing.TYPE_CHECKING:
     from .diagnosis.report import doctor as doctor
     from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
     from .mechanics.bodies.rigid_body import RigidBody as RigidBody
+    from .mechanics.lie import axis as screws
     from .mechanics.lie import se3 as se3
     from .mechanics.lie import so3 as so3
     from .mechanics.lie.adjoint import Ad as Ad
@@ -104,6 +108,8 @@ if _typing.TYPE_CHECKING:
     from .mechanics.lie.twist_wrench import Pose as Pose
     from .mechanics.lie.twist_wrench import Twist as Twist
     from .mechanics.lie.twist_wrench import Wrench as Wrench
+    from .mechanics.lie.twist_wrench import move_covariance as move_covariance
+    from .mechanics.model.actuators import Motor as Motor
     from .mechanics.model.builder import ModelBuilder as ModelBuilder
     from .motion.motion import Motion as Motion
     from .reports.check import check as check
@@ -119,6 +125,7 @@ _MODULES = {
     **{name: name for name in ("simulation", "sizing", "statics", "symbolic", "testing", "trajectories", "viz")},
     "convert": "robot.convert",
     "pointwise": "robot.pointwise",
+    "screws": "mechanics.lie.axis",
     "se3": "mechanics.lie.se3",
     "so3": "mechanics.lie.so3",
 }
@@ -128,6 +135,7 @@ _NAMES = {
     "Ad": "mechanics.lie.adjoint",
     "ModelBuilder": "mechanics.model.builder",
     "Motion": "motion.motion",
+    "Motor": "mechanics.model.actuators",
     "Pose": "mechanics.lie.twist_wrench",
     "RigidBody": "mechanics.bodies.rigid_body",
     "SpatialInertia": "mechanics.bodies.inertia",
@@ -140,6 +148,7 @@ _NAMES = {
     "doctor": "diagnosis.report",
     "find": "robots.finding",
     "get_threads": "compiler.runtime.batch_threads",
+    "move_covariance": "mechanics.lie.twist_wrench",
     "set_threads": "compiler.runtime.batch_threads",
     "size_drives": "sizing.choice",
 }

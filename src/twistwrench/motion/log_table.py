@@ -1,6 +1,7 @@
-"""Storage of a log: its text as seekable UTF-8, and its rows, decoded once into a table of float64.
+"""Storage of a log, below its readers: ends of a file, text as seekable UTF-8, rows decoded once into a table of float64.
 
-A temporary file without a name holds text that is not plain on disk, and tables above 32 MiB.
+A file is opened for its head and for its rows; a file of up to half a megabyte is opened once. A temporary file without a name
+holds text that is not plain on disk, and tables above 32 MiB. :mod:`.motion_file` opens files of any format as such tables.
 """
 
 from __future__ import annotations

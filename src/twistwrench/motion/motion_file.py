@@ -1,5 +1,6 @@
-"""Motion files, opened by name and first bytes: joined files ``a.csv+b.csv``, ROS recordings, and single files.
+"""Motion files of any format as columns with names, before a robot is known; several files as one, ``a.csv+b.csv``.
 
+:mod:`.motion_log` assigns the columns to the coordinates of a robot.
 Equal column names of several files get the quantity in their file's name: ``Joint_1`` of ``pos_data.csv`` and
 ``curr_data.csv`` become ``Joint_1`` and ``Joint_1.torque``. Without one, the file's name is prefixed: ``left:Joint_1``.
 """

@@ -1,4 +1,4 @@
-"""Motions as xarray datasets, and pandas DataFrames as motion files."""
+"""Exchange of motions with other libraries in memory: xarray datasets of motions, and pandas DataFrames as motion files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Motion logs, decoded once: time, coordinates, velocities, accelerations and torques, with one row for each time."""
+"""Motion files read for one robot: columns assigned, rows decoded once and checked, with one row for each time.
+
+The columns are those of :mod:`.motion_file`; :mod:`.differentiation` makes states of the rows, and :mod:`.motion` holds them.
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ The entry point is ``robot.simulate``. This package holds the types of its argum
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from ..robot.doors import RobotDoors
@@ -16,6 +17,8 @@ from .schemes import METHODS, Partitioned, Tableau
 from .torque_laws import BatchComputedTorque, BatchPD
 
 if TYPE_CHECKING:
+    from ..mechanics.bodies.free_body import Flight
+    from .closed import ClosedSimulation
     from .rollout import Rollout
     from .rollout_gradient import RolloutGradient
 
@@ -26,7 +29,9 @@ __all__ = [
     "METHODS",
     "BatchComputedTorque",
     "BatchPD",
+    "ClosedSimulation",
     "Event",
+    "Flight",
     "Happening",
     "JointStops",
     "Partitioned",
@@ -40,9 +45,16 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:  # simulations need no rollouts
-    if name not in ("Rollout", "RolloutGradient"):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from . import rollout
+_LATER = {
+    "ClosedSimulation": "simulation.closed",
+    "Flight": "mechanics.bodies.free_body",
+    "Rollout": "simulation.rollout",
+    "RolloutGradient": "simulation.rollout",
+}
+"""Modules of types that most simulations do not need."""
 
-    return getattr(rollout, name)
+
+def __getattr__(name: str) -> object:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"twistwrench.{_LATER[name]}"), name)
