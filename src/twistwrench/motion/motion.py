@@ -1,7 +1,7 @@
 """Motion: states of a robot over time from any source, with torques, limits, interpolation and files.
 
-Logs, trajectories, simulations and rollouts produce motions; reports, plots, the viewer and controllers use them. Files are read
-by :mod:`.motion_log`, and other libraries' tables by :mod:`.motion_io`.
+Logs, trajectories, simulations and rollouts produce motions; reports, plots, the viewer and controllers use them.
+Files are read by :mod:`.motion_log`, and other libraries' tables by :mod:`.motion_io`.
 """
 
 from __future__ import annotations
