@@ -80,7 +80,7 @@ def test_the_public_names_are_sorted_and_complete():
     }
     modules = {name for name, value in everything.items() if isinstance(value, types.ModuleType)}
     assert there == set(tw.__all__) - modules
-    assert modules == {"robots", "se3", "so3"}
+    assert modules == {"robots", "screws", "se3", "so3"}
 
 
 def test_type_checkers_see_every_name_that_comes_later():

@@ -18,6 +18,8 @@ from ...core.glossary import complete
 from ...core.typing import Array
 from .so3 import cross
 
+__all__ = ["Axis", "axis_of", "line_of_action", "reciprocal_product", "screw_axis", "wrench_along"]
+
 
 class Axis(NamedTuple):
     """Screw axis as a line with a pitch, and its magnitude."""
