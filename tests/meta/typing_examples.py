@@ -9,8 +9,8 @@ import numpy as np
 import twistwrench as tw
 from twistwrench import trajectories
 from twistwrench.mechanics.algorithms.constraints import ConstrainedMotion, ConstrainedTorques
-from twistwrench.simulation import SimulationBatch, SimulationResult
-from twistwrench.simulation.closed import ClosedRollout, ClosedSimulation
+from twistwrench.simulation import ClosedSimulation, SimulationBatch, SimulationResult
+from twistwrench.simulation.closed import ClosedRollout
 from twistwrench.simulation.rollout import Rollout
 
 if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it

@@ -415,7 +415,7 @@ class ClosedSimulation(SimulationResult):
     """rad/s or m/s, largest rate A dq after a step, before the projection removed it."""
 
     @classmethod
-    def from_result(cls, found: SimulationResult, closed: ConstrainedRobot, loops: Loops | None) -> Self:
+    def _from_result(cls, found: SimulationResult, closed: ConstrainedRobot, loops: Loops | None) -> Self:
         """Result with its constraint forces and errors; ``loops`` is None if no row is constrained."""
         known = {f.name: getattr(found, f.name) for f in fields(SimulationResult) if f.init}
         known |= {"row_names": closed.row_names, "gap": np.abs(closed.gaps(found.q)).max(axis=-1, initial=0.0)}
@@ -443,9 +443,9 @@ def simulate_closed(
         found = run_to_end(build_run(closed.open(), q0, *start, method=method, loops=loops, **given))
     except (SimulationError, KeyboardInterrupt) as problem:
         if isinstance(result := getattr(problem, "result", None), SimulationResult):
-            problem.result = ClosedSimulation.from_result(result, closed, loops)  # type: ignore[union-attr]
+            problem.result = ClosedSimulation._from_result(result, closed, loops)  # type: ignore[union-attr]
         raise
-    return ClosedSimulation.from_result(found, closed, loops)
+    return ClosedSimulation._from_result(found, closed, loops)
 
 
 # ── Rollouts of closed robots, each step projected onto the constraints

@@ -214,10 +214,23 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
 
 
 def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) -> Array:
-    """Rows (m, 1 + 3 k) of time, q, dq, ddq at points (n, k) and every ``step`` between.
+    """Rows of time, q, dq, ddq at the points of a plan and every ``step`` between, as ros2_controllers execute it.
 
-    Each segment is a quintic, or a cubic if the ddq of a point beside it is NaN, as in the trajectories of ros2_controllers.
+    Each segment is a quintic, or a cubic if the ddq of a point beside it is NaN.
 
+    Parameters
+    ----------
+    time : (n,) array [s]
+    q, dq, ddq : (n, k) arrays, at the points; entries of ddq may be NaN
+    step : float [s]
+
+    Returns
+    -------
+    rows : (m, 1 + 3 k) array
+
+    Examples
+    --------
+    >>> import numpy as np
     >>> time, q = np.array([0.0, 1.0]), np.array([[0.0], [1.0]])
     >>> between_points(time, q, 0 * q, 0 * q, 0.5).round(3).tolist()
     [[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 1.875, 0.0], [1.0, 1.0, 0.0, 0.0]]
