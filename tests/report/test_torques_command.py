@@ -171,10 +171,10 @@ def test_what_is_derived_is_said(run, tmp_path):
     path.write_text("\n".join(rows) + "\n")
     code, text = run("torques", "ur5", "--trajectory", path, "--payload", "5")
     assert (code, "derived by a quintic spline" in text) == (0, False), text
-    assert "1 note on how the log was read: --verbose" in text
-    code, text = run("torques", "ur5", "--trajectory", path, "--payload", "5", "--verbose")
+    assert "1 note on how the log was read: --all" in text
+    code, text = run("torques", "ur5", "--trajectory", path, "--payload", "5", "--all")
     assert "! The file has no velocities and accelerations: derived by a quintic spline." in " ".join(text.split())
-    assert "--verbose" not in text
+    assert "--all" not in text
 
 
 @pytest.mark.parametrize(

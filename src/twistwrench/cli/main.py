@@ -24,7 +24,7 @@ from functools import wraps
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import click
 
@@ -33,6 +33,9 @@ from ..core.files import check_outputs, picture_path, refuse_existing
 from ..core.text import visible
 from ..core.verdict import ExitCode, end_at_once
 from .hints import Seconds, missing_parameter, unknown_command, unknown_option
+
+if TYPE_CHECKING:
+    from ..answers.answer import Answer
 
 
 class RobotOption(click.Option):
@@ -162,6 +165,8 @@ _HEARD: list[bool] = []
 
 ARGUMENTS, NOTES, BLOCKS = "twistwrench.arguments", "twistwrench.notes", "twistwrench.blocks"
 """Context entries: words of the command line, sentences of :func:`note`, and blocks of the report."""
+ANSWER = "twistwrench.answer"
+"""Context entry: the answer of the command."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """Environment variable that enables the traceback of program errors."""
@@ -309,6 +314,17 @@ def printed_blocks() -> list[Any]:
     """Printed blocks of the report; :func:`.terminal.show` appends to them."""
     context = click.get_current_context(silent=True)
     found: list[Any] = [] if context is None else context.meta.setdefault(BLOCKS, [])
+    return found
+
+
+def keep_answer(answer: Answer) -> None:
+    """Keep the answer of the running command for --json."""
+    click.get_current_context().meta[ANSWER] = answer
+
+
+def kept_answer() -> Answer | None:
+    """Answer of the running command; None for commands without one."""
+    found: Answer | None = click.get_current_context().meta.get(ANSWER)
     return found
 
 
@@ -515,6 +531,8 @@ def command(name: str, *options: Decorator, examples_: Sequence[str], **settings
 
         declare = click.command(name, cls=OwnOptionsFirst, epilog=examples(*examples_), **settings)
         made: click.Command = declare(option_group(*options)(run))
+        if any("--json" in param.opts for param in made.params):
+            made.params.append(click.Option(["--all", "every"], is_flag=True, help="Print all rows and notes."))
         if any(_DATA.fullmatch(param.metavar or "") for param in made.params):
             made.params.append(click.Option(["--overwrite"], is_flag=True, help="Replace files of data that exist."))
         return made

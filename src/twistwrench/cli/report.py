@@ -15,7 +15,7 @@ from ..answers.page import Picture, ReportPage, provenance, versions
 from ..core.files import replacing
 from ..core.version import __version__
 from ..reports.robot_summary import limits_table
-from .main import Given, option, option_group, printed_blocks, typed_words_and_notes
+from .main import Given, kept_answer, option, option_group, printed_blocks, typed_words_and_notes
 from .shared import show_written, write_text
 
 if TYPE_CHECKING:
@@ -85,7 +85,9 @@ def write_json(given: Given, code: int | None) -> None:
     text = given.results
     if text is None:
         typed, notes = typed_words_and_notes()
-        data = {"command": typed, "exit_code": int(code or 0), **report_data(printed_blocks())}
+        answer = kept_answer()
+        own = report_data(printed_blocks()) if answer is None else answer.to_dict()
+        data = {"command": typed, **own, "exit_code": int(code or 0)}
         data |= {"notes": [*data["notes"], *notes], "version": __version__}
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
     write_text(given.json or "", text)

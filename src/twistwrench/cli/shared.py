@@ -369,9 +369,6 @@ def motion_options(*, required: bool) -> Decorator:
     return option_group(motion_argument(required=required), reading_options())
 
 
-VERBOSE = option("--verbose", "Print all notes on how the log was read.")
-
-
 def reading_options() -> Decorator:
     """Options for how the file of a motion is read."""
     return option_group(

@@ -83,7 +83,6 @@ _DIGITS = 3
     option("--plot OUT.png", "Draw each motor's speed–torque region with the cycle, and its temperature."),
     REPORT,
     PAGE,
-    shared.VERBOSE,
     option("--out-actuators OUT.yaml", "Write the drives as an actuator file."),
     examples=("size ur5 demo --catalog demo --pause 0.8 --ambient 40 --masses-included",),
     robot_first=True,

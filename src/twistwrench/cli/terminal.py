@@ -11,27 +11,30 @@ from typing import Any
 import click
 from rich.console import Console
 
-from ..answers.blocks import Block, Remark
+from ..answers.answer import Answer
+from ..answers.blocks import Block, shown_blocks
 from ..answers.terminal import console, rendered
 from ..core.text import visible
-from .main import printed_blocks
+from .main import keep_answer, printed_blocks
 
 
 def show(*blocks: Block) -> None:
     """Print blocks on standard output and keep them for --json.
 
-    In commands with the option --verbose, notes on how a file was read are only counted unless it is given.
+    Without --all, long tables are shortened and notes on how a file was read are counted.
     """
     output = console()
     printed_blocks().extend(blocks)
     context = click.get_current_context(silent=True)
-    counted = context is not None and context.params.get("verbose") is False
-    hidden = [block for block in blocks if counted and isinstance(block, Remark) and block.reading]
-    for block in blocks:
-        if block not in hidden:
-            output.print(rendered(block, output))
-    if hidden:
-        output.print(f"{len(hidden)} note{'s' * (len(hidden) > 1)} on how the log was read: --verbose")
+    every = context is None or bool(context.params.get("every", True))
+    for block in shown_blocks(blocks, every=every, hint="--all"):
+        output.print(rendered(block, output))
+
+
+def show_answer(answer: Answer) -> None:
+    """Print an answer, and keep it for --json."""
+    keep_answer(answer)
+    show(*answer.blocks())
 
 
 # ── Progress bars on stderr, on a terminal only

@@ -30,7 +30,7 @@ from . import shared
 from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, write_report, write_viewer
 from .shared import RobotOptions, robot_command
-from .terminal import progress_bar, show
+from .terminal import progress_bar, show, show_answer
 
 if TYPE_CHECKING:
     pass
@@ -67,7 +67,6 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     option("--rerun OUT.rrd", "Write the same for rerun."),
     REPORT,
     PAGE,
-    shared.VERBOSE,
     option("--why", "Split the peak of the worst joint by link, payload and rotor."),
     examples=(
         "torques ur5 demo --payload 10 --why",
@@ -111,7 +110,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     if "motors" in plots and not report.motors:
         raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
     blocks = list(report.blocks())
-    show(*blocks)
+    show_answer(report)
     for kind, picture in plots.items():
         _plot(report, kind, picture, given.joints)
     if given.csv is not None:

@@ -44,7 +44,7 @@ def bounded_message(message: str) -> str:
 
 
 class ReadingNote(str):
-    """A note on how a file was read, such as the columns that were matched; reports print it with --verbose only."""
+    """A note on how a file was read, such as the columns that were matched; a short report only counts it."""
 
     __slots__ = ()
 
