@@ -103,7 +103,7 @@ def check(
     Examples
     --------
     >>> import twistwrench as tw
-    >>> answer = tw.check(tw.robots.ur5(), "demo", payload=10)
+    >>> answer = tw.check("ur5", "demo", payload=10)
     >>> print(answer.headline)
     OVER LIMIT: shoulder_lift_joint needs -167.0 N m at t = 1.808 s, 111 % of its limit (150 N m). Largest part: payload, 63 %.
     >>> answer.verdict.ok, round(answer.largest_payload, 2)

@@ -169,7 +169,7 @@ class TorqueReport(Answer):
     Examples
     --------
     >>> import twistwrench as tw
-    >>> answer = tw.check(tw.robots.ur5(), "demo", payload=5)
+    >>> answer = tw.check("ur5", "demo", payload=5)
     >>> answer.joints["elbow_joint"].main_cause[0], answer.peaks.shape, answer.torques().shape
     ('payload', (6,), (751, 6))
     >>> answer.facts()["share of limit"], len(answer.motion), answer.label(answer.peaks[0]), answer.is_zero(1e-12)
@@ -378,7 +378,7 @@ class TorqueReport(Answer):
         --------
         >>> import tempfile, twistwrench as tw
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     tw.check(tw.robots.ur5(), "demo").to_csv(f"{folder}/torques.csv", split=True).read_text()[:31]
+        ...     tw.check("ur5", "demo").to_csv(f"{folder}/torques.csv", split=True).read_text()[:31]
         'time,shoulder_pan_joint.torque,'
         """
         from .torque_analysis import write_torques
@@ -404,7 +404,7 @@ class TorqueReport(Answer):
         Examples
         --------
         >>> import twistwrench as tw
-        >>> tw.check(tw.robots.ur5(), "demo").to_mcap("torques.mcap")  # doctest: +SKIP
+        >>> tw.check("ur5", "demo").to_mcap("torques.mcap")  # doctest: +SKIP
         """
         from .recording import Recording, write_mcap
 
@@ -429,7 +429,7 @@ class TorqueReport(Answer):
         Examples
         --------
         >>> import twistwrench as tw
-        >>> tw.check(tw.robots.ur5(), "demo").to_rerun("torques.rrd")  # doctest: +SKIP
+        >>> tw.check("ur5", "demo").to_rerun("torques.rrd")  # doctest: +SKIP
         """
         from .recording import Recording, write_rerun
 
