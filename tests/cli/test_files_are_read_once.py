@@ -23,14 +23,15 @@ WATCHED: list[bool] = []
 _SRDF = '<robot name="ur5"><disable_collisions link1="forearm_link" link2="wrist_3_link"/></robot>'
 _MOTION = ("--trajectory", "motion.csv")
 _CLEARANCE = ("--clearance", "--srdf", "pairs.srdf")
+_SETTINGS = ("--cutoff", "8", "--shift", "0")
 _DRIVES = ("--actuators", "drives.yaml")
 COMMANDS = {
     "torques": ("torques", "robot.urdf", *_MOTION, *_CLEARANCE, *_DRIVES, "--html", "out.html"),
     "torques, a joint held": ("torques", "robot.urdf", *_MOTION, *_DRIVES, "--lock", "wrist_3_joint=0"),
     "payload": ("payload", "robot.urdf", *_DRIVES),
     "move": ("move", "robot.urdf", "--to", "0,0,0,0,0,0.5", *_CLEARANCE, *_DRIVES, "--csv", "out.csv"),
-    "simulate": ("simulate", "robot.urdf", "--duration", "0.1", *_CLEARANCE, *_DRIVES),
-    "identify": ("identify", "arm.urdf", "log.csv", "--force", "--actuators", "arm.yaml", "--out", "out.urdf"),
+    "simulate": ("simulate", "robot.urdf", "--duration", "0.01", *_CLEARANCE, *_DRIVES),
+    "identify": ("identify", "arm.urdf", "log.csv", "--force", "--actuators", "arm.yaml", *_SETTINGS, "--out", "out.urdf"),
     "doctor": ("doctor", "robot.urdf", "--html", "out.html", "--out", "out.urdf"),
     "view": ("view", "robot.urdf", *_MOTION, *_CLEARANCE, *_DRIVES, "--html", "out.html"),
 }
@@ -49,6 +50,8 @@ def folder(tmp_path, monkeypatch):
     names |= {"arm.urdf": "planar_2r.urdf", "log.csv": "planar_2r_demo_log.csv"}
     for name, source in names.items():
         shutil.copy(bundled / source, tmp_path / name)
+    rows = (tmp_path / "motion.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "motion.csv").write_text("".join(rows[:100]))
     (tmp_path / "arm.yaml").write_text('actuators: {joint1: {ratio: "1", rotor: {inertia: 1 kg cm^2}}}\n')
     (tmp_path / "pairs.srdf").write_text(_SRDF)
     monkeypatch.chdir(tmp_path)

@@ -61,7 +61,7 @@ def test_whole_numbers_of_numpy_stand_in_full_as_those_of_python():
         "robots",
         "move planar_2r --by 0.5,0.5 --duration 1",
         "simulate ur5 --duration 0.01",
-        "identify planar_2r demo",
+        "identify planar_2r demo --cutoff 8 --shift 0",
         "sensor identify demo",
         "sensor poses",
         "derive planar_2r",

@@ -125,13 +125,28 @@ def moved_log(robot, seed, count, *, position=2e-5, torque=0.5, friction=1.0, st
 
 LENGTHS = (60_000, 89_999, 90_001, 150_000)
 ROBOTS = ("ur5", "panda", "planar_3r", "planar_2r")
+BOUND = 12_000
 NOISES = ((2e-5, 0.5), (2e-6, 0.05), (1e-4, 0.2))
 
 
-@pytest.mark.parametrize("noise", NOISES, ids=("usual", "small", "of positions"))
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "planar_2r" else pytest.mark.slow) for name in ROBOTS]
+    "noise",
+    [NOISES[0], *(pytest.param(noise, marks=pytest.mark.slow) for noise in NOISES[1:])],
+    ids=("usual", "small", "of positions"),
 )
+def test_the_first_word_does_not_change_at_the_bound(monkeypatch, noise):
+    """Beside the length from which windows are used."""
+    position, torque = noise
+    monkeypatch.setattr(log_windows, "MOST_STATES", BOUND)
+    motion = moved_log(ARM, 1, BOUND + 1, position=position, torque=torque)
+    whole, windows = identify(ARM, motion[:-2]), identify(ARM, motion)
+    assert whole.verdict.word == windows.verdict.word
+    assert not whole.notes and windows.notes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", NOISES, ids=("usual", "small", "of positions"))
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_first_word_does_not_depend_on_the_length(name, noise):
     """Beside the length at which logs were once accumulated by chunk, with another word for some."""
     robot = getattr(tw.robots, name)()
@@ -154,12 +169,12 @@ def test_a_log_that_is_not_homogeneous_is_found_at_any_length(count):
     assert bool(found.notes) == (count > log_windows.MOST_STATES)
 
 
-@pytest.mark.parametrize("most", [200_000, 20_000])
+@pytest.mark.parametrize("most", [25_000, 5_000])
 def test_friction_that_doubles_is_found_in_windows(monkeypatch, most):
     """The slow test above with a small robot and a small bound."""
     monkeypatch.setattr(log_windows, "MOST_STATES", most)
-    found = identify(ARM, moved_log(ARM, 1, 60_000, torque=0.02, friction=2.0, step=0.01), cutoff=5.0)
-    assert [one.kind for one in found.doubts] == ["warming"] and bool(found.notes) == (most < 60_000)
+    found = identify(ARM, moved_log(ARM, 1, 15_000, torque=0.02, friction=2.0, step=0.01), cutoff=5.0)
+    assert [one.kind for one in found.doubts] == ["warming"] and bool(found.notes) == (most < 15_000)
 
 
 def test_causes_are_assumed_at_any_length(log, short):
