@@ -31,7 +31,17 @@ COMMANDS = {
     "payload": ("payload", "robot.urdf", *_DRIVES),
     "move": ("move", "robot.urdf", "--to", "0,0,0,0,0,0.5", *_CLEARANCE, *_DRIVES, "--csv", "out.csv"),
     "simulate": ("simulate", "robot.urdf", "--duration", "0.01", *_CLEARANCE, *_DRIVES),
-    "identify": ("identify", "arm.urdf", "log.csv", "--force", "--actuators", "arm.yaml", *_SETTINGS, "--out", "out.urdf"),
+    "identify": (
+        "identify",
+        "arm.urdf",
+        "log.csv",
+        "--force",
+        "--actuators",
+        "arm.yaml",
+        *_SETTINGS,
+        "--out",
+        "out.urdf",
+    ),
     "doctor": ("doctor", "robot.urdf", "--html", "out.html", "--out", "out.urdf"),
     "view": ("view", "robot.urdf", *_MOTION, *_CLEARANCE, *_DRIVES, "--html", "out.html"),
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,56 @@ def test_torque_limits_in_another_unit_have_one_word_by_file_and_by_table(said, 
             said("torques", tmp_path / "r.urdf", "--trajectory", robots.path_of("ur5").with_name("ur5_demo.csv")),
         }
         assert words == {"OK" if scale == 1.0 else "UNSURE"}, scale
+
+
+def limits_by_file_and_table(folder, kind, scale, head=None):
+    """UR5 whose limits of a kind are scaled in its file, and options that give the same numbers in a table."""
+    root = ElementTree.fromstring(URDF)
+    for limit in root.iter("limit"):
+        limit.set(kind, repr(scale * float(limit.get(kind))))
+    (folder / "r.urdf").write_bytes(ElementTree.tostring(root))
+    numbers = scale * getattr(robots.ur5().limits, kind)
+    rows = [f"{name},{x!r}" for name, x in zip(robots.ur5().joint_names, numbers.tolist(), strict=True)]
+    (folder / "t.csv").write_text("\n".join([f"joint,{head or kind}", *rows]))
+    return folder / "r.urdf", ("--limits", folder / "t.csv")
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "expected"),
+    [
+        ("effort", 5.0, "UNSURE"),
+        ("effort", 7.5, "UNSURE"),
+        ("effort", 10.0, "UNSURE"),
+        ("effort", 1 / 9.81, "UNSURE"),
+        ("effort", 1 / 3, "OVER LIMIT"),
+        ("velocity", 2.0, "OK"),
+        ("velocity", 1 / 2, "OVER LIMIT"),
+        ("velocity", 1 / 3.5, "UNSURE"),
+        ("velocity", 1 / 10, "UNSURE"),
+    ],
+)
+def test_the_same_limits_have_one_word_by_file_and_by_table(said, tmp_path, kind, scale, expected):
+    """Beside the bounds of the rules on efforts and velocities; the bundled motion keeps 42 % of its torque limits."""
+    file, table = limits_by_file_and_table(tmp_path, kind, scale)
+    log = robots.path_of("ur5").with_name("ur5_demo.csv")
+    assert said("torques", file, "--trajectory", log) == said("torques", "ur5", "--trajectory", log, *table) == expected
+    if kind == "effort":
+        assert said("payload", file) == said("payload", "ur5", *table)
+
+
+def test_velocity_limits_with_their_unit_are_believed(said, tmp_path):
+    """A log that the robot's own limits explain is then over those that were asked about."""
+    _, table = limits_by_file_and_table(tmp_path, "velocity", 1 / 10, head="velocity [rad/s]")
+    assert said("torques", "ur5", "--trajectory", "demo", *table) == "OVER LIMIT"
+
+
+@pytest.mark.parametrize(("mass", "expected"), [("1", "OK"), ("10000000", "UNSURE")])
+def test_a_load_on_the_axes_of_all_joints_that_carry_it_has_one_word(said, mass, expected):
+    """At shoulder_link it loads no joint."""
+    load = f"{mass}@shoulder_link"
+    assert said("torques", "ur5", "--trajectory", "demo", "--payload", load) == expected
+    assert said("payload", "ur5", "--tool", load) == expected
+    assert said("move", "ur5", "--to", "0.9,-0.9,1.0,-0.4,1.2,1.0", "--payload", load) == expected
 
 
 def test_a_load_that_lies_beyond_the_reach_is_looked_at_by_every_command(said):

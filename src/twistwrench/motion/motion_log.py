@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -460,7 +460,7 @@ class MotionLog:
 
         Parameters
         ----------
-        own : Limits, optional, of the robot's file, if ``limits`` are others that a user asks about
+        own : Limits, optional, of the robot's file; steps are judged by it where ``limits`` were given with their unit
         glitches : bool, include single wrong rows; False if smoothing reports them in more detail
 
         Returns
@@ -476,7 +476,10 @@ class MotionLog:
         misread = [doubt("unused-columns", held, **words)] if self.unused else []
         found = last.contradictions.doubts(limits, glitches=glitches, origin=self.origin)
         left_out = *last.duplicates.doubts(), *stamp_doubts(last.stamps, left_out=True)
-        steps = last.steps.doubts(limits if own is None else own, self.origin, found)
+        judged = limits
+        if limits is not None and own is not None:
+            judged = replace(limits, velocity=np.where(limits.has_unit("velocity"), own.velocity, limits.velocity))
+        steps = last.steps.doubts(judged, self.origin, found)
         return (*misread, *self.of_source, *found, *steps, *last.mimic_joints, *left_out)
 
     def _steady_clock(self, table: Array) -> float | None:

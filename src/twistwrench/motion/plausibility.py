@@ -5,7 +5,8 @@ follows edges: at an impact, a stop or a start, v stays at its median. A row tha
 v, of at most four steps, so that v leaves its median and returns. No motor makes such a pulse, as it takes an acceleration and
 the opposite one within a few rows; a joint that does was sampled too slowly, and its derived torque is unknown as well.
 
-A log is judged as it was recorded, without payloads, wrenches and tables of limits that a user asks about.
+A log is judged as it was recorded, without payloads and wrenches that a user asks about. Velocity limits of a table that names
+their unit are such a question too; others replace those of the file, as the same numbers have the same word.
 """
 
 from __future__ import annotations
@@ -233,7 +234,7 @@ class RecordedSteps:
             self.instants.append(Instant(float(t[first]), float(t[last + 2]), int(self.joints[k]), cause))
 
     def doubts(self, limits: Limits | None, origin: Origin, others: Iterable[Doubt] = ()) -> list[Doubt]:
-        """Doubts about steps that no robot makes, by the robot's own limits.
+        """Doubts about steps that no robot makes, by limits of a file or a table.
 
         Plans have none, and neither have logs that one of the ``others`` refuses: its units or turns explain the steps.
         """
