@@ -253,7 +253,7 @@ def test_links_without_mass_make_the_verdict_unsure(run, tmp_path):
 
 def test_a_joint_is_named_once_in_the_verdict(run, motion_file, tmp_path):
     limits = tmp_path / "l.csv"
-    limits.write_text("joint,lower,upper,velocity\nelbow_joint,-0.1,0.1,0.1\n")
+    limits.write_text("joint,lower,upper,velocity [rad/s]\nelbow_joint,-0.1,0.1,0.1\n")
     said = " ".join(run("torques", "ur5", "--trajectory", motion_file, "--limits", limits)[1].split())
     assert said[: said.index("ur5")].count("elbow_joint") <= 2
 

@@ -224,7 +224,9 @@ class RecordedSteps:
         corners = (
             (first, last, int(k))
             for k in np.flatnonzero(np.abs(changes).max(axis=0) > self._usual.change)
-            for first, last, _ in _pulses(changes[:, k : k + 1], self._usual.change[k : k + 1], _CORNER, own)
+            for first, last, _ in _pulses(
+                changes[:, k : k + 1], self._usual.change[k : k + 1], _CORNER, own, split=True
+            )
         )
         for first, last, k in corners:
             if any(a - _PULSE <= first <= b + _PULSE for a, b, _ in pulses):
@@ -273,10 +275,13 @@ class RecordedSteps:
         return doubt("lone-step", [self._names[joint]], level=origin.level, **words)
 
 
-def _pulses(x: Array, least: Array, relative: float, own: slice) -> Iterator[tuple[int, int, int]]:
+def _pulses(
+    x: Array, least: Array, relative: float, own: slice, *, split: bool = False
+) -> Iterator[tuple[int, int, int]]:
     """First row, last row and column of the pulses of x (n, k), of a few rows in quiet surroundings.
 
     A pulse departs from the running median by more than ``least`` (k,), and by more than ``relative`` times the median.
+    ``split``: the row beside it may have a part of it, as an impact between two rows changes the speed in both.
     """
     departure = _departures(x)
     off = np.abs(departure)
@@ -286,6 +291,10 @@ def _pulses(x: Array, least: Array, relative: float, own: slice) -> Iterator[tup
             continue
         first, last = int(run[0]), int(run[-1])
         k = int(np.argmax((off[first : last + 1] / np.maximum(least, _TINY)).max(axis=0)))
+        if split and first > 0 and departure[first - 1, k] * departure[first, k] > 0.0:
+            first -= 1
+        if split and last + 1 < len(off) and departure[last + 1, k] * departure[last, k] > 0.0:
+            last += 1
         beside = np.concatenate([off[max(0, first - _QUIET) : first, k], off[last + 1 : last + 1 + _QUIET, k]])
         if beside.max(initial=0.0) <= _REST * off[first : last + 1, k].max():
             yield first, last, k
