@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from printed_blocks import printed
@@ -249,4 +250,5 @@ def test_a_name_in_another_case_is_the_same(run):
     assert run("info", "Panda") == run("info", "panda")
     assert "Did you mean 'panda'" in run("info", "pandaa")[1]
     with pytest.raises(NotFoundError, match=r"twistwrench\.robots\.panda\(\)"):
-        tw.load("panda")
+        tw.load(Path("panda"))  # a path is a file
+    assert tw.load("Panda").name == "panda"

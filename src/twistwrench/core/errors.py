@@ -106,7 +106,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
     """Name that the robot does not have."""
 
     @classmethod
-    def from_choices(cls, kind: str, name: object, choices: Iterable[str]) -> UnknownNameError:
+    def from_choices(cls, kind: str, name: object, choices: Iterable[str], similarity: float = 0.5) -> UnknownNameError:
         """Error for an unknown name, with a list of choices, nearest spelling first.
 
         Parameters
@@ -114,6 +114,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
         kind : str, kind of the name
         name : the given name
         choices : iterable of str
+        similarity : float, least similarity of a suggested name, 0 to 1
 
         Examples
         --------
@@ -124,7 +125,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
 
         known, text = list(choices), repr(str(name) if isinstance(name, str) else name)
         text = clipped(text)
-        near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=0.6)
+        near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=similarity)
         hint = f" Did you mean {' or '.join(repr(clipped(n)) for n in near)}?" if near else ""
         return cls(f"no {kind} named {text}.{hint} Known: {listed(known, 40) or '(none)'}.")
 

@@ -161,7 +161,7 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
     """Velocity index of a joint; raises for unknown and repeated joints and for positions of joints without one."""
     known = joints.velocity_names
     if joint not in known:
-        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known)}")
+        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known, similarity=0.6)}")
     if joint in seen:
         raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
     k = known.index(joint)
