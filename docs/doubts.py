@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+from twistwrench.answers.sentences import SENTENCES
 from twistwrench.core.doubts import DoubtKind, doubt_table
 from twistwrench.motion.load_case import limits_remedy
-from twistwrench.motion.sentences import SENTENCES
 
 PAGE = Path(__file__).with_name("unsure.md")
 _SOURCES = PAGE.parent.parent / "src" / "twistwrench"
@@ -156,7 +156,8 @@ def _occurs(piece: str) -> bool:
 def _source() -> str:
     """Text of the modules that word verdicts, their string literals joined."""
     files = sorted((_SOURCES / "reports").glob("*.py")) + sorted((_SOURCES / "sizing").glob("*.py"))
-    others = _SOURCES / "motion" / "credible_values.py", _SOURCES / "statics" / "clearance.py"
+    motion = [_SOURCES / "motion" / name for name in ("credible_values.py", "model_doubts.py")]
+    others = *motion, _SOURCES / "statics" / "clearance.py"
     text = " ".join(f.read_text("utf-8") for f in (*files, *others))
     return re.sub(r"\s+", " ", re.sub(r'"\s*f?"', "", re.sub(r"\{[^{}]*\}", "…", text)))
 

@@ -72,6 +72,7 @@ __all__ = [
     "get_threads",
     "load",
     "move_covariance",
+    "payload",
     "robots",
     "save",
     "screws",
@@ -119,6 +120,8 @@ if _typing.TYPE_CHECKING:
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
     from .sizing.choice import size_drives as size_drives
+    from .statics.payload_report import PayloadReport as PayloadReport
+    from .statics.payload_report import payload as payload
 
 _MODULES = {
     **{name: name for name in ("control", "diagnosis", "identification", "modern_robotics", "robots", "sensing")},
@@ -137,6 +140,7 @@ _NAMES = {
     "Motion": "motion.motion",
     "Motor": "mechanics.model.actuators",
     "Pose": "mechanics.lie.twist_wrench",
+    "PayloadReport": "statics.payload_report",
     "RigidBody": "mechanics.bodies.rigid_body",
     "SpatialInertia": "mechanics.bodies.inertia",
     "Twist": "mechanics.lie.twist_wrench",
@@ -149,6 +153,7 @@ _NAMES = {
     "find": "robots.finding",
     "get_threads": "compiler.runtime.batch_threads",
     "move_covariance": "mechanics.lie.twist_wrench",
+    "payload": "statics.payload_report",
     "set_threads": "compiler.runtime.batch_threads",
     "size_drives": "sizing.choice",
 }

@@ -13,7 +13,6 @@ from printed_blocks import printed
 from rich.console import Console
 
 import twistwrench as tw
-from twistwrench.cli.payload import payload_view
 from twistwrench.core.verdict import Word
 from twistwrench.mechanics.model.limits import TOLERANCE
 from twistwrench.reports.motors import Demand, MotorUse
@@ -76,7 +75,7 @@ def test_the_payload_at_rest(robot, held, share, over):
     limits = held / [share, 0.5]
     found = largest_payload(robot, [0.0, 0.0], limits=limits)
     assert bool(found.holds) is not over
-    view = payload_view(robot, found, np.zeros(2), robot.tip)
+    view = tw.payload(robot, limits={"effort": limits}).blocks()
     assert bool([text for text in red(*view) if "joint1" in text]) is over
 
 

@@ -18,7 +18,6 @@ import pytest
 
 import twistwrench as tw
 from twistwrench import ValueRangeError
-from twistwrench.cli.payload import write_payload
 from twistwrench.core import files
 from twistwrench.core.files import check_outputs, picture_path, replacing
 from twistwrench.core.tables import CsvWriter, csv_table, harmless_text, unescape_cell
@@ -330,8 +329,7 @@ def test_every_csv_file_quotes_names_and_makes_them_harmless(tmp_path):
     with csv_table(tmp_path / "table.csv", ["time", *(f"{n}.torque" for n in NAMES)]) as table:
         table.numbers(np.ones((2, 4)))
     assert rows_of(tmp_path / "table.csv")[0] == ["time", *(f"{n}.torque" for n in NAMES)]
-    found = tw.statics.largest_payload(robot, np.zeros(3), frame="l3")
-    write_payload(robot, found, np.zeros(3), tmp_path / "payload.csv")
+    tw.payload(robot, frame="l3").to_csv(tmp_path / "payload.csv")
     assert [row[0] for row in rows_of(tmp_path / "payload.csv")] == ["joint", *NAMES]
     for path in tmp_path.iterdir():
         assert "\n=1+1" not in path.read_text()

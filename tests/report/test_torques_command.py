@@ -13,8 +13,8 @@ from twistwrench import ValueRangeError, load, robots
 from twistwrench.cli.main import main, with_option_names
 from twistwrench.mechanics.model.inertia_checks import massless_links
 from twistwrench.motion.load_case import parse_payload, parse_wrenches
+from twistwrench.motion.model_doubts import missing_force
 from twistwrench.reports.torque_report import JointTorque
-from twistwrench.reports.torque_verdict import missing_force
 
 pytest_plugins = ("torque_fixtures",)
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"

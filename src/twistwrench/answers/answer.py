@@ -80,7 +80,18 @@ class Answer:
         return {}
 
     def shares(self) -> Shares | None:
-        """Shares of limits over time, the picture of the card; None without them."""
+        """Shares of limits over time, the picture of the card; None without them.
+
+        Returns
+        -------
+        shares : Shares, or None
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.check(tw.robots.ur5(), "demo").shares().values.shape, tw.payload(tw.robots.ur5()).shares()
+        ((751, 6), None)
+        """
         return None
 
     def pictures(self) -> Iterable[Picture]:

@@ -14,7 +14,7 @@ from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..formats.xacro import ENDING as XACRO_ENDING
-from ..reports.torque_verdict import base_doubts
+from ..motion.model_doubts import base_doubts
 from ..robot import Robot, load
 from ..testing.verify import Check, VerifyReport, verify
 from .main import Given, command, option

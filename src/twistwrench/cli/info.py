@@ -20,8 +20,8 @@ from ..mechanics.model.couplings import coupled_entries, joint_effort
 from ..mechanics.model.description import grouped
 from ..mechanics.model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
+from ..motion.model_doubts import base_doubts
 from ..reports.robot_summary import as_text, link_of
-from ..reports.torque_verdict import base_doubts
 from ..robot import Robot
 from ..robots.finding import FoundRobot, known_robots, plain_name
 from .main import Given, command

@@ -24,13 +24,11 @@ from ..mechanics.joints.units import heading_unit, units_of
 from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
 from ..mechanics.model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
-from ..motion.coordinates import Coordinates
+from ..motion.coordinates import Coordinates, configuration_of, degrees_hint
 from ..motion.credible_values import credible_limits
 from ..motion.limits_file import read_limits
 from ..motion.load_case import limit_doubts
-from ..motion.readers.csv_reader import CsvFile, table_errors
-from ..reports.robot_summary import degrees_hint, parse_configuration
-from ..reports.torque_verdict import (
+from ..motion.model_doubts import (
     as_it_hangs,
     assumed_words,
     assumptions,
@@ -38,6 +36,7 @@ from ..reports.torque_verdict import (
     friction_words,
     model_warnings,
 )
+from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..trajectories.trajectory import required_torques
@@ -199,8 +198,8 @@ def _bounds(robot: Robot, given: Given, *, degrees: bool) -> Limits:
 
 def _ends(robot: Robot, given: Given, *, degrees: bool) -> tuple[Array, Array, list[str]]:
     """Configurations of --from and --to, and hints if they are plainly in degrees."""
-    begin = parse_configuration(robot, given.begin, degrees=degrees, option="--from")
-    end = parse_configuration(robot, given.to, degrees=degrees, option="--to", start=begin)
+    begin = configuration_of(robot, given.begin, degrees=degrees, what="--from")
+    end = configuration_of(robot, given.to, degrees=degrees, what="--to", start=begin)
     hints = []
     for option_, texts, q in (("--from", given.begin, begin), ("--to", given.to, end)):
         hint = degrees_hint(robot, q) if texts else ""

@@ -20,9 +20,8 @@ from ..core.typing import Array
 from ..core.verdict import ExitCode, Verdict, Word
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..motion.bounds import LimitCheck, Violation, bounds_of
-from ..motion.coordinates import Coordinates
-from ..reports.robot_summary import degrees_hint, parse_configuration, parse_rates
-from ..reports.torque_verdict import friction_words
+from ..motion.coordinates import Coordinates, configuration_of, degrees_hint, parse_rates
+from ..motion.model_doubts import friction_words
 from ..robot import Robot
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
@@ -93,7 +92,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     loaded, friction = load.with_load, load.friction
     result: Any
     failure: BaseException | None = None
-    q0 = parse_configuration(loaded, given.at, degrees=options.degrees)
+    q0 = configuration_of(loaded, given.at, what="--at", degrees=options.degrees)
     hints = [*filter(None, [degrees_hint(loaded, q0)]), *load.unit_hints]
     dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
     settings: dict[str, Any] = {

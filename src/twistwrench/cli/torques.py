@@ -23,9 +23,9 @@ from ..core.numbers import number, quantity
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode, Word
 from ..motion.load_case import parse_payload, parse_wrenches
+from ..motion.model_doubts import friction_words
 from ..reports.check import check
 from ..reports.torque_report import TorqueReport
-from ..reports.torque_verdict import friction_words
 from . import shared
 from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, write_report, write_viewer

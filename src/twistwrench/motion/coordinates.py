@@ -1,21 +1,28 @@
-"""Coordinates of a motion: names, units, joint velocities, and continuity of wrapped angles and quaternions."""
+"""Coordinates of a motion: names, units, joint velocities, continuity of wrapped angles, and configurations that are given."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..core import arguments
+from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
+from ..core.numbers import number, printed
 from ..core.typing import Array
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import drive_turns
-from ..mechanics.model.model import Model
+from ..mechanics.model.model import Body, Model
 from .column_names import DEGREES, SUFFIX
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 
 class MimicJoint(NamedTuple):
@@ -186,6 +193,133 @@ class Continuity:
             same = np.sum(p[1:] * p[:-1], axis=1) >= 0
             found[:, place] = p * np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])[:, None]
         return found
+
+
+# ── Configurations and rates that a user gives
+
+ConfigurationGiven: TypeAlias = ArrayLike | str | Mapping[str, ArrayLike] | Sequence[str] | None
+"""Coordinates, positions by joint, the name of a configuration, or texts as typed in a shell."""
+_PLAINLY_DEGREES = 3 * math.tau
+"""Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
+
+
+def configuration_of(
+    robot: Robot, given: ConfigurationGiven, *, degrees: bool = False, what: str = "at=…", start: Array | None = None
+) -> Array:
+    """Configuration (nq,) that a user gives; joints that are not named keep their value of ``start``, by default neutral.
+
+    Parameters
+    ----------
+    given : (nq,) array, {joint: position}, name of a configuration of the robot, "v,v,…", "JOINT=VALUE", or a list of texts
+    degrees : bool, given angles are in degrees
+    what : str, argument that errors name
+    start : (nq,) array, optional
+
+    Raises
+    ------
+    ShapeError, UnknownNameError, ValueRangeError
+        It is not a configuration of this robot.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> [configuration_of(arm, given).tolist() for given in ([0.1, 0.5], {"joint2": 0.5}, "0.1,0.5", ["0.1,0", "joint2=0.5"])]
+    [[0.1, 0.5], [0.0, 0.5], [0.1, 0.5], [0.1, 0.5]]
+    """
+    q = np.array(robot.neutral if start is None else start)
+    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    texts = [given] if isinstance(given, str) else given
+    if texts is None:
+        return q
+    if isinstance(texts, Mapping):
+        for joint, position in texts.items():
+            body = _joint(robot, joint)
+            q[body.places[0]] = arguments.finite(np.atleast_1d(position), f"{what} {joint}", body.joint.nq)
+            q[body.places[0]] *= unit[body.places[0]]
+        return q
+    if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
+        return configuration(robot, cast("ArrayLike", texts), what) * unit
+    wholes = [text for text in texts if "=" not in text]
+    if len(wholes) > 1:
+        both = " and ".join(f"{what} {text!r}" for text in wholes[:2])
+        raise ValueRangeError(f"{both} both set all coordinates. Keep one of them; others are JOINT=VALUE.")
+    for text in wholes:
+        q = _all_coordinates(robot, text, what, unit)
+    for body, numbers in _named(robot, [text for text in texts if "=" in text], what, velocities=False):
+        here = body.places[0]
+        q[here] = np.array(numbers) * unit[here]
+    return q
+
+
+def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
+    """Finite copy of q (nq,)."""
+    found = arguments.finite(q, name, robot.nq, names=robot.coordinate_names)
+    return np.array(arguments.one(found, name, robot.nq))
+
+
+def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array:
+    known = robot.configurations
+    if text in known:
+        return np.array(known[text])
+    names = robot.coordinate_names
+    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {_example(robot)}"
+    if known:
+        form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
+    return np.array(arguments.parse_numbers(text, option, form, robot.nq)) * unit
+
+
+def _example(robot: Robot) -> str:
+    """Example JOINT=VALUE with a joint of one coordinate; a free joint needs seven."""
+    single = [body.joint.name for body in robot.model.leaders if body.joint.nq == 1]
+    return f"{single[0] if single else 'joint1'}=0.5"
+
+
+def degrees_hint(robot: Robot, q: Array) -> str:
+    """Hint on coordinates q (nq,) [rad] that are obviously degrees; otherwise empty.
+
+    >>> import twistwrench as tw
+    >>> degrees_hint(tw.robots.planar_2r(), np.array([90.0, 0.0]))[:45]
+    'joint1 is at 90 rad, 14.3 turns. For degrees '
+    >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
+    ''
+    """
+    angular = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
+    if angular.max(initial=0.0) < _PLAINLY_DEGREES:
+        return ""
+    k = int(np.argmax(angular))
+    name = robot.coordinate_names[k]
+    return f"{name} is at {printed(q[k])} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
+
+
+def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:
+    """Velocities or torques (nv,) from texts ``JOINT=VALUE``, others zero; ``degrees`` applies to turning joints.
+
+    Raises ValueRangeError and UnknownNameError.
+    """
+    found = np.zeros(robot.nv)
+    for body, numbers in _named(robot, texts, option, velocities=True):
+        here = body.places[1]
+        turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
+        found[here] = np.where(turning & degrees, np.radians(numbers), numbers)
+    return found
+
+
+def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
+    found = []
+    for joint, value in arguments.assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
+        body = _joint(robot, joint)
+        count = body.joint.nv if velocities else body.joint.nq
+        form = f"{count} number{'s' if count > 1 else ''}"
+        found.append((body, arguments.parse_numbers(value, f"{option} {joint}", form, count)))
+    return found
+
+
+def _joint(robot: Robot, name: str) -> Body:
+    known = {b.joint.name: b for b in robot.model.leaders}
+    if name not in known:
+        raise UnknownNameError.from_choices("joint", name, known)
+    return known[name]
 
 
 complete(globals())

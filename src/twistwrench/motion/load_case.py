@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.sentences import sentence
 from ..core.arguments import finite, parse_numbers
 from ..core.arguments import number as number_of
 from ..core.doubts import Doubt
@@ -32,7 +33,6 @@ from .bounds import Extrema
 from .coordinates import Coordinates
 from .credible_values import credible_load, driven_entries, placeholder_limits
 from .differentiation import MotionSamples
-from .sentences import sentence
 
 if TYPE_CHECKING:
     from ..mechanics.model.model import Body, Model

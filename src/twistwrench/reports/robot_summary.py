@@ -1,26 +1,22 @@
-"""Robot as plain data, its limits as a table, and joint values from command-line options."""
+"""Robot as plain data, and its limits as a table."""
 
 from __future__ import annotations
 
 import io
 import json
 import math
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..answers import blocks
-from ..core.arguments import assignments, parse_numbers
-from ..core.errors import UnknownNameError, ValueRangeError
-from ..core.numbers import number, printed
+from ..core.numbers import number
 from ..core.tables import CsvWriter, html_table
 from ..core.text import listed
-from ..core.typing import Array
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.model.couplings import coupled_entries, joint_effort
 from ..mechanics.model.limits import Limits, StatedLimits
-from ..mechanics.model.model import BASE, Body, Model
+from ..mechanics.model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.limits_file import COLUMNS, KINDS
 from ..robot.task_space_methods import require_robot
@@ -140,98 +136,6 @@ def link_of(model: Model, body: int) -> str:
     return next(
         (n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}"
     )
-
-
-# ── Configurations and rates as typed in a shell
-
-_PLAINLY_DEGREES = 3 * math.tau
-"""Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
-
-
-def parse_configuration(
-    robot: Robot,
-    at: Iterable[str],
-    *,
-    degrees: bool,
-    option: str = "--at",
-    start: Array | None = None,
-) -> Array:
-    """Configuration (nq,) from texts ``JOINT=VALUE``, or from one text with all coordinates.
-
-    All coordinates are ``v,v,…`` or the name of a configuration of the robot. Other joints keep their value of ``start`` (nq,),
-    by default neutral. Raises ValueRangeError and UnknownNameError.
-    """
-    q = np.array(robot.neutral if start is None else start)
-    single = [text for text in at if "=" in text]
-    wholes = [(option, text) for text in at if "=" not in text]
-    if len(wholes) > 1:
-        both = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
-        raise ValueRangeError(f"{both} both set all coordinates. Keep one of them; others are JOINT=VALUE.")
-    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    for name, text in wholes:
-        q = _all_coordinates(robot, text, name, unit)
-    for body, numbers in _named(robot, single, option, velocities=False):
-        here = body.places[0]
-        q[here] = np.array(numbers) * unit[here]
-    return q
-
-
-def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array:
-    known = robot.configurations
-    if text in known:
-        return np.array(known[text])
-    names = robot.coordinate_names
-    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {_example(robot)}"
-    if known:
-        form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
-    return np.array(parse_numbers(text, option, form, robot.nq)) * unit
-
-
-def _example(robot: Robot) -> str:
-    """Example JOINT=VALUE with a joint of one coordinate; a free joint needs seven."""
-    single = [body.joint.name for body in robot.model.leaders if body.joint.nq == 1]
-    return f"{single[0] if single else 'joint1'}=0.5"
-
-
-def degrees_hint(robot: Robot, q: Array) -> str:
-    """Hint on coordinates q (nq,) [rad] that are obviously degrees; otherwise empty.
-
-    >>> import twistwrench as tw
-    >>> degrees_hint(tw.robots.planar_2r(), np.array([90.0, 0.0]))[:45]
-    'joint1 is at 90 rad, 14.3 turns. For degrees '
-    >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
-    ''
-    """
-    angular = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
-    if angular.max(initial=0.0) < _PLAINLY_DEGREES:
-        return ""
-    k = int(np.argmax(angular))
-    name = robot.coordinate_names[k]
-    return f"{name} is at {printed(q[k])} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
-
-
-def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:
-    """Velocities or torques (nv,) from texts ``JOINT=VALUE``, others zero; ``degrees`` applies to turning joints.
-
-    Raises ValueRangeError and UnknownNameError.
-    """
-    found = np.zeros(robot.nv)
-    for body, numbers in _named(robot, texts, option, velocities=True):
-        here = body.places[1]
-        turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
-        found[here] = np.where(turning & degrees, np.radians(numbers), numbers)
-    return found
-
-
-def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
-    known, found = {b.joint.name: b for b in robot.model.leaders}, []
-    for joint, value in assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
-        if joint not in known:
-            raise UnknownNameError.from_choices("joint", joint, known)
-        count = known[joint].joint.nv if velocities else known[joint].joint.nq
-        form = f"{count} number{'s' if count > 1 else ''}"
-        found.append((known[joint], parse_numbers(value, f"{option} {joint}", form, count)))
-    return found
 
 
 def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> blocks.Table:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..answers.blocks import Headline, Line
 from ..answers.data import plain
+from ..answers.sentences import SENTENCES, sentence
 from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
@@ -20,12 +21,7 @@ from ..motion import load_case
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import driven_entries
 from ..motion.load_case import LoadCase, Payload, PayloadMargin, cause_label
-from ..motion.motion_log import ASKED
-from ..motion.sentences import SENTENCES, sentence
-from .statistics import INTERVAL
-from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
-from .torque_verdict import (
-    KINDS,
+from ..motion.model_doubts import (
     SHARE,
     SURE_FORCE,
     WEIGHTLESS,
@@ -33,14 +29,20 @@ from .torque_verdict import (
     assumptions,
     base_doubts,
     base_velocities,
+    force_remark,
+    model_warnings,
+)
+from ..motion.motion_log import ASKED
+from .statistics import INTERVAL
+from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
+from .torque_verdict import (
+    KINDS,
     because,
     carried_doubts,
     confidence,
     contradictions,
     doubted_excesses,
-    force_remark,
     is_noise,
-    model_warnings,
     most_hidden,
     rows_in_doubt,
     verdict_of,

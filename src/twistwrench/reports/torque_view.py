@@ -30,12 +30,13 @@ from ..core.text import listed
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import over_limit
 from ..motion.load_case import TERMS, cause_label
+from ..motion.model_doubts import friction_words
 from ..robot.explanation import NEGLIGIBLE_PART
 from .log_quality import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
-from .torque_verdict import friction_words, notes_of
+from .torque_verdict import notes_of
 
 # ── Motors
 

@@ -22,10 +22,10 @@ from ..mechanics.joints.units import units_of
 from ..mechanics.model.actuators import RATINGS, moving
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.coordinates import Coordinates
+from ..motion.model_doubts import as_it_hangs, base_doubts, model_warnings
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
-from ..reports.torque_verdict import as_it_hangs, base_doubts, model_warnings
 from ..robot.task_space_methods import require_robot
 from .catalog import Catalog, Pair, read_catalog
 from .drives import (

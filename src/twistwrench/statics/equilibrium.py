@@ -483,6 +483,7 @@ class BeyondStop:
     """Joint outside its position limits."""
 
     joint: str
+    """Name of the joint."""
     value: float
     """rad or m."""
     stop: float

@@ -14,6 +14,7 @@ from ..core.errors import PathError, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
+from ..motion.coordinates import configuration
 from ..robot.ik import pose_finder, twist_left
 from ..robot.task_space_methods import require_robot
 
@@ -163,12 +164,6 @@ def one_degree_joints(robot: Robot, what: str) -> None:
             f"{what} adds coordinates, and those of {', '.join(others)} cannot be added. Take joint_line, waypoint by "
             "waypoint, or lock the joint."
         )
-
-
-def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
-    """Finite copy of q (nq,)."""
-    found = arguments.finite(q, name, robot.nq, names=robot.coordinate_names)
-    return np.array(arguments.one(found, name, robot.nq))
 
 
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:

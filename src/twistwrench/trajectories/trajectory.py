@@ -18,10 +18,11 @@ from ..mechanics.algorithms.time_scalings import quintic
 from ..mechanics.model.couplings import joint_velocities, motor_torques, motor_velocities
 from ..mechanics.model.limits import TOLERANCE, Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
+from ..motion.coordinates import configuration
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
 from .doors import TrajectoryDoors
-from .paths import JointPath, configuration, joint_line, require_path, spline
+from .paths import JointPath, joint_line, require_path, spline
 
 if TYPE_CHECKING:
     from ..robot import Robot

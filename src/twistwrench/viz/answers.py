@@ -14,13 +14,16 @@ import numpy as np
 from ..answers.answer import Answer
 from ..answers.blocks import mark_style
 from ..answers.page import MarkedJoint, Picture
+from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.numbers import percent_of_limit, seconds
 from ..reports.drawn_motion import reported_motion
 from ..reports.torque_report import TorqueReport
+from ..statics.payload_report import PayloadReport
 from . import style
 from .pictures import Plot, drawn, robot_picture
 from .plots.motion import plot_phase, plot_power, plot_split
+from .plots.payload import plot_payload
 from .plots.torques import plot_motors, plot_report
 
 
@@ -94,3 +97,21 @@ def worst_moment(report: TorqueReport, link: str = "") -> Picture:
     marked = MarkedJoint(joint.joint, f"{joint.joint}, {share}", mark_style(joint.share))
     title = f"{report.robot} at t = {seconds(joint.time)} s"
     return robot_picture(report.load.with_load, q, marked, title, link=link)
+
+
+# ── Largest payload at a pose
+
+
+@plots_of.register
+def _(answer: PayloadReport) -> Mapping[str, Plot]:
+    return {"payload": partial(plot_payload, answer)} if answer.judged else {}
+
+
+@pictures_of.register
+def _(answer: PayloadReport) -> Iterable[Picture]:
+    if find_spec("matplotlib") is None:
+        return []
+    worst = answer.limiting
+    marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
+    pictures = [robot_picture(answer.robot, answer.q, marked, f"{answer.robot.name} in this pose")]
+    return pictures + [drawn("Forces and holding torques", plot) for plot in plots_of(answer).values()]

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...core.errors import ValueRangeError
 from ...core.glossary import complete
@@ -22,6 +21,8 @@ from ...statics.force_capability import (
     wrench_polytope,
 )
 from ...statics.payload import SLICES, LargestPayload, PayloadMap
+from ...statics.payload_report import PayloadReport
+from ...statics.payload_view import carried_words, place_words
 from .. import style
 
 if TYPE_CHECKING:
@@ -77,57 +78,43 @@ _POLYTOPE = "polytope: each joint within its limit, gravity held first"
 _ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
 
 
-def plot_payload(
-    robot: Robot,
-    q: Array,
-    found: LargestPayload,
-    path: str | Path,
-    *,
-    frame: str | None = None,
-    where: str = "",
-    carried: str = "",
-    limits: ArrayLike | None = None,
-    chart: PayloadMap | None = None,
-) -> None:
-    """Plot one pose with its largest payload, and the payload map if given.
+def plot_payload(report: PayloadReport, path: str | Path) -> None:
+    """Plot one pose with its largest payload, and the payload map if there is one.
 
     Forces are those of the robot on the world at zero moment, along the axes of the base. The ellipsoid holds all
     forces with a torque norm of at most 1 in units of the limits, without gravity.
 
     Parameters
     ----------
-    q : (nq,) array, configuration
-    found : LargestPayload, at this configuration
-    where : str, place of the payload for the title; the frame if empty
-    carried : str, other loads
-    chart : PayloadMap, optional
+    report : PayloadReport
+    path : str or Path, file to write
 
     Examples
     --------
     >>> import tempfile, twistwrench as tw
-    >>> ur5, q = tw.robots.ur5(), np.array([0.0, -1.2, 1.5, -0.3, 1.5, 0.0])
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     plot_payload(ur5, q, tw.statics.largest_payload(ur5, q), f"{folder}/payload.svg")
+    ...     plot_payload(tw.payload(tw.robots.ur5(), [0.0, -1.2, 1.5, -0.3, 1.5, 0.0]), f"{folder}/payload.svg")
     """
+    robot, q, found, chart = report.robot, report.q, report.largest, report.map
+    carried, limits = carried_words(report), report.limits.effort
     mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
-    place = f"at {where or frame or robot.tip}, by torque limits only"
+    place = f"at {place_words(report.frame, report.com)}, by torque limits only"
     title = f"{robot.name} · {mass if found.holds else 'no payload'} {place}"
     with style.figure(10.5, 4.6 if chart is None else 9.2, title + (f", beside {carried}" if carried else "")) as drawn:
         parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
-        _draw_forces(left, robot, q, frame, limits)
+        _draw_forces(left, robot, q, report.frame, limits)
         _draw_shares(right.subplots(), found, carried)
         if chart is not None:
-            tip = np.asarray(robot.forward_kinematics(q, frame))[:3, 3]
+            tip = np.asarray(robot.forward_kinematics(q, report.frame))[:3, 3]
             draw_map(parts[1], chart, tip, float(found.mass) if found.holds else 0.0)
         style.save(drawn, path)
 
 
-def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
+def _draw_forces(part: Any, robot: Robot, q: Array, frame: str, limits: Array) -> None:
     try:
         polytope = wrench_polytope(robot, q, frame, limits=limits)
-        # Ellipsoid in units of the torque limits, given or the robot's own.
-        ellipsoid = wrench_ellipsoid(robot, q, frame, limits=robot.limits.effort if limits is None else limits)
+        ellipsoid = wrench_ellipsoid(robot, q, frame, limits=limits)  # in units of the torque limits
     except ValueRangeError as problem:
         axis = part.subplots()
         axis.set_axis_off()

@@ -1,4 +1,4 @@
-"""Sentence templates of the verdict on a motion, for commands and pages."""
+"""Sentence templates of verdicts, for texts and pages."""
 
 from __future__ import annotations
 

@@ -1,0 +1,164 @@
+"""Doubts about a robot's model and assumptions of a verdict: masses, contacts, a base that nothing holds, tips, friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from ..answers.sentences import sentence
+from ..core.gravity import STRENGTH
+from ..core.numbers import number, percent
+from ..core.text import listed
+from ..core.verdict import Word
+from ..mechanics.model.inertia_checks import massless_links
+from ..mechanics.model.legs import hanging_base
+from ..mechanics.model.limits import Limits
+from ..mechanics.model.model import BASE, Model
+from .load_case import Payload, without_velocity_limit
+
+SHARE = 0.05
+"""Fraction of the robot's weight explained by errors of masses and derived accelerations."""
+WEIGHTLESS = 0.001
+"""Fraction of the robot's weight on earth explained by rounding and noise under weak gravity."""
+SURE_FORCE = 5.0
+"""Standard deviations subtracted from a force."""
+
+
+class PeakTorque(Protocol):
+    """Largest torque of one velocity entry."""
+
+    @property
+    def peak(self) -> float: ...  # noqa: D102
+    @property
+    def uncertainty(self) -> float: ...  # noqa: D102  its standard deviation
+    @property
+    def unit(self) -> str: ...  # noqa: D102  N m or N
+
+
+def base_velocities(model: Model) -> list[int]:
+    """Indices of the velocities of undriven bases."""
+    bases = [body for body in model.leaders if body.parent == BASE and not body.joint.driven]
+    return [k for body in bases for k in range(body.v_index, body.v_index + body.joint.nv)]
+
+
+def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
+    """Largest external force that a floating base needs [N]; 0 if negligible or without a floating base."""
+    rows = [joints[k] for k in base_velocities(model)]
+    forces = [max(abs(j.peak) - SURE_FORCE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
+    largest = max(forces, default=0.0)
+    least = max(SHARE * _weight(model), WEIGHTLESS * STRENGTH * model.moving_mass)
+    return largest if largest > least else 0.0
+
+
+def force_in_words(model: Model, force: float) -> str:
+    """Sentence on the missing force at the base."""
+    weight = _weight(model)
+    share = sentence("of weight", share=percent(force / weight)) if weight else ""
+    return sentence("force", force=number(force), share=share)
+
+
+def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
+    """Meaning and remedy of a missing force; empty without one."""
+    if not (force := missing_force(model, joints)):
+        return ""
+    return sentence("contact", words=force_in_words(model, force))
+
+
+def _weight(model: Model) -> float:
+    return model.moving_mass * float(np.linalg.norm(model.gravity))
+
+
+def base_doubts(model: Model, *, payload: bool = False) -> list[str]:
+    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques.
+
+    ``payload``: for the largest payload, which is not computed for a robot that stands on the ground.
+    """
+    found = hanging_base(model)
+    return [] if found is None else [sentence("hangs, payload" if payload else "hanging", base=found.link)]
+
+
+def as_it_hangs(excess: str) -> str:
+    """Sentence on an excess computed for a legged robot whose base nothing holds, which is not certain."""
+    return sentence("hangs", word=str(Word.OVER_LIMIT), excess=excess)
+
+
+# ── Warnings of the model: missing masses and contacts
+
+_APART = 1e-3
+"""Distance [m] between tips above which the choice of the tip with the payload matters."""
+
+
+def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
+    """Sentences without a full stop; ``joints`` are the peaks of all velocities if the base may float."""
+    clauses = []
+    if massless := massless_links(model):
+        have, their = ("have", "their") if len(massless) > 1 else ("has", "its")
+        clauses.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
+    if joints and (force := missing_force(model, joints)):
+        words = force_in_words(model, force)
+        clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
+    return clauses
+
+
+def assumptions(
+    model: Model,
+    payloads: Sequence[Payload],
+    *,
+    held: Sequence[str] = (),
+    friction: bool = True,
+    unjudged: Limits | None = None,
+    mass: str | None = None,
+) -> list[str]:
+    """Assumptions of a verdict as clauses, the most consequential first.
+
+    ``held`` joints have no column in the log; ``friction`` is False if left out on request. Acceleration and jerk limits in
+    ``unjudged`` are listed. ``mass`` is the text of the payload's mass, for a page that sets it; default its number.
+    """
+    clauses = []
+    if unjudged and (unknown := without_velocity_limit(model, unjudged)):
+        named = "" if len(unknown) == len(model.velocity_names) else f" of {listed(unknown, 4)}"
+        clauses.append(f"no velocity limit{named} is known")
+    kinds = [kind for kind in ("acceleration", "jerk") if unjudged and np.isfinite(getattr(unjudged, kind)).any()]
+    if kinds:
+        clauses.append(f"limits of {' and '.join(kinds)} are not judged")
+    if held:
+        joints = len(model.leaders) + len(held)
+        clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")
+    if any(p.mass and p.frame is None for p in payloads) and model.tip is not None:
+        tip = model.frame(model.tip)
+        ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
+        apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
+        if apart:
+            mass = mass or number(sum(p.mass for p in payloads if p.frame is None))
+            clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; --tip)")
+    weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
+    if weightless:
+        have = "have a shape" if len(weightless) > 1 else "has a shape"
+        clauses.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
+    if not friction and model.friction.any:
+        clauses.append("joint friction is left out")
+    return clauses
+
+
+def _without_mass(model: Model, link: str) -> bool:
+    """True if a moving link lacks mass although its body has some."""
+    body, own = model.frames[link].body, model.link_inertias.get(link)
+    return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
+
+
+def assumed_words(clauses: Sequence[str]) -> str:
+    """Text with the number of :func:`assumptions` and the first; empty if there are none."""
+    if not clauses:
+        return ""
+    return (
+        f". Assumption: {clauses[0]}" if len(clauses) == 1 else f". {len(clauses)} assumptions, the first: {clauses[0]}"
+    )
+
+
+def friction_words(model: Model, *, counted: bool) -> str:
+    """Text on friction for headings."""
+    if not counted:
+        return "without friction"
+    return "with friction" if model.friction.any else "no friction, as its file gives none"

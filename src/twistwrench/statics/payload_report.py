@@ -1,0 +1,315 @@
+"""Function of the command ``payload``: the largest payload that a robot holds at a pose, and the verdict on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..answers.answer import Answer
+from ..answers.blocks import Block
+from ..core import arguments
+from ..core.doubts import Doubt
+from ..core.errors import FrameError, UnknownNameError, ValueRangeError
+from ..core.numbers import rounded_down, without_noise
+from ..core.tables import csv_table
+from ..core.text import listed
+from ..core.typing import Array
+from ..core.verdict import Verdict, Word
+from ..mechanics.model.limits import Limits
+from ..motion import limits_file
+from ..motion.coordinates import ConfigurationGiven, configuration_of
+from ..motion.credible_values import credible_limits, credible_load
+from ..motion.load_case import LoadCase, LoadsGiven, Payload, limit_doubts, payloads_of, reach, unlimited
+from ..motion.model_doubts import assumed_words, assumptions, base_doubts, model_warnings
+from ..robot import Robot, load
+from .equilibrium import BeyondStop, joints_beyond_stops
+from .payload import LargestPayload, PayloadMap, largest_payload, payload_map, plane_and_samples, points
+from .torque_limits import require_fixed_base
+
+SAMPLES = 200_000
+"""Number of random configurations of a map."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PayloadReport(Answer):
+    """Largest payload at a pose, held at rest, and what limits it: result of :func:`twistwrench.payload`.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> answer = tw.payload(tw.robots.ur5(), {"shoulder_lift_joint": -0.6})
+    >>> answer
+    <PayloadReport of ur5: OK, 14.15 kg>
+    >>> float(answer.largest.mass.round(3)), dict(answer.facts()), answer.sources()["ROBOT"].endswith("ur5.urdf")
+    (14.153, {'largest payload': '14.15 kg', 'limited by': 'shoulder_lift_joint'}, True)
+    >>> len(list(answer.blocks()))
+    8
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     answer.to_csv(f"{folder}/payload.csv").read_text().partition(",")[0]
+    'joint'
+    """
+
+    call: ClassVar[str] = "payload"
+
+    largest: LargestPayload
+    """Largest mass, the joint that limits it, and holding torques."""
+    load: LoadCase
+    """Robot with its tools."""
+    q: Array
+    """(nq,) configuration."""
+    frame: str
+    """Frame of the payload."""
+    com: Array
+    """(3,) centre of mass of the payload in the frame [m]."""
+    limits: Limits
+    """Limits of the comparison."""
+    map: PayloadMap | None
+    """Largest payload over a slice of the workspace; None without ``map``, or if torque limits are missing."""
+    is_default_pose: bool
+    """True if no pose was given."""
+    names_frame: bool
+    """True if the frame was given."""
+    degrees: bool
+    """True if angles of the report are in degrees."""
+
+    @property
+    def robot(self) -> Robot:
+        """Robot with its tools."""
+        return self.load.with_load
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot.name
+
+    @property
+    def subject(self) -> str:
+        """Robot and place of the payload."""
+        from .payload_view import place_words
+
+        return f"{self.robot.name} · payload at {place_words(self.frame, self.com)}"
+
+    @property
+    def brief(self) -> str:
+        """Largest payload."""
+        return f"{rounded_down(self.largest.mass)} kg" if self.limiting is not None else ""
+
+    # ── The verdict
+
+    @cached_property
+    def beyond(self) -> tuple[BeyondStop, ...]:
+        """Joints beyond their position limits, the farthest first."""
+        return tuple(joints_beyond_stops(self.robot, self.q, self.limits))
+
+    @property
+    def loads(self) -> Array:
+        """(nv,) torques [N m or N] by which a joint counts as loaded: without the payload and with one kilogram."""
+        return (np.abs(self.largest.unloaded) + np.abs(self.largest.per_kilogram))[: self.robot.nv]
+
+    @cached_property
+    def judged(self) -> bool:
+        """True if every joint that is loaded has a torque limit."""
+        return not unlimited(self.robot.model, self.limits.effort, self.loads)
+
+    @property
+    def limiting(self) -> str | None:
+        """Joint that limits the payload; None if none does, or limits are missing."""
+        k = int(self.largest.joint)
+        return self.largest.joint_names[k] if self.judged and k >= 0 and self.largest.holds else None
+
+    @cached_property
+    def contradictions(self) -> tuple[str, ...]:
+        """Sentences on limits and loads that contradict themselves."""
+        return tuple(str(each) for each in self._credible if each.refuses)
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to be unsure, sentences without a full stop."""
+        model, found = self.robot.model, self.largest
+        doubts = [str(each) for each in self._credible if not each.refuses]
+        doubts += [*base_doubts(model, payload=True), *limit_doubts(self.load.robot, self.limits, self.loads)]
+        if found.joint < 0 and found.holds and self.is_default_pose:
+            doubts.append(
+                "at the default pose the load stands on the axes of the joints, so no torque depends on it: give --at"
+            )
+        if lacking := model_warnings(model):
+            doubts.append(f"{'; '.join(lacking)}: the payload may be less")
+        return tuple(doubts)
+
+    @property
+    def _credible(self) -> list[Doubt]:
+        """Doubts about limits, tools and the place of the payload; an excess stands at any size of a tool."""
+        asked = credible_load(
+            None, self.com, self.frame if self.names_frame else None, self.robot, reach(self.robot.model)
+        )
+        tools = [each for each in self.load.doubts if each.refuses or self.largest.holds]
+        return [*credible_limits(self.limits, self.load.robot), *tools, *asked]
+
+    @property
+    def assumed(self) -> str:
+        """Text with the assumptions of the verdict; empty if there are none."""
+        asked = Payload(1.0, frame=self.frame if self.names_frame else None)
+        return assumed_words(assumptions(self.robot.model, (asked, *self.load.payloads)))
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN, OVER LIMIT for a pose that the robot cannot take or hold, UNSURE, or OK."""
+        from .payload_view import findings
+
+        found = findings(self)
+        word = found[0][0]
+        reasons = [reason for each, sentences in found if each is word for reason in sentences]
+        return Verdict(word, () if word is Word.OK else tuple(reasons))
+
+    # ── The answer on every surface
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, holding torques of each joint, largest forces and remarks."""
+        from .payload_view import payload_view
+
+        return payload_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Largest payload and the joint that limits it.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        if self.limiting is None:
+            return {}
+        return {"largest payload": f"{rounded_down(self.largest.mass)} kg", "limited by": self.limiting}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the robot.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {"ROBOT": self.robot.model.source}
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write a row for each joint: name, position, torques, limit; with limits also the largest mass and the share.
+
+        Numbers have all digits; rounding errors of zero are written as zero, unknown numbers as empty cells.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file
+
+        Raises
+        ------
+        ValueRangeError
+            The file cannot be written.
+        """
+        from .payload_view import joint_positions
+
+        found = self.largest
+        columns = {
+            "q_degrees" if self.degrees else "q": joint_positions(self),
+            "alone": without_noise(found.unloaded),
+            "per_kilogram": without_noise(found.per_kilogram),
+            **({"with_payload": without_noise(found.torques)} if self.judged else {}),
+            "limit": found.limits,
+            **({"holds_up_to": found.per_joint, "share": without_noise(found.share)} if self.judged else {}),
+        }
+        with csv_table(path, ["joint", *columns]) as table:
+            for name, *row in zip(found.joint_names, *columns.values(), strict=True):
+                table.row([name, *(None if math.isnan(x) else x for x in row)])
+        return Path(path)
+
+
+def payload(
+    robot: Robot | str | Path,
+    at: ConfigurationGiven = None,
+    *,
+    tool: LoadsGiven = (),
+    frame: str | None = None,
+    com: ArrayLike = (0.0, 0.0, 0.0),
+    limits: limits_file.Given = None,
+    map: str | None = None,  # noqa: A002  the option's name
+    samples: int | None = None,
+    degrees: bool = False,
+) -> PayloadReport:
+    """Find the largest payload held at rest at a pose, the joint that limits it, and the forces at the tip.
+
+    Parameters
+    ----------
+    robot : Robot, path of a robot file, or name of a known robot
+    at : (nq,) array, {joint: position}, name of a configuration, or texts as of ``--at``, optional [rad, m]
+        Default: the neutral configuration.
+    tool : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
+        Loads that the robot carries already.
+    frame : str, optional, frame of the payload; default: the tip
+    com : (3,) array_like, centre of mass of the payload in the frame [m]
+    limits : path of a limits file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, optional
+        In place of the robot file's.
+    map : "rz", "xz", "yz" or "xy", optional, also map the largest payload over this plane of the workspace
+    samples : int, optional, number of random configurations of the map; default: 200,000
+    degrees : bool, angles of ``at``, of a limits file and of the answer are in degrees
+
+    Returns
+    -------
+    report : PayloadReport
+        ``report.verdict``, ``report.largest``, ``report.plot()``.
+
+    Raises
+    ------
+    FrameError
+        The robot has no single tip, and no frame is given.
+    NotFoundError, ShapeError, UnknownNameError, ValueRangeError
+        The robot, the pose, the loads or the limits cannot be read, or the base floats.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> print(tw.payload("ur5", {"shoulder_lift_joint": -0.6}).headline)
+    OK: largest payload at rest in this pose: 14.15 kg at tool0. Limited by shoulder_lift_joint, lower limit: -150.0 N m, of which -48.93 carry the robot itself.
+    """  # noqa: E501  the verdict in full
+    if samples is not None and map is None:
+        raise ValueRangeError("samples=… is about the map, and there is none. Add map='rz'.")
+    plane, count = (None, 0) if map is None else plane_and_samples(map, SAMPLES if samples is None else samples)
+    loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(tool))
+    robot, place = loads.with_load, arguments.one(points(com), "com", 3)
+    name = _frame_of(robot, frame)
+    q = configuration_of(robot, at, degrees=degrees)
+    bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
+    largest = largest_payload(robot, q, place, frame=frame, limits=bounds.effort)
+    report = PayloadReport(
+        largest, loads, q, name, place, bounds, None, is_default_pose=at is None, names_frame=frame is not None,
+        degrees=degrees,
+    )  # fmt: skip
+    if plane is None or not report.judged:
+        return report
+    chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=bounds.effort)
+    return replace(report, map=chart)
+
+
+def _frame_of(robot: Robot, frame: str | None) -> str:
+    """Name of the frame, by default the tip. Raises FrameError without a single tip, UnknownNameError.
+
+    Raises ValueRangeError if a robot without a single tip has a floating base.
+    """
+    if frame is None and robot.tip is None:
+        require_fixed_base(robot, "the largest payload")  # a frame does not help there
+        raise FrameError(
+            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: frame='FRAME'. "
+            f"Its leaves: {listed(robot.model.leaves)}."
+        )
+    try:
+        robot.model.frame(frame)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"frame=…: {error}") from None
+    return str(robot.tip if frame is None else frame)

@@ -1,0 +1,196 @@
+"""Payload report as blocks: verdict, holding torques of each joint, largest forces and remarks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..answers.blocks import Bar, Block, Headline, Line, Table, numbers, remarks, words
+from ..core.colours import Style, strong, word_style
+from ..core.errors import ValueRangeError
+from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque
+from ..core.typing import Array
+from ..core.verdict import Word
+from ..mechanics.joints.units import heading_unit, unit_of
+from ..mechanics.model.limits import over_limit
+from ..motion.coordinates import Coordinates, degrees_hint
+from .equilibrium import BeyondStop
+from .force_capability import largest_wrench, weakest_direction
+from .payload_report import PayloadReport
+from .torque_limits import unit_slips
+
+_ROUNDING = 12
+"""Decimals of a coordinate; smaller values are rounding errors."""
+_CAUTION = "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier."
+
+
+def payload_view(report: PayloadReport) -> Iterator[Block]:
+    """Blocks of the report, verdict first; without limits, only holding torques are listed."""
+    yield _headline(report)
+    if hint := degrees_hint(report.robot, report.q):
+        yield from remarks([hint])
+    yield ""
+    carried = carried_words(report)
+    besides = f"  ·  carrying {carried} already" if carried else ""
+    yield Line((report.robot.name, Style.STRONG), f"  ·  payload at {place_words(report.frame, report.com)}{besides}")
+    yield _holding_torques(report)
+    if report.judged:
+        yield from _forces(report)
+    if report.map is not None:
+        yield f"map, {report.map}"
+    yield Line((_CAUTION, Style.QUIET))
+    places = {"com": report.com}
+    places |= {f"the centre of the tool of {number(p.mass)} kg": np.array(p.place) for p in report.load.payloads}
+    slips = unit_slips(report.robot, report.q, report.limits, places, degrees=report.degrees)
+    yield from remarks([*slips, *report.load.unit_hints])
+
+
+# ── The verdict
+
+
+def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
+    """Words of the verdict with their reasons, sentences without a full stop; the first word is that of the verdict."""
+    over = () if report.largest.holds or not report.judged else (_not_held(report),)
+    stops = (_stops_words(report.beyond, degrees=report.degrees),) if report.beyond else ()
+    every = [
+        (Word.LOOK_AGAIN, report.contradictions),
+        (Word.OVER_LIMIT, stops),
+        (Word.UNSURE, report.doubts),
+        (Word.OVER_LIMIT, over),
+    ]
+    return [(word, reasons) for word, reasons in every if reasons] or [(Word.OK, (_largest(report),))]
+
+
+def _headline(report: PayloadReport) -> Headline:
+    """First word with its reasons; further words and the largest payload below it."""
+    (first, reasons), *others = findings(report)
+    further = [Line((str(word), word_style(word)), f": {'; '.join(each)}.") for word, each in others]
+    if first is not Word.OK and report.largest.holds and report.judged:
+        sentence = _largest(report)
+        further.append(Line(f"{sentence[0].upper()}{sentence[1:]}."))
+    return Headline(first, f"{'; '.join(reasons)}.", further=further)
+
+
+def _largest(report: PayloadReport) -> str:
+    """Sentence on the largest payload and the joint that limits it."""
+    found, assumed = report.largest, report.assumed
+    k, side = int(found.joint), "upper" if found.side > 0 else "lower"
+    if k < 0:
+        return f"the payload is not limited at this pose: no joint torque depends on it{assumed}"
+    itself = "the robot and what it carries" if report.load.payloads else "the robot itself"
+    return (
+        f"largest payload at rest in this pose: {rounded_down(found.mass)} kg at {place_words(report.frame, report.com)}. "
+        f"Limited by {found.joint_names[k]}, {side} limit: {torque(found.torques[k])} {found.units[k]}, of which "
+        f"{torque(found.unloaded[k])} carry {itself}{assumed}"
+    )
+
+
+def _not_held(report: PayloadReport) -> str:
+    """Sentence on the joint that cannot hold the robot without a payload."""
+    why = str(report.largest).removeprefix("no payload: ")
+    if report.load.payloads:
+        why = why.replace("the robot alone", "the robot and what it carries")
+    return f"no payload. {why}"
+
+
+def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
+    """Sentence on joints beyond their position limits, with their excess; turning joints in degrees if ``degrees``."""
+    parts = []
+    for b in beyond:
+        scale = math.degrees(1.0) if degrees and b.turns else 1.0
+        unit = unit_of("q", b.turns, degrees=degrees)
+        side = "above its upper" if b.value > b.stop else "below its lower"
+        value, far, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
+        parts.append(f"{b.joint} at {value} is {far} {side} position limit, {stop}")
+    return f"the robot cannot be in this pose: {'; '.join(parts)}"
+
+
+# ── Tables and lines
+
+
+def _holding_torques(report: PayloadReport) -> Table:
+    """One row per joint."""
+    found, turning = report.largest, Coordinates.from_model(report.robot.model).angular_velocity
+    shares = [float(x) for x in found.share]
+    known = [share if math.isfinite(limit) else None for share, limit in zip(shares, found.limits, strict=True)]
+    styles: list[str] = [""] * len(shares)
+    if found.joint >= 0:
+        styles[int(found.joint)] = Style.STRONG
+    styles = [strong(Style.OVER) if over_limit(share) else style for share, style in zip(shares, styles, strict=True)]
+    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
+    unit = heading_unit("tau", turning)
+    holding = partial(numbers, show=torque, unit=unit, headed=False)
+    limited = numbers("limit", found.limits, unit=unit, headed=False)
+    judgement = (
+        holding("loaded", found.torques),
+        limited,
+        numbers(
+            "up to", np.maximum(found.per_joint, 0.0), lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg"
+        ),
+        words("share of limit", bars, fold=False, narrow=numbers("share", known, percent_of_limit)),
+    )
+    return Table(
+        f"Holding torques [{unit}]",
+        words("joint", found.joint_names, fold=False),
+        numbers(
+            "q",
+            joint_positions(report),
+            lambda x: number(x, decimals=_ROUNDING, missing=""),
+            heading_unit("q", turning, degrees=report.degrees),
+        ),
+        holding("alone", found.unloaded),
+        holding("per kg", found.per_kilogram),
+        *(judgement if report.judged else (limited,)),
+        styles=styles if report.judged else None,
+        most=12,
+        by=shares,
+    )
+
+
+def place_words(frame: str, com: Array) -> str:
+    """Text of a point of a frame: tool0 + [0, 0, 0.1] m."""
+    return frame + (f" + [{', '.join(number(x) for x in com)}] m" if np.any(com) else "")
+
+
+def carried_words(report: PayloadReport) -> str:
+    """Text of the tools with their positions: 1.2 kg at tool0 + [0, 0, 0.05] m."""
+    tip = report.robot.tip
+    return " and ".join(
+        f"{number(p.mass)} kg at {place_words(str(p.frame or tip), np.array(p.place))}" for p in report.load.payloads
+    )
+
+
+def joint_positions(report: PayloadReport) -> Array:
+    """Positions of the joints [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
+    places = dict.fromkeys(report.largest.joint_names, math.nan)
+    for b in report.robot.model.bodies:
+        if b.joint.nq == b.joint.nv == 1:
+            unit = math.degrees(1.0) if report.degrees and b.joint.turning[0] else 1.0
+            places[b.joint.name] = (b.ratio * report.q[b.q_index] + b.offset) * unit
+    return np.array([places[name] for name in report.largest.joint_names])
+
+
+def _forces(report: PayloadReport) -> Iterator[str]:
+    """Largest forces that the robot can apply at the frame, along the base axes and in the weakest direction."""
+    robot, q, effort = report.robot, report.q, report.limits.effort
+    along = largest_wrench(robot, q, np.concatenate([np.eye(3), -np.eye(3)]), frame=report.frame, limits=effort)
+    pairs = [f"±{n} {_force(along.magnitude[k])} / {_force(along.magnitude[k + 3])}" for k, n in enumerate("xyz")]
+    yield (
+        f"Largest force [N] at the origin of {report.frame}, in place of the payload, along {', '.join(pairs)} (base axes)."
+    )
+    try:
+        weakest = weakest_direction(robot, q, frame=report.frame, limits=effort)
+    except ValueRangeError:
+        return
+    d = ", ".join(number(x, 2, decimals=3) for x in weakest.wrench[3:])
+    limited = f", limited by {weakest.joint_names[int(weakest.joint)]}" if weakest.joint >= 0 else ""
+    yield f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."
+    yield ""
+
+
+def _force(value: Any) -> str:
+    return number(value, missing="unbounded")
