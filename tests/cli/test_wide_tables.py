@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from rich.cells import cell_len
+from rich.console import Console
 
-from twistwrench.answers.blocks import Table, numbers, words
+from twistwrench.answers.blocks import Bar, Table, numbers, words
 from twistwrench.answers.terminal import console, rendered
 from twistwrench.cli.main import main
 from twistwrench.core import numbers as printed
@@ -73,3 +74,20 @@ def test_reports_keep_within_80_columns(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     output = CliRunner().invoke(main, words.split(), env={"COLUMNS": "80"}).output
     assert output and not [line for line in output.splitlines() if cell_len(line.rstrip()) > 80]
+
+
+@pytest.mark.parametrize("width", [60, 72, 80, 84, 100, 120])
+def test_a_name_is_folded_only_in_a_table_that_would_not_fit_with_it(width):
+    """Padding goes first: a folded name means that the table with whole names is wider than the console."""
+    names = [f"joint_{k}" for k in range(1, 7)]
+    values = [123.456, -98.765, 4.5, 0.25, -0.003, 12.0]
+    columns = [numbers(head, values) for head in ("peak", "± 1σ", "raw\npeak", "rms", "limit")]
+    bars = words("share of limit", [Bar(0.1 * k, f"  {10 * k:>3} %") for k in range(6)], fold=False)
+    table = Table("Torques [N m]", words("joint", names), *columns, bars, numbers("when", values, unit="s"))
+    output = Console(width=width)
+    with output.capture() as captured:
+        output.print(rendered(table, output))
+    lines = captured.get().splitlines()
+    folded = [name for name in names if not any(line.split()[:1] == [name] for line in lines)]
+    saved = len("joint_1") - len("joint_")
+    assert not folded or max(cell_len(line.rstrip()) for line in lines) + saved > width

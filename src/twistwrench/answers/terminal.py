@@ -143,20 +143,25 @@ class TerminalTable(table.Table):
         )
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Render the table; in narrow consoles with less padding and with names folded at their separators."""
-        for padding in (self.padding, (0, 0)):
-            self.padding = padding
-            excess = Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
+        """Render the table; in narrow consoles without padding, and only then with names folded at their separators."""
+        excess = self._excess(console, options)
+        if excess > 0:
+            self.padding = (0, 0)
+            excess = self._excess(console, options)
+        for texts in filter(None, self._folding):
             if excess <= 0:
                 break
-            for texts in filter(None, self._folding):
-                longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
-                least = max(cell_len(part) for text in texts for part in _parts(text.plain))
-                width = max(least, longest - excess)
-                for text in texts:
-                    text.plain = _folded(text.plain, width)
-                excess -= max(longest - width, 0)
+            longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
+            least = max(cell_len(part) for text in texts for part in _parts(text.plain))
+            width = max(least, longest - excess)
+            for text in texts:
+                text.plain = _folded(text.plain, width)
+            excess -= max(longest - width, 0)
         yield from super().__rich_console__(console, options)
+
+    def _excess(self, console: Console, options: ConsoleOptions) -> int:
+        """Characters by which the table is wider than the console."""
+        return Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
 
 
 def _parts(name: str) -> list[str]:
