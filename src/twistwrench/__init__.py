@@ -62,6 +62,7 @@ __all__ = [
     "Wrench",
     "ad",
     "check",
+    "check_each",
     "differentiate",
     "doctor",
     "find",
@@ -114,6 +115,7 @@ if _typing.TYPE_CHECKING:
     from .mechanics.model.builder import ModelBuilder as ModelBuilder
     from .motion.motion import Motion as Motion
     from .reports.check import check as check
+    from .reports.checked_motions import check_each as check_each
     from .reports.torque_report import TorqueReport as TorqueReport
     from .robot import convert as convert
     from .robot import pointwise as pointwise
@@ -148,6 +150,7 @@ _NAMES = {
     "TorqueReport": "reports.torque_report",
     "ad": "mechanics.lie.adjoint",
     "check": "reports.check",
+    "check_each": "reports.checked_motions",
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
     "find": "robots.finding",

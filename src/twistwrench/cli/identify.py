@@ -31,6 +31,7 @@ from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
+from ..reports.checked_motions import expanded_paths
 from ..robot import Robot
 from ..robots.finding import bundled_file
 from . import shared
@@ -188,7 +189,7 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Expand folders and patterns to files, sorted by name, and ``demo`` to the bundled log."""
     found: list[str] = []
     for text in paths:
-        found += shared.expand_paths(bundled_file(text, options.source, "_log.csv", "log"), text)
+        found += expanded_paths(bundled_file(text, options.source, "_log.csv", "log"))
     return tuple(found)
 
 

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -17,9 +16,10 @@ from ..core.colours import Style
 from ..core.numbers import number, percent
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
+from ..reports.checked_motions import expanded_paths
 from ..reports.log_quality import LogColumn, LogQuality
 from .main import Given, command
-from .shared import CHOICE, JSON, expand_paths, worker_options
+from .shared import CHOICE, JSON, worker_options
 from .terminal import progress_bar, show
 
 
@@ -38,7 +38,7 @@ def log_command(given: Given) -> ExitCode:
     are reported last, with exit code 2.
     """
     failed: list[tuple[str, str]] = []
-    paths = [path for text in given.files for path in expand_paths(Path(text), text)]
+    paths = [path for text in given.files for path in expanded_paths(text)]
     found: list[LogQuality] = []
     with progress_bar(f"{len(paths)} files") as progress, workers_of(given.workers, given.scheduler) as team:
         read = partial(LogQuality.from_file, **given.pick("topic", "episode"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -550,23 +549,6 @@ worker_options = option_group(
     option("--scheduler ADDRESS", "Use the Dask cluster of this scheduler, tcp://10.0.0.1:8786."),
 )
 """``--workers`` and ``--scheduler``."""
-
-
-def expand_paths(path: Path, text: str) -> list[str]:
-    """Expand a folder or a pattern to its files, sorted by name; other paths are returned unchanged."""
-    from ..motion.readers import format_of
-
-    if any(c in text for c in "*?[") and not path.exists():
-        matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
-        if not matches:
-            raise ValueRangeError(f"no file matches {text!r}.")
-        return matches
-    if path.is_dir() and format_of(path) is None:
-        inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-        if not inside:
-            raise ValueRangeError(f"{text!r} is a folder without files.")
-        return inside
-    return [str(path)]
 
 
 # ── Files

@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..answers.blocks import (
     Block,
-    Line,
-    Table,
-    numbers,
-    word_cell,
-    words,
 )
 from ..core.errors import ValueRangeError
 from ..core.files import picture_path
-from ..core.numbers import number, quantity
-from ..core.third_party import Failure, workers_of
-from ..core.verdict import ExitCode, Word
+from ..core.numbers import number
+from ..core.verdict import ExitCode
 from ..motion.load_case import parse_payload, parse_wrenches
 from ..motion.model_doubts import friction_words
 from ..reports.check import check
+from ..reports.checked_motions import CheckedMotion, checked_motions, expanded_paths
 from ..reports.torque_report import TorqueReport
 from . import shared
 from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, write_report, write_viewer
 from .shared import RobotOptions, robot_command
-from .terminal import progress_bar, show, show_answer
+from .terminal import progress_bar, show_answer
 
 if TYPE_CHECKING:
     pass
@@ -82,7 +75,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.split and given.csv is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
     path = shared.motion_path(options, given.trajectory)
-    given.logs = paths = shared.expand_paths(path, given.trajectory)
+    given.logs = paths = expanded_paths(given.trajectory if path == Path(given.trajectory) else path)
     if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
         if any((given.plots, given.split, given.why, given.mcap, given.rerun, given.report, given.html)):
             raise ValueRangeError(
@@ -179,38 +172,15 @@ def write_torque_report(
 
 
 @dataclass(frozen=True)
-class FileTorques:
-    """Verdict on one motion, and the joint nearest to its limit or with the largest torque."""
-
-    file: str
-    verdict: str
-    joint: str = ""
-    peak: float = math.nan
-    limit: float = math.nan
-    unit: str = ""
-    """Unit of peak and limit."""
-    time: float = math.nan
-    """Time of the peak [s]."""
-    rows: int = 0
-    reason: str = ""
-
-
-@dataclass(frozen=True)
 class BatchTorques:
-    """Work on one file; it is sent to other processes."""
+    """Question about one file; it is sent to other processes."""
 
     options: RobotOptions
     given: Given
 
-    def evaluate(self, path: str) -> FileTorques:
-        """Torque report of the motion in this file."""
-        report = answer_of(self.options, self.given, Path(path))
-        judged = report.verdict
-        found = FileTorques(path, str(judged.word), rows=report.rows, reason="; ".join(judged.reasons))
-        if report.worst is None:
-            return found
-        worst = report.joints[report.worst]
-        return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
+    def answer(self, path: str) -> CheckedMotion:
+        """Line of the motion in this file."""
+        return CheckedMotion.from_report(path, answer_of(self.options, self.given, Path(path)))
 
 
 def answer_of(
@@ -233,37 +203,11 @@ def answer_of(
 
 def run_batch(work: BatchTorques, paths: Sequence[str]) -> ExitCode:
     """Print a line for each file, including failed ones, and write a table; returns 0 if all are OK."""
-    work.given.check_files({**{f"MOTION {p}": p for p in paths}, **work.options.files})
-    with (
-        progress_bar(f"{len(paths)} motions") as progress,
-        workers_of(work.given.workers, work.given.scheduler) as team,
-    ):
-        found = [
-            FileTorques(path, "failed", reason=result.reason) if isinstance(result, Failure) else result
-            for path, result in zip(paths, team.results(work.evaluate, paths, progress), strict=True)
-        ]
-    show(many_table(found))
-    columns = {field.name: [getattr(one, field.name) for one in found] for field in fields(FileTorques)}
-    shared.write_csv(work.given.csv, columns)
-    if all(one.verdict == "failed" for one in found):
-        raise ValueRangeError(f"none of the {len(found)} motions can be read. The first: {found[0].reason}")
-    return ExitCode.FINE if all(one.verdict == Word.OK for one in found) else ExitCode.NO
-
-
-# ── Many motions
-
-
-def many_table(found: Sequence[FileTorques]) -> Table:
-    """Verdict, worst joint and reason of each file."""
-    units = ", ".join(dict.fromkeys(one.unit for one in found if one.unit))
-    column = partial(numbers, unit=units, headed=False)
-    return Table(
-        "",
-        words("motion", [Path(one.file).name for one in found]),
-        words("verdict", [word_cell(one.verdict) for one in found]),
-        words("joint", [one.joint for one in found]),
-        column("peak", [Line(quantity(one.peak, one.unit), value=one.peak) for one in found]),
-        column("limit", [Line(quantity(one.limit, one.unit), value=one.limit) for one in found]),
-        numbers("at", [Line(quantity(one.time, "s"), value=one.time) for one in found], unit="s", headed=False),
-        words("", [one.reason for one in found]),
-    )
+    given, source = work.given, work.options.source
+    given.check_files({**{f"MOTION {p}": p for p in paths}, **work.options.files})
+    with progress_bar(f"{len(paths)} motions") as progress:
+        found = checked_motions(Path(source).stem, paths, work.answer, given.workers, given.scheduler, progress)
+    show_answer(found)
+    if given.csv is not None:
+        shared.show_written(found.to_csv(given.csv))
+    return found.verdict.exit_code

@@ -109,7 +109,7 @@ def check(
     >>> answer.verdict.ok, round(answer.largest_payload, 2)
     (False, 8.38)
     """
-    robot, named = _robot_of(robot, actuators, lock)
+    robot, named = robot_of(robot, actuators, lock)
     log = log_of(
         motion, robot, named=named, columns=columns, gain=gain, rate=rate, topic=topic, episode=episode, degrees=degrees,
         plan=plan, locked=tuple(lock or ()),
@@ -132,7 +132,7 @@ def _wrenches(given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
     return {frame: np.asarray(F) for frame, F in (given or {}).items()}
 
 
-def _robot_of(
+def robot_of(
     given: Robot | str | Path, actuators: str | Path | ActuatorFile | None, lock: Mapping[str, ArrayLike] | None
 ) -> tuple[Robot, str]:
     """Robot with its drives, and the name by which files are bundled with it."""
