@@ -185,3 +185,27 @@ def test_a_motion_of_another_robot_names_both():
     t = np.linspace(0, 1, 51)
     with pytest.raises(tw.ShapeError, match=r"joint1.*shoulder_pan_joint"):
         tw.check(tw.robots.ur5(), tw.Motion(t, np.zeros((51, 2)), robot=other))
+
+
+def test_many_motions_have_the_verdicts_of_each(tmp_path):
+    """In their order; the word on all is the severest, and a file that cannot be read has its error."""
+    robot, broken = tw.robots.ur5(), tmp_path / "broken.csv"
+    broken.write_text("time,nothing\n0,1\n")
+    slow = tw.Motion.from_file(DEMO, robot)[::2]
+    found = tw.check_each(robot, [DEMO, slow, broken], payload=10)
+    one = tw.check(robot, DEMO, payload=10)
+    assert (found[0].verdict, found[0].peak, found[0].reason) == (
+        one.verdict.word,
+        one.peaks[1],
+        one.verdict.reasons[0],
+    )
+    assert found[1].verdict == tw.check(robot, slow, payload=10).verdict.word
+    assert found[2].verdict == "failed"
+    assert "nothing" in found[2].reason
+    assert found.verdict.word == "OVER LIMIT"
+    assert found.verdict.reasons[-1] == "1 of 3 cannot be read"
+    assert tw.check_each(robot, [DEMO, broken], payload=1).verdict.word == "UNSURE"
+    assert tw.check_each(robot, [DEMO, slow], payload=10).verdict.word == "OVER LIMIT"
+    assert tw.check_each(robot, [DEMO, slow], payload=1).verdict.word == "OK"
+    with pytest.raises(tw.ValueRangeError, match="none of the 1 motions"):
+        tw.check_each(robot, [broken])

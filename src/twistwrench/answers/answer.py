@@ -35,8 +35,8 @@ class Answer:
     >>> answer = tw.check("ur5", "demo", payload=10)
     >>> answer.verdict.ok, answer
     (False, <TorqueReport of ur5: OVER LIMIT, shoulder_lift_joint 111 %>)
-    >>> list(answer.tables)
-    ['Torques', 'What the peak is made of']
+    >>> list(answer.tables), answer.facts()["limit"], list(answer.sources()), answer.shares().values.shape
+    (['Torques', 'What the peak is made of'], '150 N m', ['MOTION', 'ROBOT'], (751, 6))
     """
 
     call: ClassVar[str] = ""
@@ -72,11 +72,21 @@ class Answer:
         return ""
 
     def facts(self) -> Mapping[str, str]:
-        """Decisive numbers of the verdict with their units, by name."""
+        """Decisive numbers of the verdict with their units.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
         return {}
 
     def sources(self) -> Mapping[str, str | Path]:
-        """Files of the question, by argument."""
+        """Files of the question.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
         return {}
 
     def shares(self) -> Shares | None:

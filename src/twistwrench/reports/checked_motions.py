@@ -18,7 +18,7 @@ from ..core.numbers import quantity
 from ..core.tables import csv_table
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import Verdict, Word
-from ..motion.readers import is_recording
+from ..motion.readers import format_of
 from .check import check
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class CheckedMotion:
         return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
 
 
-_SEVEREST_FIRST = (FAILED, Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE)
+_SEVEREST_FIRST = (Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, FAILED, Word.UNSURE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,7 +83,7 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
 
     call: ClassVar[str] = "torques"
 
-    robot_name: str
+    robot: str
     """Name of the robot."""
     motions: tuple[CheckedMotion, ...]
     """One entry for each motion."""
@@ -100,13 +100,18 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The severest word, with the number of motions that have it; a file that cannot be read leaves it UNSURE."""
+        """The severest word, with the number of motions that have it; a file that cannot be read makes OK UNSURE."""
         found = [one.verdict for one in self.motions]
         word = next((word for word in _SEVEREST_FIRST if word in found), None)
         if word is None:
             return Verdict(Word.OK)
         counts = [f"{found.count(each)} of {len(found)} {_MEANING[each]}" for each in _SEVEREST_FIRST if each in found]
         return Verdict(Word.UNSURE if word == FAILED else Word(word), tuple(counts))
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot
 
     @property
     def subject(self) -> str:
@@ -256,7 +261,7 @@ def expanded_paths(motions: str | Path) -> list[str]:
         if not matches:
             raise ValueRangeError(f"no file matches {text!r}.")
         return matches
-    if path.is_dir() and not is_recording(path):
+    if path.is_dir() and format_of(path) is None:
         inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
         if not inside:
             raise ValueRangeError(f"{text!r} is a folder without files.")
