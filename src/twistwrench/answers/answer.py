@@ -77,6 +77,12 @@ class Answer:
         Returns
         -------
         facts : {name: text}
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.check("ur5", "demo", payload=10).facts()["share of limit"]
+        '111 %'
         """
         return {}
 
@@ -86,6 +92,12 @@ class Answer:
         Returns
         -------
         files : {argument: path}
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> list(tw.check("ur5", "demo").sources())
+        ['MOTION', 'ROBOT']
         """
         return {}
 
