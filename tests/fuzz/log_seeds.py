@@ -323,6 +323,11 @@ def simulated(ending: str) -> list[Case]:
 # ── Features that no honest program writes
 
 
+def named_file(dice: Dice, *endings: str) -> str:
+    """Name of another file that HDF5 can write: neither empty nor with a zero byte."""
+    return text_of(place(dice, *endings)).replace("\0", "x") or "."
+
+
 def hdf5_features(dice: Dice) -> Case:
     """A log with one of the features of HDF5 that reach out of the file, never end, or take more than they have."""
     import h5py
@@ -330,16 +335,12 @@ def hdf5_features(dice: Dice) -> Case:
     n = dice.choice((10, 40))
 
     def external(file: Any) -> None:
-        file.create_dataset(
-            "joint1",
-            shape=(10,),
-            dtype="f8",
-            external=[(text_of(place(dice, ".h5", ".txt", ".csv")).replace("\0", "x"), 0, 80)],
-        )
+        outside = [(named_file(dice, ".h5", ".txt", ".csv"), 0, 80)]
+        file.create_dataset("joint1", shape=(10,), dtype="f8", external=outside)
 
     def virtual(file: Any) -> None:
         layout = h5py.VirtualLayout(shape=(n,), dtype="f8")
-        layout[:] = h5py.VirtualSource(text_of(place(dice, ".h5")).replace("\0", "x"), "joint1", shape=(n,))
+        layout[:] = h5py.VirtualSource(named_file(dice, ".h5"), "joint1", shape=(n,))
         file.create_virtual_dataset("joint1", layout)
 
     def of_itself(file: Any) -> None:
@@ -348,7 +349,7 @@ def hdf5_features(dice: Dice) -> Case:
         file.create_virtual_dataset("joint1", layout)
 
     def linked(file: Any) -> None:
-        file["joint1"] = h5py.ExternalLink(text_of(place(dice, ".h5")).replace("\0", "x"), "/joint1")
+        file["joint1"] = h5py.ExternalLink(named_file(dice, ".h5"), "/joint1")
 
     def circle(file: Any) -> None:
         file["a/b"] = Q

@@ -17,6 +17,7 @@ from twistwrench.formats.robot_file import USD
 from twistwrench.mechanics.bodies.mesh_files import SUFFIXES as MESHES
 from twistwrench.motion.readers.array_files import _READERS
 
+from . import log_seeds
 from .harness import Reader, Tally, missing, run
 from .kinds import KINDS
 from .known import KNOWN
@@ -54,6 +55,15 @@ def test_many_changed_files_read_or_end_in_one_error(name: str, tmp_path: Path) 
     tally = run([KINDS[name]], MANY, "long", keep=tmp_path)
     print(tally)
     assert not unknown(tally), "\n".join([*unknown(tally), f"kept in {tmp_path}"])
+
+
+def test_files_of_hdf5_are_written_whatever_name_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Links to other files by an empty name or one with a zero byte, which the library does not write."""
+    pytest.importorskip("h5py")
+    for name in (b"", b"a\x00.h5"):
+        monkeypatch.setattr(log_seeds, "place", lambda _dice, *_endings, name=name: name)
+        for number in range(60):
+            assert log_seeds.hdf5_features(Dice(str(number))).files
 
 
 # ── No reader is left out
