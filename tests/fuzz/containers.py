@@ -323,7 +323,8 @@ def database(data: bytes, dice: Dice) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "x.db3")
         path.write_bytes(data)
-        with closing(sqlite3.connect(path)) as opened, suppress(sqlite3.Error, sqlite3.Warning):
+        damaged = sqlite3.Error, sqlite3.Warning, UnicodeDecodeError  # the last of messages that quote a damaged name
+        with closing(sqlite3.connect(path)) as opened, suppress(*damaged):
             names = [str(name) for (name,) in opened.execute("select name from sqlite_master where type = 'table'")]
             table = dice.choice(["messages", "topics", *names])
             columns = [str(row[1]) for row in opened.execute(f"pragma table_info({table})")] or ["id"]

@@ -68,6 +68,13 @@ def test_a_header_of_hundreds_of_columns_is_refused_after_one_look_at_each(tmp_p
     assert len(looks) <= 300
 
 
+def test_names_with_tabs_and_line_ends_are_listed_on_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, **{"a\tb\nc": np.array(["x"])})
+    with pytest.raises(tw.TrajectoryError, match=r"Found: a\\tb\\nc\.$"):
+        tw.Motion.from_file(path, ARM)
+
+
 def test_every_error_is_of_bounded_length_and_visible() -> None:
     found = str(tw.ModelError(f"link {'a' * 9000!r} and \x1b[2J" + ", more" * 1000))
     assert len(found) <= 1001 and "\x1b" not in found and found.endswith("…")

@@ -18,6 +18,7 @@ from twistwrench.mechanics.bodies.mesh_files import SUFFIXES as MESHES
 from twistwrench.motion.readers.array_files import _READERS
 
 from . import log_seeds
+from .containers import database
 from .harness import Reader, Tally, missing, run
 from .kinds import KINDS
 from .known import KNOWN
@@ -64,6 +65,14 @@ def test_files_of_hdf5_are_written_whatever_name_is_drawn(monkeypatch: pytest.Mo
         monkeypatch.setattr(log_seeds, "place", lambda _dice, *_endings, name=name: name)
         for number in range(60):
             assert log_seeds.hdf5_features(Dice(str(number))).files
+
+
+def test_a_database_whose_names_are_damaged_is_changed_further() -> None:
+    """Names that are not UTF-8 in a schema that cannot be parsed, left by an earlier change."""
+    data = log_seeds.db3()[0].files["log.db3"]
+    data = data.replace(b"topics", b"topic\xff").replace(b"CREATE TABLE topic", b"CREATE TABLX topic")
+    for number in range(40):
+        assert database(data, Dice(str(number)))
 
 
 # ── No reader is left out

@@ -50,12 +50,14 @@ class ReadingNote(str):
 
 
 def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> str:
-    """The first items, and the number of further ones.
+    r"""The first items, and the number of further ones; tabs and line ends in names become escapes.
 
     >>> listed(["elbow", "wrist"]), listed("abcde", 2), listed("abcde", 2, "; ")
     ('elbow, wrist', 'a, b and 3 more', 'a; b; and 3 more')
+    >>> print(listed(["elbow\twrist"]))
+    elbow\twrist
     """
-    texts = [clipped(str(item)) for item in items]
+    texts = [clipped(str(item)).replace("\t", r"\t").replace("\n", r"\n") for item in items]
     more = len(texts) - most
     tail = f"{between.rstrip().strip(',')} and {more} more" if more > 0 else ""
     return between.join(texts[:most]) + tail
