@@ -121,6 +121,7 @@ if _typing.TYPE_CHECKING:
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
+    from .simulation.result import SimulationResult as SimulationResult
     from .sizing.choice import size_drives as size_drives
     from .statics.payload_report import PayloadReport as PayloadReport
     from .statics.payload_report import payload as payload
@@ -144,6 +145,7 @@ _NAMES = {
     "Pose": "mechanics.lie.twist_wrench",
     "PayloadReport": "statics.payload_report",
     "RigidBody": "mechanics.bodies.rigid_body",
+    "SimulationResult": "simulation.result",
     "SpatialInertia": "mechanics.bodies.inertia",
     "Twist": "mechanics.lie.twist_wrench",
     "Wrench": "mechanics.lie.twist_wrench",

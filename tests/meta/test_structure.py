@@ -33,7 +33,6 @@ SCREEN = 60
 """Lines of a function without its docstring."""
 LONG_FUNCTIONS = {
     "cli/move.py:move_command",
-    "cli/simulate.py:simulation_view",
     "formats/__init__.py:load_model",
     "simulation/preparation.py:build_run",
     "viz/page.py:page_text",

@@ -533,8 +533,6 @@ def test_tables_fold_names_and_cut_no_number(width):
     """In a terminal of any width, and in a pipe."""
     from rich.console import Console
 
-    from twistwrench.cli.simulate import simulation_view
-
     base = tw.robots.quadruped()
     long = "a_rather_long_namespace/and_a_long_name_of_a_link_"
     text = tw.robots.path_of("quadruped").read_text().replace("FL_", long + "FL_")
@@ -543,7 +541,7 @@ def test_tables_fold_names_and_cut_no_number(width):
     rates = -1.23456e-5 * np.arange(1.0, robot.nv + 1)
     found = robot.simulate(None, rates, 0.02, 0.01)
     console = Console(width=width, record=True, file=StringIO())
-    console.print(printed(simulation_view(robot, found), console.width))
+    console.print(printed(found.blocks(), console.width))
     said = console.export_text()
     assert max(map(len, said.splitlines())) <= width
     numbers = set(re.findall(r"(?<![\w.])-?\d[\d.]*(?:e[-+]\d+)?(?![\w.])", said))

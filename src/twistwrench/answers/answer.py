@@ -177,12 +177,13 @@ class Answer:
         except Exception:
             return f"<pre>{html.escape(str(self))}</pre>"
 
-    def plot(self, kind: str | None = None, path: str | Path | None = None) -> Any:
+    def plot(self, kind: str | Path | None = None, path: str | Path | None = None) -> Any:
         """Draw the answer.
 
         Parameters
         ----------
         kind : str, optional, one of the kinds that an error lists; default: the first
+            A file name, ``plot("torques.png")``, is taken as ``path``.
         path : str or Path, optional, file to write (.png, .pdf, .svg)
 
         Returns

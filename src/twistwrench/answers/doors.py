@@ -18,7 +18,7 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     return pictures_of(answer)
 
 
-def plot(answer: Answer, kind: str | None, path: str | Path | None) -> Any:
+def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
     """Draw a kind of picture of an answer."""
     from ..viz.answers import plot
 

@@ -98,6 +98,7 @@ def build_run(
     remarks += _friction(system, scheme, method, y0, h, tau, friction=friction, creep=creep, loops=loops)
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
+    run.friction = friction
     if watched or surfaces or stops is not None:
         run.detector = EventDetector(watched, system.split, stops, surfaces)
     if controller is not None:

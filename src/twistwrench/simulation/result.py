@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..answers.answer import Answer
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, residual
 from ..core.typing import Array
 from ..robot.task_space_methods import require_robot
-from .doors import ResultDoors
 from .events import Happening
 
 if TYPE_CHECKING:
+    from ..answers.blocks import Block
+    from ..core.verdict import Verdict
     from ..motion.motion import Motion
     from ..robot import Robot
+    from .judgement import MotionClearance
 
 _ROUNDING = 1e-9
 """Fraction of the energy below which drift counts as rounding error."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulationResult(ResultDoors):
-    """Simulated motion of n states, the first at time 0. Printing it shows the reason of its end and the drift.
+class SimulationResult(Answer):
+    """Simulated motion of n states, the first at time 0; printing it shows the report of ``twistwrench simulate``.
+
+    The verdict is DONE, OVER LIMIT if torques were given and a limit is passed, or STOPPED if the motion ended early.
 
     Examples
     --------
@@ -38,6 +44,10 @@ class SimulationResult(ResultDoors):
     ...     table, picture = swing.to_csv(f"{folder}/swing.csv"), swing.plot(f"{folder}/swing.svg")
     ...     bool((again.q == SimulationResult.load(table).q).all()), picture.name
     (True, 'swing.svg')
+    >>> swing.headline.split(" Energy")[0]
+    'DONE: simulated 0.1 s.'
+    >>> swing.facts()["simulated"], swing.sources()["ROBOT"].endswith("pendulum.urdf")
+    ('0.1 s', True)
     >>> again.with_robot(tw.robots.pendulum()).motion
     <Motion of 'pendulum': 101 states, 0 to 0.1 s>
     """
@@ -94,6 +104,12 @@ class SimulationResult(ResultDoors):
     """Units of the entries of q: ``"rad"``, ``"m"``, or ``""`` for entries of a quaternion."""
     simulated: Robot | None = None
     """Robot; None if the result was read from a file."""
+    friction: bool = False
+    """True if joint friction was counted."""
+    clearance: MotionClearance | None = None
+    """Least distance between links along the motion, if it was judged."""
+    degrees: bool = False
+    """True if the report has angles in degrees."""
     energy: Array = field(init=False)
     """Sum of kinetic and potential energy (n,) [J]."""
     drift: Array = field(init=False)
@@ -126,12 +142,63 @@ class SimulationResult(ResultDoors):
         parts += [f"note: {r}" for r in self.remarks]
         return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(parts)}>"
 
-    def _repr_html_(self) -> str:
-        from ..core.tables import html_table
+    # ── Answer
 
-        title = f"{self.robot}, {self.method}: {self.stopped}; drift of energy {residual(self.relative_drift)}"
-        rows = zip(self.coordinate_names, self.q[0], self.q[-1], self.q.min(axis=0), self.q.max(axis=0), strict=True)
-        return html_table(f"{title}; rad, m", ("coordinate", "start", "end", "lowest", "highest"), rows)
+    call = "simulate"
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """DONE, OVER LIMIT where torques were given, STOPPED, or the verdict on the distance between links."""
+        from .judgement import verdict_with_clearance
+
+        return verdict_with_clearance(self)
+
+    @property
+    def driven(self) -> bool:
+        """True if torques were given."""
+        return bool(np.any(self.tau))
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot
+
+    @property
+    def subject(self) -> str:
+        """Robot and duration."""
+        return f"{self.robot} · {number(self.times[-1], 6)} s"
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, coordinates, velocities, energies, events and remarks.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        from .result_view import simulation_view
+
+        return simulation_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Duration and energy drift.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        drift = "energy drift, relative to the energy exchanged"
+        return {"simulated": f"{number(self.times[-1], 6)} s", drift: residual(self.relative_drift)}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the robot.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {} if self.simulated is None else {"ROBOT": self.simulated.model.source}
+
+    # ── Motion and files
 
     @property
     def motion(self) -> Motion:

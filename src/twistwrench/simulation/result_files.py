@@ -218,4 +218,4 @@ def _result(words: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping
         raise TrajectoryError("the file of a simulation has no state.")
     found = {name: _numbers(repr(name), x, (n, *widths.get(name, ()))) for name, x in arrays.items()}
     done = {name: _numbers(f"the work of {name}", x, (n,)) for name, x in work.items()}
-    return SimulationResult(**{**words, **found}, work=done)
+    return SimulationResult(**{**words, **found}, work=done, friction=bool(np.any(done["friction"])))

@@ -67,6 +67,8 @@ class Run:
         self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
         self.h = end / n
         self.remarks, self.method = remarks, method
+        self.friction = False
+        """True if joint friction is counted."""
         self.record = Record(n // every + 2, system.size, system.nv)
         self.detector: EventDetector | None = None
         self.controller: ControlLaw | None = None
@@ -127,6 +129,7 @@ class Run:
                 unknown = np.full(self.robot.nv, np.nan)
                 self.record.keep(*self.last, unknown, unknown)
         end = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
+        end["friction"] = self.friction
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
         errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
         remarks = (*self.remarks, *filter(None, [self.contact_durations.remark(self.h)]))

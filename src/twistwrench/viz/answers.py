@@ -16,14 +16,18 @@ from ..answers.blocks import mark_style
 from ..answers.page import MarkedJoint, Picture
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.files import picture_path
 from ..core.numbers import percent_of_limit, seconds
 from ..reports.drawn_motion import reported_motion
 from ..reports.torque_report import TorqueReport
+from ..simulation.judgement import worst_moment as worst_moment_of
+from ..simulation.result import SimulationResult
 from ..statics.payload_report import PayloadReport
 from . import style
 from .pictures import Plot, drawn, robot_picture
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
+from .plots.simulation import plot_simulation
 from .plots.torques import plot_motors, plot_report
 
 
@@ -42,20 +46,39 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     return [drawn(kind, plot) for kind, plot in [*plots_of(answer).items()][:1]]
 
 
-def plot(answer: Answer, kind: str | None, path: str | Path | None) -> Any:
-    """Draw a kind of plot of an answer into a file, or as a figure without one."""
+def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
+    """Draw a kind of plot of an answer into a file, or as a figure without one; a file alone gets the usual kind."""
     known = plots_of(answer)
     if not known:
         raise ValueRangeError(f"a {type(answer).__name__} has no picture. Its tables: {', '.join(answer.tables)}.")
+    if path is None and (isinstance(kind, Path) or Path(kind or "").suffix):
+        kind, path = None, kind
     if kind is not None and kind not in known:
-        raise UnknownNameError.from_choices("kind of plot", kind, known)
-    chosen = known[kind or next(iter(known))]
+        raise UnknownNameError.from_choices("kind of plot", str(kind), known)
+    chosen = known[str(kind) if kind else next(iter(known))]
     if path is not None:
-        chosen(path)
-        return Path(path)
+        target = picture_path(path)
+        chosen(target)
+        return Path(target)
     shown = style.ShownFigure()
     chosen(shown)
     return shown.figure
+
+
+# ── Simulations
+
+
+@plots_of.register
+def _(answer: SimulationResult) -> Mapping[str, Plot]:
+    return {"simulation": partial(plot_simulation, answer)}
+
+
+@pictures_of.register
+def _(answer: SimulationResult) -> Iterable[Picture]:
+    if find_spec("matplotlib") is None:
+        return []
+    pictures = [] if answer.simulated is None else [robot_picture(answer.simulated, *worst_moment_of(answer))]
+    return [*pictures, drawn("Joints, energies and drift", partial(plot_simulation, answer))]
 
 
 # ── Torques of a motion

@@ -1,0 +1,135 @@
+"""Verdict on a simulation, exceeded limits in words, and the moment of its picture."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..answers.page import MarkedJoint
+from ..core.colours import Style
+from ..core.numbers import number, seconds
+from ..core.typing import Array
+from ..core.verdict import Verdict, Word
+from ..mechanics.joints.units import unit_of
+from ..motion.bounds import LimitCheck, Violation, bounds_of
+from ..motion.coordinates import Coordinates
+
+if TYPE_CHECKING:
+    from .result import SimulationResult
+
+
+class MotionClearance(Protocol):
+    """Least distance between links along the motion, judged above this package."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """OK, or what comes too near."""
+
+    @property
+    def lines(self) -> list[str]:
+        """Sentences on the nearest links."""
+
+
+PASSED = {
+    "position": ("is at", "Nothing held the joint: --stop-at-limits ends where a limit is reached"),
+    "torque": (
+        "is given",
+        "The robot's drives cannot give it: reduce --torque, or raise the efforts in the robot's file",
+    ),
+    "velocity": ("moves at", "The robot's drives would not let it"),
+}
+"""Verb and meaning for each kind of exceeded limit."""
+
+
+def verdict_with_clearance(result: SimulationResult) -> Verdict:
+    """Verdict on the motion, and on the distance between links if it was checked."""
+    judged, clearance = simulation_verdict(result), result.clearance
+    if clearance is None:
+        return judged
+    if not clearance.verdict.ok:
+        return Verdict(clearance.verdict.word, clearance.verdict.reasons + judged.reasons)
+    return Verdict(Word.OK) if judged.ok else judged
+
+
+def simulation_verdict(result: SimulationResult) -> Verdict:
+    """Verdict on a simulation: STOPPED if it ended early, OVER LIMIT if given torques pass a limit, otherwise DONE.
+
+    A passive fall is not judged by limits: it is DONE whatever it passes. A result without its robot has no limits.
+    """
+    if not result.completed:
+        return Verdict(Word.STOPPED, (_reason_of_end(result),))
+    passed = [v for mine in _violations(result).values() for v in mine]
+    if not result.driven or not passed:
+        return Verdict(Word.DONE)
+    more = f"; {len(passed) - 1} more limit{'s are' if len(passed) > 2 else ' is'} passed" if len(passed) > 1 else ""
+    return Verdict(
+        Word.OVER_LIMIT, (f"{_in_words(passed[0], degrees=result.degrees)}{more}. {PASSED[passed[0].kind][1]}",)
+    )
+
+
+def _reason_of_end(result: SimulationResult) -> str:
+    """Reason for an early end; a position limit is in degrees if the answer is."""
+    k, robot = _joint_at_limit(result), result.simulated
+    if k is None or robot is None:
+        return result.stopped
+    limits, x = robot.limits, robot.model.positions(result.events[-1].q)[k]
+    side = "upper" if limits.upper[k] - x < x - limits.lower[k] else "lower"
+    turns = bool(Coordinates.from_model(robot.model).angular_velocity[k])
+    limit = getattr(limits, side)[k] * (math.degrees(1.0) if result.degrees and turns else 1.0)
+    unit = unit_of("q", turns, degrees=result.degrees)
+    return f"{robot.model.velocity_names[k]} reached its {side} position limit, {number(limit, 5)} {unit}"
+
+
+def _joint_at_limit(result: SimulationResult) -> int | None:
+    """Index in dq of the joint whose position limit ended the simulation; None if it ended otherwise."""
+    robot = result.simulated
+    if result.completed or not result.events or robot is None:
+        return None
+    limits, x = robot.limits, robot.model.positions(result.events[-1].q)
+    margins = np.minimum(limits.upper - x, x - limits.lower) / limits.tolerance
+    k = int(np.argmin(np.where(np.isfinite(margins), margins, np.inf)))
+    return k if margins[k] <= 1.0 else None
+
+
+def _in_words(violation: Violation, *, degrees: bool) -> str:
+    shown = violation.in_degrees() if degrees else violation
+    verb, value = PASSED[shown.kind][0], f"{number(shown.value, 5)} {shown.unit}"
+    limit = shown.limit if shown.kind == "position" else abs(shown.limit)
+    return f"{shown.joint} {verb} {value} at t = {seconds(shown.time)} s, limit {number(limit, 5)}"
+
+
+def _violations(result: SimulationResult) -> dict[str, list[Violation]]:
+    """Limits exceeded by states or given torques, by kind."""
+    if result.simulated is None:
+        return {}
+    check = LimitCheck(result.simulated.model, bounds_of(result.simulated))
+    check.add(result.times, result.q, result.dq, None, result.tau)
+    passed = check.violations()
+    found = {kind: [violation for violation in passed if violation.kind == kind] for kind in PASSED}
+    return {kind: mine for kind, mine in found.items() if mine}
+
+
+def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, str]:
+    """Configuration of the picture, the joint that stopped the motion or exceeds its limit most, and a title."""
+    end = f"{result.robot} at the end, t = {number(result.times[-1], 6)} s"
+    k = _joint_at_limit(result)
+    if k is not None:
+        joint = result.velocity_names[k]
+        return result.q[-1], MarkedJoint(joint, f"{joint}, at its limit", Style.NEAR), end
+    worst = next((mine[0] for mine in _violations(result).values()), None)
+    if worst is None:
+        return result.q[-1], None, end
+    row, label = int(np.abs(result.times - worst.time).argmin()), f"{worst.joint}, {worst.kind} over its limit"
+    return result.q[row], MarkedJoint(worst.joint, label, Style.OVER), f"{result.robot} at t = {seconds(worst.time)} s"
+
+
+def limits_passed(result: SimulationResult) -> list[str]:
+    """Sentences on exceeded limits, one per kind."""
+    sentences = []
+    for kind, mine in _violations(result).items():
+        more = len(mine) - 1
+        others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
+        sentences.append(f"{_in_words(mine[0], degrees=result.degrees)}{others}. {PASSED[kind][1]}.")
+    return sentences

@@ -1,0 +1,138 @@
+"""Simulation as blocks: verdict, coordinates, velocities, energies, accuracy, events and remarks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..answers.blocks import Block, Headline, Level, Line, Table, numbers, remarks, words
+from ..core.colours import Style
+from ..core.numbers import number, residual, seconds
+from ..core.typing import Array
+from ..core.verdict import Word
+from ..mechanics.joints.units import heading_unit
+from ..motion.coordinates import Coordinates
+from ..motion.model_doubts import friction_words
+from .judgement import limits_passed, simulation_verdict
+
+if TYPE_CHECKING:
+    from .result import SimulationResult
+
+_MOST, _MOST_SHORT = 20, 3
+"""Maximum number of listed events; in the short form."""
+_MOST_ROWS = 8
+"""Maximum number of rows of a table in the short form."""
+_ROUNDING = 12
+"""Decimals of coordinates, velocities and energies; smaller values are rounding errors."""
+
+
+def simulation_view(result: SimulationResult) -> Iterator[Block]:
+    """Blocks of a simulation, verdict first."""
+    yield from _headlines(result)
+    if not result.driven or not result.completed:
+        yield from remarks(limits_passed(result))
+    yield ""
+    yield _heading(result)
+    yield _coordinates(result)
+    yield _velocities(result)
+    yield _energies(result)
+    if np.isfinite(result.relative_error):
+        yield f"error of the steps: {residual(result.relative_error)} of the motion"
+    yield from _events(result)
+    yield from remarks(result.remarks)
+
+
+def _headlines(result: SimulationResult) -> Iterator[Block]:
+    """Verdicts on links that come too near and on the motion, and the closest links."""
+    judged, clearance = simulation_verdict(result), result.clearance
+    drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
+    near = clearance is not None and not clearance.verdict.ok
+    if clearance is not None and near:
+        yield Headline.from_verdict(clearance.verdict)
+    if near and judged.ok:
+        yield f"Simulated {number(result.times[-1], 6)} s. {drift}"
+    elif judged.ok:
+        word = judged.word if clearance is None else Word.OK
+        yield Headline(word, f"simulated {number(result.times[-1], 6)} s. {drift}")
+    else:
+        at = "" if judged.word is Word.OVER_LIMIT else f" at t = {number(result.times[-1], 6)} s"
+        yield Headline(judged.word, f"{judged.reasons[0]}. {drift}", at)
+    yield from () if clearance is None else clearance.lines
+
+
+def _heading(result: SimulationResult) -> Line:
+    friction = (
+        "" if result.simulated is None else f"  ·  {friction_words(result.simulated.model, counted=result.friction)}"
+    )
+    return Line(
+        (result.robot, Style.STRONG),
+        f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
+        f", {result.rejected} rejected" if result.rejected else "",
+        friction,
+    )
+
+
+def _scale(result: SimulationResult, entries: Literal["angular", "angular_velocity"]) -> Array | float:
+    """Factor of each coordinate or velocity to the unit of the answer."""
+    if not result.degrees or result.simulated is None:
+        return 1.0
+    return np.where(getattr(Coordinates.from_model(result.simulated.model), entries), math.degrees(1.0), 1.0)
+
+
+def _coordinates(result: SimulationResult) -> Table:
+    q = result.q * _scale(result, "angular")
+    unit = heading_unit("q", (True, False), degrees=result.degrees)
+    places = partial(numbers, show=_rounded, unit=unit, headed=False)
+    return Table(
+        f"Coordinates [{unit}]",
+        words("coordinate", result.coordinate_names),
+        places("start", q[0]),
+        places("end", q[-1]),
+        places("lowest", q.min(axis=0)),
+        places("highest", q.max(axis=0)),
+        most=_MOST_ROWS,
+    )
+
+
+def _velocities(result: SimulationResult) -> Table:
+    dq = result.dq * _scale(result, "angular_velocity")
+    peaks = np.abs(dq).argmax(axis=0)
+    unit = heading_unit("dq", (True, False), degrees=result.degrees)
+    speeds = partial(numbers, show=_rounded, unit=unit, headed=False)
+    return Table(
+        f"Velocities [{unit}]",
+        words("velocity", result.velocity_names),
+        speeds("start", dq[0]),
+        speeds("end", dq[-1]),
+        speeds("fastest", dq[peaks, np.arange(len(peaks))]),
+        numbers("at", result.times[peaks], seconds, "s"),
+        most=_MOST_ROWS,
+    )
+
+
+def _energies(result: SimulationResult) -> Table:
+    energies = {"kinetic": result.kinetic_energy, "potential": result.potential_energy, "both": result.energy}
+    energies |= {f"work of {name}": work for name, work in result.work.items() if np.any(work)}
+    rows = {name: x[[0, -1, int(np.abs(x).argmax())]] for name, x in energies.items()}
+    drift = result.drift
+    last = [Line(residual(x), value=x) for x in (0.0, drift[-1], drift[np.abs(drift).argmax()])]
+    cells = zip(*([Line(_rounded(x), value=x) for x in row] for row in rows.values()), last, strict=True)
+    heads = ("start", "end", "largest")
+    columns = [numbers(head, column, unit="J", headed=False) for head, column in zip(heads, cells, strict=True)]
+    return Table("Energies [J]", words("", [*rows, "drift"]), *columns)
+
+
+def _events(result: SimulationResult) -> Iterator[Block]:
+    """The first events, and the number of all if there are more."""
+    for k, event in enumerate(result.events[:_MOST]):
+        yield Line(f"· {event}", level=Level.SHORT if k < _MOST_SHORT else Level.ALL)
+    if len(result.events) > _MOST_SHORT:
+        yield f"· … {len(result.events)} events in all"
+
+
+def _rounded(value: float) -> str:
+    return number(value, decimals=_ROUNDING)
