@@ -17,7 +17,7 @@ from .data import DataTable, plain, report_data
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
     from .card import Shares
-    from .page import Picture
+    from .page import Picture, Viewer
 
 SCHEMA = 1
 """Version of the keys of :meth:`Answer.to_dict`."""
@@ -132,6 +132,23 @@ class Answer:
         from .doors import pictures_of
 
         return pictures_of(self)
+
+    def viewer(self) -> Viewer | None:
+        """Robot that can be moved on the page.
+
+        Returns
+        -------
+        viewer : Viewer, or None without a motion that can be shown
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.check("ur5", "demo").viewer().page[:15]
+        '<!doctype html>'
+        """
+        from .doors import viewer_of
+
+        return viewer_of(self)
 
     # ── Surfaces
 

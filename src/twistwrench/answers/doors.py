@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .answer import Answer
-    from .page import Picture
+    from .page import Picture, Viewer
 
 
 def pictures_of(answer: Answer) -> Iterable[Picture]:
@@ -16,6 +16,13 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     from ..viz.answers import pictures_of
 
     return pictures_of(answer)
+
+
+def viewer_of(answer: Answer) -> Viewer | None:
+    """Robot of an answer that can be moved; None if it cannot be shown."""
+    from ..viz.answers import viewer_of
+
+    return viewer_of(answer)
 
 
 def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from .answer import Answer
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
-"""Content-Security-Policy: no requests and no scripts."""
+"""Content-Security-Policy: no requests, and no scripts but those whose digests follow."""
+LARGEST_VIEWER = 4_000_000
+"""Characters of a viewer above which a page to hand on leaves it out: meshes of a robot may take tens of megabytes."""
 TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
     "DONE": "The work is done, and nothing was judged.",
@@ -73,6 +75,30 @@ class Picture:
     """SVG element, or PNG file."""
     link: str = ""
     """Address of an interactive page with the same content."""
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """Page with the robot that can be moved, inside the page of an answer."""
+
+    page: str
+    """HTML of the page."""
+    digests: tuple[str, ...]
+    """Digests of its scripts, which a frame may only run with the permission of the page around it."""
+
+
+def digest(script: str) -> str:
+    """Digest of a script for a Content-Security-Policy.
+
+    Parameters
+    ----------
+    script : str
+
+    Returns
+    -------
+    digest : str
+    """
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
 
 
 @dataclass(frozen=True)
@@ -119,6 +145,8 @@ class ReportPage:
     """Tables of the provenance."""
     shorten: Callable[[str], str] = field(default=str)
     """Function applied to every text that removes folders from paths."""
+    viewer: Viewer | None = None
+    """Robot that can be moved, in place of its picture."""
 
     def html(self) -> str:
         """Page as text.
@@ -134,7 +162,9 @@ class ReportPage:
         shown = [block for block in body if not isinstance(block, Remark)]
         parts = [
             _verdict([block for block in head if not isinstance(block, Remark)], self.facts),
-            *map(_picture, sorted(self.pictures, key=lambda p: isinstance(p.content, str))),
+            *map(_picture, [picture for picture in self.pictures if isinstance(picture.content, bytes)]),
+            *([_MOVE] if self.viewer is not None else []),
+            *map(_picture, [picture for picture in self.pictures if isinstance(picture.content, str)]),
             "<h2>Results</h2>",
             *map(_block, shown),
             *(["<h2>Details</h2>", *map(_block, self.details)] if self.details else []),
@@ -146,8 +176,16 @@ class ReportPage:
         text = "\n".join(self._cut(part) for part in parts)
         if terms := _terms_in(text):
             text += f"\n<h2>Terms</h2>{_list(terms)}"
+        policy, scripts = POLICY, ""
+        if self.viewer is not None:
+            content = json.dumps(self.viewer.page).replace("<", "\\u003c")
+            scripts = (
+                f'<script type="application/json" id="viewer">{content}</script>\n<script>{_START_VIEWER}</script>'
+            )
+            policy = f"{POLICY}; frame-src 'self'; script-src {' '.join((digest(_START_VIEWER), *self.viewer.digests))}"
         return _TEMPLATE.format(
-            policy=html.escape(POLICY),
+            policy=html.escape(policy),
+            scripts=scripts,
             title=html.escape(f"{self.command}: {self.subject}"),
             style=page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8"),
             kind=html.escape(f"twistwrench {self.command} · {self.subject}"),
@@ -173,6 +211,24 @@ class ReportPage:
         return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
+_MOVE = '<p class="move" hidden><button type="button" id="move">Move it</button></p>'
+"""Button that starts the viewer; without scripts it stays hidden, and the picture remains."""
+_START_VIEWER = """
+const button = document.getElementById("move");
+button.parentElement.hidden = false;
+button.onclick = () => {
+  const frame = document.createElement("iframe");
+  frame.sandbox = "allow-scripts";
+  frame.title = "The robot, which can be dragged";
+  frame.className = "viewer";
+  frame.srcdoc = JSON.parse(document.getElementById("viewer").textContent);
+  const picture = document.querySelector("figure.robot");
+  if (picture) picture.replaceWith(frame); else button.parentElement.before(frame);
+  button.parentElement.remove();
+};
+"""
+
+
 def answer_page(answer: Answer, *, command: Sequence[str] = (), notes: Sequence[str] = ()) -> ReportPage:
     """Page of an answer, with the words of the command and the sentences on standard error if it comes from the shell."""
     blocks = list(answer.blocks())
@@ -186,6 +242,7 @@ def answer_page(answer: Answer, *, command: Sequence[str] = (), notes: Sequence[
         pictures=list(answer.pictures()),
         notes=notes,
         provenance=[*typed, *provenance(answer.sources()), *versions()],
+        viewer=answer.viewer(),
     )
 
 
@@ -223,6 +280,7 @@ _TEMPLATE = """<!doctype html>
 {body}
 </main>
 <script type="application/json" id="data">{data}</script>
+{scripts}
 </body>
 </html>
 """

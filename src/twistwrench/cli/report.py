@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from ..answers.blocks import Block
 from ..answers.data import report_data
-from ..answers.page import Picture, ReportPage, provenance, versions
+from ..answers.page import Picture, ReportPage, Viewer, provenance, versions
 from ..core.files import replacing
 from ..core.version import __version__
 from ..reports.robot_summary import limits_table
@@ -47,6 +47,7 @@ def write_report(
     limits: Limits | None = None,
     degrees: bool = False,
     used: Iterable[tuple[str, str]] = (),
+    viewer: Viewer | None = None,
 ) -> None:
     """Write the page of --report if there is one.
 
@@ -74,6 +75,7 @@ def write_report(
         ],
         tables=[] if robot is None or limits is None else [limits_table(robot.model, limits, degrees=degrees)],
         shorten=shorten,
+        viewer=viewer,
     )
     with replacing(given.report) as scratch:
         scratch.write_text(page.html(), encoding="utf-8")

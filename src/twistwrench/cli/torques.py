@@ -165,6 +165,7 @@ def write_torque_report(
     write_report(
         given, "torques", report.subject, blocks, files=files, facts=report.facts().items(), pictures=pictures,
         robot=load.robot, limits=report.limits, degrees=report.in_degrees, used=[("torques", friction)],
+        viewer=report.viewer(),
     )  # fmt: skip
 
 

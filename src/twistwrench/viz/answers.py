@@ -13,7 +13,7 @@ import numpy as np
 
 from ..answers.answer import Answer
 from ..answers.blocks import mark_style
-from ..answers.page import MarkedJoint, Picture
+from ..answers.page import LARGEST_VIEWER, MarkedJoint, Picture, Viewer
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import picture_path
@@ -23,7 +23,7 @@ from ..reports.torque_report import TorqueReport
 from ..simulation.judgement import worst_moment as worst_moment_of
 from ..simulation.result import SimulationResult
 from ..statics.payload_report import PayloadReport
-from . import style
+from . import page, style
 from .pictures import Plot, drawn, robot_picture
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
@@ -44,6 +44,13 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     if find_spec("matplotlib") is None:
         return []
     return [drawn(kind, plot) for kind, plot in [*plots_of(answer).items()][:1]]
+
+
+@singledispatch
+def viewer_of(answer: Answer) -> Viewer | None:
+    """Robot of an answer that can be moved on its page; None without one."""
+    del answer
+    return None
 
 
 def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
@@ -109,6 +116,14 @@ def _(answer: TorqueReport) -> Iterable[Picture]:
     if answer.motors:
         pictures.append(drawn("Motors", partial(plot_motors, answer)))
     return pictures
+
+
+@viewer_of.register
+def _(answer: TorqueReport) -> Viewer | None:
+    if answer.load.robot.model.couplings:  # pages cannot show motors that drive several joints
+        return None
+    viewer = page.viewer_of(answer.load.robot, motion=reported_motion(answer), embed=True)
+    return viewer if len(viewer.page) < LARGEST_VIEWER else None
 
 
 def worst_moment(report: TorqueReport, link: str = "") -> Picture:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import html
 import json
 import os
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.page import Viewer, digest
 from ..core import arguments
 from ..core.colours import COLOURS, Style, page_colours
 from ..core.errors import ModelWarning, ValueRangeError
@@ -158,6 +158,31 @@ def page_text(
     -------
     text : str
     """
+    shown: dict[str, Any] = {"motion": motion, "q": q, "actuated": actuated, "wrench_on_robot": wrench_on_robot}
+    about: dict[str, Any] = {
+        "scene": scene,
+        "section": section,
+        "embed": embed,
+        "control": control,
+        "neighbours": neighbours,
+    }
+    return viewer_of(robot, **shown, **about).page
+
+
+def viewer_of(
+    robot: Robot | ConstrainedRobot,
+    *,
+    motion: DrawnMotion | None = None,
+    q: ArrayLike | None = None,
+    actuated: Iterable[str] | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    scene: Scene | None = None,
+    section: str | None = None,
+    embed: bool = False,
+    control: str | None = None,
+    neighbours: Mapping[str, str] | None = None,
+) -> Viewer:
+    """Page of :func:`page_text`, with the digests of its scripts, for a page that contains it."""
     closed = cast("ConstrainedRobot", robot) if isinstance(robot, Robot) and robot.constraints else None
     if closed is not None and (motion is not None or section is not None):
         raise ValueRangeError(
@@ -220,14 +245,16 @@ def page_text(
     parts = resources.files(__package__) / "player"
     names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
     scripts = programs.script(), "\n".join(_without_comments((parts / name).read_text("utf-8")) for name in names)
-    return Template((parts / "page.html").read_text("utf-8")).substitute(
+    digests = tuple(map(digest, scripts))
+    page = Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
-        policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",
+        policy=f"{_POLICY} {' '.join(digests)}",
         style=page_colours() + (parts / "page.css").read_text("utf-8"),
         programs=scripts[0],
         script=scripts[1],
         data=box.packed(data),
     )
+    return Viewer(page, digests)
 
 
 def _without_comments(script: str) -> str:
@@ -299,11 +326,6 @@ def open_browser(url: str) -> bool:
         return webbrowser.open(url)
     except (webbrowser.Error, OSError):
         return False
-
-
-def _digest(script: str) -> str:
-    """Digest of a script for a Content-Security-Policy."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
 
 
 class _Box:
