@@ -35,7 +35,7 @@ LONG_FUNCTIONS = {
     "cli/move.py:move_command",
     "formats/__init__.py:load_model",
     "simulation/preparation.py:build_run",
-    "viz/page.py:page_text",
+    "viz/page.py:viewer_of",
 }
 """Functions with more lines. The list may only shrink."""
 STRONG_PARTICIPLES = (

@@ -209,3 +209,14 @@ def test_many_motions_have_the_verdicts_of_each(tmp_path):
     assert tw.check_each(robot, [DEMO, slow], payload=1).verdict.word == "OK"
     with pytest.raises(tw.ValueRangeError, match="none of the 1 motions"):
         tw.check_each(robot, [broken])
+
+
+def test_the_options_of_check_each_are_those_of_check():
+    import inspect
+    import typing
+
+    from twistwrench.reports.check import CheckOptions
+
+    own = {name for name, p in inspect.signature(tw.check).parameters.items() if p.kind is p.KEYWORD_ONLY}
+    assert own - {"progress"} == set(CheckOptions.__annotations__)
+    assert typing.is_typeddict(CheckOptions)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,28 @@ _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """Durations of noise estimation and smoothing relative to the analysis."""
 _ROWS = 8192
 """Rows of a slice whose clearance is searched at once."""
+
+
+class CheckOptions(TypedDict, total=False):
+    """Options of :func:`check`, as a dictionary with the same names and meanings."""
+
+    payload: LoadsGiven
+    wrench_on_robot: Mapping[str, ArrayLike] | None
+    limits: limits_file.Given
+    friction: bool
+    smooth: bool
+    clearance: float | None
+    srdf: str | Path | None
+    actuators: str | Path | ActuatorFile | None
+    columns: Mapping[str, str] | None
+    gain: Mapping[str, float] | None
+    rate: float | None
+    topic: str | None
+    episode: int | None
+    degrees: bool
+    lock: Mapping[str, ArrayLike] | None
+    plan: bool
+    why: bool
 
 
 def check(

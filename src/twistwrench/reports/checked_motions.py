@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack, overload
 
 from ..answers.answer import Answer
 from ..answers.blocks import Block, Headline, Line, Table, numbers, word_cell, words
@@ -19,7 +19,7 @@ from ..core.tables import csv_table
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import Verdict, Word
 from ..motion.readers import format_of
-from .check import check
+from .check import CheckOptions, check, robot_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -180,7 +180,7 @@ def check_each(
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[float], None] | None = None,
-    **asked: Any,
+    **asked: Unpack[CheckOptions],
 ) -> CheckedMotions:
     """Judge many motions as :func:`twistwrench.check` does, on this machine's processes or on a cluster.
 
@@ -209,9 +209,7 @@ def check_each(
     >>> print(tw.check_each("ur5", [demo], payload=5).headline)
     OK: all limits kept by 1 motion.
     """
-    from .check import robot_of
-
-    loaded, _ = robot_of(robot, asked.pop("actuators", None), asked.get("lock"))
+    loaded, _ = robot_of(robot, asked.pop("actuators", None), asked.pop("lock", None))
     given = expanded_paths(motions) if isinstance(motions, str | Path) else list(motions)
     return checked_motions(loaded.name, given, _Question(loaded, asked).answer, workers, scheduler, progress)
 
@@ -221,7 +219,7 @@ class _Question:
     """Question about one motion; it is sent to other processes."""
 
     robot: Robot
-    asked: Mapping[str, Any]
+    asked: CheckOptions
 
     def answer(self, motion: Any) -> CheckedMotion:
         name = str(motion) if isinstance(motion, str | Path) else ""
