@@ -154,7 +154,7 @@ def said(task: Task, made: Recording) -> dict[str, Any]:
         before = time.process_time()
         result = CliRunner().invoke(command, [*arguments, "--json", str(found)])
         row = {"seconds": round(time.process_time() - before, 2), "exit": result.exit_code}
-        first = " ".join((result.stdout or result.output).split("\n\n")[0].split())
+        first = _first_line(result.stdout or result.output, task, folder)
         shares = _shares(json.loads(found.read_text("utf-8"))) if found.is_file() else []
     word = "refused" if result.exit_code == 2 else "CRASH"
     if result.exit_code in (0, 1):
@@ -163,6 +163,14 @@ def said(task: Task, made: Recording) -> dict[str, Any]:
     if word == "CRASH":
         first = repr(result.exception)
     return row | {"word": word, "share": _rounded(max(shares, default=0.0)), "first": first[:_LENGTH]}
+
+
+def _first_line(text: str, task: Task, folder: str) -> str:
+    """First paragraph of an answer on one line, files without their folders."""
+    line = " ".join(text.split("\n\n")[0].split())
+    for place in (folder, str(Path(str(ROBOTS[task.robot].path)).parent)):
+        line = line.replace(f"{place}/", "")
+    return line
 
 
 def arguments_of(task: Task, made: Recording, folder: Path) -> list[str]:
@@ -284,7 +292,7 @@ def same_in_the_shell(wanted: Sequence[Task]) -> None:
                 [sys.executable, "-W", "ignore", "-m", "twistwrench", *arguments], capture_output=True, text=True
             )
         text = shell.stdout if shell.returncode in (0, 1) else shell.stderr
-        first = " ".join(text.split("\n\n")[0].split())[:_LENGTH]
+        first = _first_line(text, task, folder)[:_LENGTH]
         if (shell.returncode, first) != (inside["exit"], inside["first"]):
             raise SystemExit(f"{task}: the shell says {first!r}, in the process it is {inside['first']!r}.")
     print(f"{len(wanted)} logs: the same in a shell")
