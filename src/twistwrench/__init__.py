@@ -122,7 +122,8 @@ if _typing.TYPE_CHECKING:
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
     from .simulation.result import SimulationResult as SimulationResult
-    from .sizing.choice import size_drives as size_drives
+    from .sizing.choice import Sizing as Sizing
+    from .sizing.sizing import size_drives as size_drives
     from .statics.payload_report import PayloadReport as PayloadReport
     from .statics.payload_report import payload as payload
 
@@ -146,6 +147,7 @@ _NAMES = {
     "PayloadReport": "statics.payload_report",
     "RigidBody": "mechanics.bodies.rigid_body",
     "SimulationResult": "simulation.result",
+    "Sizing": "sizing.choice",
     "SpatialInertia": "mechanics.bodies.inertia",
     "Twist": "mechanics.lie.twist_wrench",
     "Wrench": "mechanics.lie.twist_wrench",
@@ -160,7 +162,7 @@ _NAMES = {
     "move_covariance": "mechanics.lie.twist_wrench",
     "payload": "statics.payload_report",
     "set_threads": "compiler.runtime.batch_threads",
-    "size_drives": "sizing.choice",
+    "size_drives": "sizing.sizing",
 }
 """Modules of other names, imported on first use: the first torque of a robot needs none of them."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from .choice import Sizing, size_drives
+from .choice import Sizing
+from .sizing import size_drives
 
 __all__ = ["Sizing", "size_drives"]

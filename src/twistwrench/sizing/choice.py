@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..core import arguments
-from ..core.errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
+from ..answers.answer import Answer
+from ..answers.blocks import Block
+from ..core.errors import UnknownNameError
 from ..core.files import replacing
-from ..core.numbers import number
+from ..core.numbers import number, percent_of_limit
+from ..core.tables import csv_table
 from ..core.typing import Array
-from ..core.verdict import Verdict
-from ..formats.yaml import Source, si_unit
+from ..core.verdict import Verdict, Word
+from ..formats.yaml import si_unit
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.actuators import RATINGS, moving
-from ..mechanics.model.couplings import refuse_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.model_doubts import as_it_hangs, base_doubts, model_warnings
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
-from ..robot.task_space_methods import require_robot
-from .catalog import Catalog, Pair, read_catalog
+from ..reports.torque_report import TorqueReport
+from ..reports.torque_verdict import as_it_stands, contradictions, log_doubts, rows_in_doubt
+from .catalog import Catalog, Pair
 from .drives import (
     CatalogMotor,
     Cycle,
@@ -208,9 +210,9 @@ class SizingProblem:
         return SizedJoint(joint, (motor.name, gear.name), mass, motors[0], gears[0], cycles[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Sizing:
-    """Drives of a robot over a cycle, compared with their ratings.
+@dataclass(frozen=True, eq=False, repr=False)
+class Sizing(Answer):
+    """Drives of a robot over a cycle, compared with their ratings: result of :func:`twistwrench.size_drives`.
 
     Examples
     --------
@@ -225,9 +227,13 @@ class Sizing:
     >>> s.actuators()["actuators"]["hinge"]["ratio"]
     1.0
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     s.write_actuators(f"{folder}/actuators.yaml").name
-    'actuators.yaml'
+    ...     s.write_actuators(f"{folder}/actuators.yaml").name, s.to_csv(f"{folder}/sizing.csv").name
+    ('actuators.yaml', 'sizing.csv')
+    >>> s.brief[:5], s.of_drives.ok, s.subject, len(list(s.blocks())), s.sources()["ROBOT"].endswith("pendulum.urdf")
+    ('hinge', False, 'pendulum', 7, True)
     """
+
+    call: ClassVar[str] = "size"
 
     joints: Mapping[str, SizedJoint]
     """Sized drive of each joint, with ``motor`` and ``gear``."""
@@ -241,10 +247,30 @@ class Sizing:
     """Joints without a drive to size."""
     problem: SizingProblem
     """Robot, cycle and settings."""
+    motion: Motion | None = None
+    """The motion of the cycle, without the pause."""
+    report: TorqueReport | None = None
+    """Analysis of the log; None for a motion in memory."""
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating or where noise decides, or OK."""
+        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating or where noise or the log decides, or OK.
+
+        LOOK AGAIN if the log contradicts itself. A rating exceeded by a log whose rows are in doubt is not certain.
+        """
+        own, report = self.of_drives, self.report
+        if report is None:
+            return own
+        if refused := contradictions(report):
+            return Verdict.from_reasons(look_again=refused)
+        rows, others = rows_in_doubt(report), log_doubts(report)
+        if rows and own.word is Word.OVER_LIMIT:
+            own = Verdict.from_reasons(unsure=[f"{as_it_stands(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
+        return Verdict.from_reasons(unsure=[*rows, *(text for text in others if text not in rows)]).joined(own)
+
+    @cached_property
+    def of_drives(self) -> Verdict:
+        """Verdict on the drives alone, as if the log had no doubts."""
         over = [f"{name}: no pair of the catalogue does it" for name, x in self.choice.items() if x.drive is None]
         over += [words for one in self._by_share for words in one.excess]
         unsure = [
@@ -256,6 +282,67 @@ class Sizing:
         if base_doubts(self.problem.robot.model):  # other torques are those of a robot that stands
             over, unsure = [], [*map(as_it_hangs, over[:1]), *unsure]
         return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
+
+    # ── The answer on every surface
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.problem.robot.name
+
+    @property
+    def subject(self) -> str:
+        """Robot and motion."""
+        return self.robot_name if self.report is None else f"{self.robot_name} · {Path(self.report.trajectory).name}"
+
+    @property
+    def brief(self) -> str:
+        """Joint without a sufficient drive, or the joint nearest to a rating with its share."""
+        if lacking := [name for name, chosen in self.choice.items() if chosen.drive is None]:
+            return f"no drive for {lacking[0]}"
+        nearest = next(iter(self._by_share), None)
+        return "" if nearest is None else f"{nearest.joint} {percent_of_limit(nearest.tightest[1].share)}"
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, drives with their figures, supply and remarks."""
+        from .sizing_view import sizing_view
+
+        return sizing_view(self)
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the motion and of the robot.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        motion = {} if self.report is None else {"MOTION": self.report.trajectory}
+        return {**motion, "ROBOT": self.problem.robot.model.source}
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write a row for each figure of each motor and gear, with its limit.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file
+
+        Raises
+        ------
+        ValueRangeError
+            The file cannot be written.
+        """
+        columns = "joint", "part", "name", "figure", "value", "limit", "unit", "share"
+        parts = [(j.joint, *part) for j in self.joints.values() for part in (("gear", j.gear), ("motor", j.motor))]
+        with csv_table(path, columns) as table:
+            for joint, part, use in parts:
+                for d in use.demands:
+                    limit, share = (x if np.isfinite(x) else None for x in (d.limit, d.share))
+                    table.row([joint, part, use.name, d.what, d.value, limit, d.unit, share])
+        return Path(path)
 
     @property
     def _by_share(self) -> list[SizedJoint]:
@@ -276,9 +363,8 @@ class Sizing:
         -------
         sizing : Sizing, with all chosen drives on the robot
         """
-        return _chosen(
-            self.problem, self.catalog, tuple(self.joints) + tuple(n for n, c in self.choice.items() if not c.drive)
-        )
+        names = tuple(self.joints) + tuple(n for n, c in self.choice.items() if not c.drive)
+        return replace(_chosen(self.problem, self.catalog, names), motion=self.motion, report=self.report)
 
     def actuators(self) -> dict[str, Any]:
         """Drives as entries of an actuator file; docs/actuation.md shows one.
@@ -344,98 +430,58 @@ def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
     return found
 
 
-def size_drives(
+def sizing_of(
     robot: Robot,
-    motion: Motion,
-    catalog: Source | Catalog,
+    states: LoadStates,
+    catalog: Catalog,
     *,
-    pause: float = 0.0,
-    ambient: float = 25.0,
-    life: float | None = None,
-    brake: bool = False,
-    emergency: Motion | None = None,
-    friction: bool = True,
-    add_masses: bool = True,
-    shared_supply: bool = True,
-    draws: Sequence[Motion] = (),
+    pause: float,
+    ambient: float,
+    life: float | None,
+    brake: bool,
+    emergency: Motion | None,
+    friction: bool,
+    add_masses: bool,
+    shared_supply: bool,
 ) -> Sizing:
-    """Drive sizing: loads of motors and gears over a repeated motion, compared with the ratings of a catalogue.
+    """Sizing for the states of a motion followed by the pause; smallest drives if the catalogue names none."""
+    names = drive_joints(robot, catalog)
+    armed = tuple(n for n in names if robot.armature[robot.model.velocity_names.index(n)])
+    bare = bare_robot(robot, names)
+    cycles, time, holding = _with_pause([states.motion, *states.draws], pause)
+    problem = SizingProblem(
+        bare, cycles, time, brake, holding, emergency, friction, add_masses, armed, ambient, life, shared_supply,
+        tuple(_doubts(bare, states.motion)),
+    )  # fmt: skip
+    if not catalog.drives:
+        found = _chosen(problem, catalog, names)
+    else:
+        found = _sizing(problem, catalog, catalog.drives, {})
+    return replace(found, motion=states.motion)
 
-    If the catalogue has no ``actuators:``, the smallest pair is chosen for each revolute joint.
 
-    Parameters
-    ----------
-    robot : Robot, with its payload, without actuators
-    motion : Motion of this robot; the cycle is the motion followed by the pause, repeated indefinitely
-        Derived rates are judged as those of a log by the command ``torques``: smoothed if noise matters.
-    catalog : str, Path, mapping or Catalog; YAML file, its text or content, or "servos"; see docs/sizing.md
-    pause : float, time at rest after the motion, while the motors hold the robot [s]
-    ambient : float, temperature of the air [°C]
-    life : float, optional, required life L₁₀ of strain-wave gears [h]
-    brake : bool, brakes hold the robot in the pause
-    emergency : Motion, optional, stop or collision, for the momentary peak torque of the gears
-    friction : bool, include joint friction of the robot file
-    add_masses : bool, add the masses of the drives; False if the links include them
-    shared_supply : bool, a braking drive feeds the others through a common link
-    draws : sequence of Motion, optional, equally likely motions at the same times, for the effect of noise on each load
+def sizing_refused(robot: Robot, catalog: Catalog, report: TorqueReport) -> Sizing:
+    """Sizing without drives, for a log that contradicts itself."""
+    still = SizingProblem(robot, (), np.array([0.0, 1.0]), False, slice(0, 0), None, True, True, (), 25.0, None, True)
+    return replace(_sizing(still, catalog, {}, {}), report=report)
 
-    Returns
-    -------
-    sizing : Sizing
 
-    Raises
-    ------
-    ModelError, UnknownNameError, NotFoundError
-        The catalogue contradicts itself or names an unknown joint, or the robot has actuators.
-    ValueRangeError
-        A setting is not finite, or negative.
-
-    Notes
-    -----
-    Iron losses, bearing moments and losses of the electronics are neglected.
-
-    Examples
-    --------
-    >>> import numpy as np, twistwrench as tw
-    >>> arm, t = tw.robots.pendulum(), np.linspace(0, 2, 201)
-    >>> motion = tw.Motion(t, np.sin(np.pi * t / 2)[:, None] ** 2, robot=arm)
-    >>> s = tw.size_drives(arm, motion, {"motors": {"servo": {
-    ...     "stall_torque": "30 N m", "no_load_speed": "60 rpm", "voltage": "24 V"}}})
-    >>> print(s.verdict)
-    UNSURE: hinge, motor servo: stall data only
-    """
-    require_robot(robot, "size_drives")
-    refuse_couplings(robot.model, "size_drives")
-    for given in (motion, *([] if emergency is None else [emergency]), *draws):
-        if not isinstance(given, Motion):
-            raise ShapeError(f"size_drives: a motion is a tw.Motion, got {arguments.shown(given)}.")
-    listed = read_catalog(catalog)
-    arguments.positive(pause, "size_drives: pause", "s", zero=True)
-    arguments.positive(1.0 if life is None else life, "size_drives: life", "h")
-    if not -273.15 <= arguments.number(ambient, "size_drives: ambient") < 1000:
-        raise ValueRangeError(f"size_drives: ambient={ambient!r} is not a temperature of air in °C.")
-    if robot.actuators:
-        raise ModelError(
-            f"robot {robot.name!r} has actuators already, and the catalogue describes the drives. Load it without --actuators."
-        )
-    turning = {b.joint.name for b in robot.model.leaders if b.joint.nv == 1 and b.joint.turning[0] and b.joint.driven}
-    names = tuple(listed.drives) or tuple(n for n in robot.model.velocity_names if n in turning)
+def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
+    """Joints whose drives are sized: those of the catalogue, or all driven revolute joints. Raises UnknownNameError."""
+    turning = {
+        b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1 and b.joint.turning[0] and b.joint.driven
+    }
+    names = tuple(catalog.drives) or tuple(n for n in robot.model.velocity_names if n in turning)
     for name in names:
         if name not in turning:
             raise UnknownNameError.from_choices("joint that turns", name, turning)
+    return names
+
+
+def bare_robot(robot: Robot, names: Iterable[str]) -> Robot:
+    """Robot without the armature of these joints, which the rotors of the drives replace."""
     armed = {n: 0.0 for n in names if robot.armature[robot.model.velocity_names.index(n)]}
-    bare = robot.with_armature(armed) if armed else robot
-    states = LoadStates.from_motion(bare, motion.with_robot(bare), friction=friction)
-    stop = None if emergency is None else LoadStates.from_motion(bare, emergency.with_robot(bare)).motion
-    likely = states.draws or [one.with_robot(bare) for one in draws]
-    cycles, time, holding = _with_pause([states.motion, *likely], pause)
-    problem = SizingProblem(
-        bare, cycles, time, brake, holding, stop, friction, add_masses, tuple(armed), ambient, life, shared_supply,
-        tuple(_doubts(bare, states.motion)),
-    )  # fmt: skip
-    if not listed.drives:
-        return _chosen(problem, listed, names)
-    return _sizing(problem, listed, listed.drives, {})
+    return robot.with_armature(armed) if armed else robot
 
 
 class _Peak(NamedTuple):

@@ -22,13 +22,15 @@ from ..reports.drawn_motion import reported_motion
 from ..reports.torque_report import TorqueReport
 from ..simulation.judgement import worst_moment as worst_moment_of
 from ..simulation.result import SimulationResult
+from ..sizing.choice import Sizing
+from ..sizing.sizing_view import worst_moment as worst_sized_moment
 from ..statics.payload_report import PayloadReport
 from . import page, style
 from .pictures import Plot, drawn, robot_picture
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
 from .plots.simulation import plot_simulation
-from .plots.torques import plot_motors, plot_report
+from .plots.torques import plot_motors, plot_report, plot_sizing
 
 
 @singledispatch
@@ -153,3 +155,23 @@ def _(answer: PayloadReport) -> Iterable[Picture]:
     marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
     pictures = [robot_picture(answer.robot, answer.q, marked, f"{answer.robot.name} in this pose")]
     return pictures + [drawn("Forces and holding torques", plot) for plot in plots_of(answer).values()]
+
+
+# ── Drives of a cycle
+
+
+@plots_of.register
+def _(answer: Sizing) -> Mapping[str, Plot]:
+    return {"drives": partial(plot_sizing, answer)} if answer.joints else {}
+
+
+@pictures_of.register
+def pictures_of_sizing(answer: Sizing, link: str = "") -> Iterable[Picture]:
+    """Robot at the moment of the drive nearest to a rating, and the drives."""
+    if find_spec("matplotlib") is None or answer.motion is None:
+        return []
+    q, marked, title, _ = worst_sized_moment(answer)
+    return [
+        robot_picture(answer.problem.robot, q, marked, title, link=link),
+        drawn("Drives", partial(plot_sizing, answer)),
+    ]

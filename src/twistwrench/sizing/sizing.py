@@ -1,0 +1,177 @@
+"""Function of the command ``size``: motors and gears of a catalogue under a cyclic motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ModelError, ShapeError, ValueRangeError
+from ..formats.yaml import Source
+from ..mechanics.model.couplings import refuse_couplings
+from ..motion.differentiation import Differentiation
+from ..motion.load_case import LoadCase, LoadsGiven, payloads_of
+from ..motion.motion import Motion
+from ..motion.motion_log import MotionLog
+from ..reports.check import log_of, robot_of
+from ..reports.load_states import LoadStates
+from ..reports.torque_analysis import analyse
+from ..reports.torque_report import TorqueReport
+from ..reports.torque_verdict import contradictions
+from ..robot import Robot
+from ..robot.task_space_methods import require_robot
+from ..robots.finding import bundled_file
+from .catalog import Catalog, read_catalog
+from .choice import Sizing, bare_robot, drive_joints, sizing_of, sizing_refused
+
+
+def size_drives(
+    robot: Robot | str | Path,
+    motion: Any,
+    catalog: Source | Catalog,
+    *,
+    payload: LoadsGiven = (),
+    pause: float = 0.0,
+    ambient: float = 25.0,
+    life: float | None = None,
+    brake: bool = False,
+    emergency: Any = None,
+    friction: bool = True,
+    add_masses: bool = True,
+    shared_supply: bool = True,
+    choose: bool = False,
+    draws: Sequence[Motion] = (),
+    smooth: bool = False,
+    columns: Mapping[str, str] | None = None,
+    gain: Mapping[str, float] | None = None,
+    rate: float | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
+    degrees: bool = False,
+    lock: Mapping[str, ArrayLike] | None = None,
+    plan: bool = False,
+) -> Sizing:
+    """Drive sizing: loads of motors and gears over a repeated motion, compared with the ratings of a catalogue.
+
+    If the catalogue has no ``actuators:``, the smallest pair is chosen for each revolute joint.
+
+    Parameters
+    ----------
+    robot : Robot without actuators, path of a robot file, or name of a known robot
+    motion : Motion, anything with ``.motion``, path of a log or plan, DataFrame, or "demo" for a bundled robot
+        The cycle is the motion followed by the pause, repeated indefinitely. Rates of a log, and derived rates of a motion,
+        are judged as by :func:`check`: smoothed if noise matters.
+    catalog : str, Path, mapping or Catalog; YAML file, its text or content, "servos", or "demo"; see docs/sizing.md
+    payload : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
+        Loads at the robot's tip, or at a named frame.
+    pause : float, time at rest after the motion, while the motors hold the robot [s]
+    ambient : float, temperature of the air [°C]
+    life : float, optional, required life L₁₀ of strain-wave gears [h]
+    brake : bool, brakes hold the robot in the pause
+    emergency : motion in any of these forms, optional, stop or collision, for the momentary peak torque of the gears
+    friction : bool, include joint friction of the robot file
+    add_masses : bool, add the masses of the drives; False if the links include them
+    shared_supply : bool, a braking drive feeds the others through a common link
+    choose : bool, choose the smallest drives of the catalogue, also for joints that have drives
+    draws : sequence of Motion, optional, equally likely motions at the same times, for the effect of noise on each load
+    smooth : bool, smooth a log before differentiating it, even if its noise does not matter
+    columns, gain, rate, topic, episode, degrees, lock, plan : reading of files, as for :func:`check`
+
+    Returns
+    -------
+    sizing : Sizing
+
+    Raises
+    ------
+    ModelError, UnknownNameError, NotFoundError
+        The catalogue contradicts itself or names an unknown joint, or the robot has actuators.
+    ValueRangeError
+        A setting is not finite, or negative.
+    ShapeError, TrajectoryError
+        The motion is of another robot, or cannot be read.
+
+    Notes
+    -----
+    Iron losses, bearing moments and losses of the electronics are neglected.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.linspace(0, 2, 201)
+    >>> motion = tw.Motion(t, np.sin(np.pi * t / 2)[:, None] ** 2, robot=arm)
+    >>> s = tw.size_drives(arm, motion, {"motors": {"servo": {
+    ...     "stall_torque": "30 N m", "no_load_speed": "60 rpm", "voltage": "24 V"}}})
+    >>> print(s.verdict)
+    UNSURE: hinge, motor servo: stall data only
+    >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
+    <Sizing of ur5: OK, shoulder_pan_joint 83 %>
+    """
+    arm, named = robot_of(robot, None, lock) if isinstance(robot, Robot | str | Path) else (robot, "")
+    require_robot(arm, "size_drives")
+    refuse_couplings(arm.model, "size_drives")
+    bundled = isinstance(catalog, str) and catalog == "demo"
+    listed = read_catalog(bundled_file("demo", named, ".drives.yaml", "catalogue") if bundled else catalog)
+    _check_settings(pause, ambient, life)
+    if arm.actuators:
+        raise ModelError(
+            f"robot {arm.name!r} has actuators already, and the catalogue describes the drives. Load it without --actuators."
+        )
+    reading = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode, "degrees": degrees}
+    logs = {"named": named, "plan": plan, "locked": tuple(lock or ()), **reading}
+    load = LoadCase(arm, payloads_of(payload), friction=friction)
+    loaded = load.with_load
+    bare = bare_robot(loaded, drive_joints(loaded, listed))
+    cycle = _motion_or_log(motion, arm, logs)
+    report = None if isinstance(cycle, Motion) else _analysed(load, cycle, smooth=smooth)
+    if report is not None and contradictions(report):
+        return sizing_refused(loaded, listed, report)
+    states = _states(cycle, report, bare, friction=friction)
+    states = states if states.draws else LoadStates(states.motion, tuple(one.with_robot(bare) for one in draws))
+    stop = None
+    if emergency is not None:
+        given = _motion_or_log(emergency, arm, logs)
+        stop = _states(given, None if isinstance(given, Motion) else _analysed(load, given), bare).motion
+    found = sizing_of(
+        loaded, states, listed, pause=pause, ambient=ambient, life=life, brake=brake, emergency=stop, friction=friction,
+        add_masses=add_masses, shared_supply=shared_supply,
+    )  # fmt: skip
+    found = replace(found, report=report)
+    return found.choose() if choose and not found.choice else found
+
+
+def _check_settings(pause: float, ambient: float, life: float | None) -> None:
+    """Raise ValueRangeError for a setting that is not finite, or negative."""
+    arguments.positive(pause, "size_drives: pause", "s", zero=True)
+    arguments.positive(1.0 if life is None else life, "size_drives: life", "h")
+    if not -273.15 <= arguments.number(ambient, "size_drives: ambient") < 1000:
+        raise ValueRangeError(f"size_drives: ambient={ambient!r} is not a temperature of air in °C.")
+
+
+def _motion_or_log(given: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion | MotionLog:
+    """Motion in memory, or log of a file or table."""
+    if isinstance(given, str | Path | MotionLog) or hasattr(given, "iloc"):
+        return log_of(given, robot, **logs)
+    motion = getattr(given, "motion", given)
+    if not isinstance(motion, Motion):
+        raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.shown(given)}.")
+    return motion
+
+
+def _analysed(load: LoadCase, log: MotionLog, *, smooth: bool = False) -> TorqueReport:
+    """Analysis of a log as by :func:`check`."""
+    return analyse(load, Differentiation.plan(log, load.robot.model, smoothing=smooth), load.robot.limits)
+
+
+def _states(
+    motion: Motion | MotionLog, report: TorqueReport | None, robot: Robot, *, friction: bool = True
+) -> LoadStates:
+    """States of a motion for its loads, of this robot."""
+    if isinstance(motion, Motion):
+        return LoadStates.from_motion(robot, motion.with_robot(robot), friction=friction)
+    assert report is not None
+    states = LoadStates.from_report(report)
+    return LoadStates(states.motion.with_robot(robot), tuple(one.with_robot(robot) for one in states.draws))
