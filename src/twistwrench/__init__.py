@@ -81,6 +81,7 @@ __all__ = [
     "set_threads",
     "size_drives",
     "so3",
+    "verify",
 ]
 
 if _typing.TYPE_CHECKING:
@@ -99,6 +100,7 @@ if _typing.TYPE_CHECKING:
     from . import viz as viz
     from .compiler.runtime.batch_threads import get_threads as get_threads
     from .compiler.runtime.batch_threads import set_threads as set_threads
+    from .diagnosis.report import DoctorReport as DoctorReport
     from .diagnosis.report import doctor as doctor
     from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
     from .mechanics.bodies.rigid_body import RigidBody as RigidBody
@@ -126,6 +128,8 @@ if _typing.TYPE_CHECKING:
     from .sizing.sizing import size_drives as size_drives
     from .statics.payload_report import PayloadReport as PayloadReport
     from .statics.payload_report import payload as payload
+    from .testing.verify import VerifyReport as VerifyReport
+    from .testing.verify import verify as verify
 
 _MODULES = {
     **{name: name for name in ("control", "diagnosis", "identification", "modern_robotics", "robots", "sensing")},
@@ -141,6 +145,7 @@ _MODULES = {
 _NAMES = {
     "Ad": "mechanics.lie.adjoint",
     "ModelBuilder": "mechanics.model.builder",
+    "DoctorReport": "diagnosis.report",
     "Motion": "motion.motion",
     "Motor": "mechanics.model.actuators",
     "Pose": "mechanics.lie.twist_wrench",
@@ -152,6 +157,7 @@ _NAMES = {
     "Twist": "mechanics.lie.twist_wrench",
     "Wrench": "mechanics.lie.twist_wrench",
     "TorqueReport": "reports.torque_report",
+    "VerifyReport": "testing.verify",
     "ad": "mechanics.lie.adjoint",
     "check": "reports.check",
     "check_each": "reports.checked_motions",
@@ -163,6 +169,7 @@ _NAMES = {
     "payload": "statics.payload_report",
     "set_threads": "compiler.runtime.batch_threads",
     "size_drives": "sizing.sizing",
+    "verify": "testing.verify",
 }
 """Modules of other names, imported on first use: the first torque of a robot needs none of them."""
 

@@ -200,7 +200,7 @@ def test_the_effect_is_what_the_two_loaded_robots_differ_by(seed):
     arm = Arm(seed)
     text = arm.text({2: arm.tensor(2) * 1e3}, {1: arm.inertias[1].com + np.array([0.5, 0.0, 0.0])})
     report = tw.doctor(text)
-    effects = report.subject.robot.effects
+    effects = report.contents.robot.effects
     for finding in report.findings:
         if not finding.repair.edits:
             continue
@@ -247,7 +247,7 @@ def test_axes_of_its_own_and_fixed_joints_are_reckoned_with(fixed):
     before, after = load_quietly(text), report.repaired()
     assert "note='a > b'" in report.repaired_text()
     assert np.allclose(after.model.link_inertias["link2"].parameters, arm.inertias[2].parameters, rtol=1e-8, atol=1e-9)
-    q = report.subject.robot.effects.q
+    q = report.contents.robot.effects.q
     M, N = (np.diagonal(r.mass_matrix(q), axis1=-2, axis2=-1) for r in (before, after))
     assert finding.effect.inertia_percent == pytest.approx(100 * (np.abs(M - N) / N).max(), rel=1e-6)
 
@@ -256,7 +256,7 @@ def test_the_tensor_of_the_shapes_is_along_the_written_axes():
     from twistwrench.diagnosis.tensor_checks import reference_of
 
     arm = Arm(4)
-    link = tw.doctor(turned(arm.text(), arm, 2, arm.tensor(2), (0.3, -0.7, 1.1))).subject.robot.links["link2"]
+    link = tw.doctor(turned(arm.text(), arm, 2, arm.tensor(2), (0.3, -0.7, 1.1))).contents.robot.links["link2"]
     assert np.allclose(reference_of(link), link.written.tensor, rtol=1e-9, atol=1e-12)
 
 
@@ -295,7 +295,7 @@ def test_effects_follow_mimic_joints():
     )
     robot = load_quietly(text)
     assert robot.nv == 3
-    effects = tw.doctor(text).subject.robot.effects
+    effects = tw.doctor(text).contents.robot.effects
     assert np.allclose(effects.diagonal, np.diagonal(robot.mass_matrix(effects.q), axis1=-2, axis2=-1), rtol=1e-9)
     assert np.allclose(effects.gravity_torques, robot.gravity_forces(effects.q), atol=1e-9)
 
@@ -534,7 +534,7 @@ def test_meshes_are_scaled(tmp_path):
     right = [1.219 * (3 * 0.0036 + 0.0144) / 12, 1.219 * 0.0036 / 2]
     path = tmp_path / "spool.urdf"
     path.write_text(CYLINDER.format(*right).replace('<cylinder radius="0.06" length="0.12"/>', mesh))
-    assert tw.doctor(path).subject.robot.links["spool"].shapes.diagonal == pytest.approx(0.12 * 3**0.5)
+    assert tw.doctor(path).contents.robot.links["spool"].shapes.diagonal == pytest.approx(0.12 * 3**0.5)
     assert [f.check for f in tw.doctor(path).findings if f.check in ("too-large", "too-small", "units")] == []
 
 

@@ -76,7 +76,7 @@ def test_the_other_arm_of_romeo_has_the_moment_that_the_slip_explains():
     for part in ("ElbowYawLink", "ShoulderYawLink"):
         (finding,) = [f for f in report.findings if f.check == "impossible" and part in f.where]
         (G,) = finding.repair.inertias.values()
-        left = report.subject.robot.links[f"L{part}"].written.tensor
+        left = report.contents.robot.links[f"L{part}"].written.tensor
         assert finding.repair.sentence.endswith("izz is 10 times too small")
         assert G.moment_about_com[2, 2] == pytest.approx(left[2, 2], rel=0.01)
 

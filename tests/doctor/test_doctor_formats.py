@@ -68,7 +68,7 @@ def test_what_another_file_says_is_found_there_and_not_changed(tmp_path):
 
 
 def test_shapes_of_geoms_have_their_sizes():
-    robot = tw.doctor(MJCF.format(upper='diaginertia="0.028 0.029 0.0033"')).subject.robot
+    robot = tw.doctor(MJCF.format(upper='diaginertia="0.028 0.029 0.0033"')).contents.robot
     for link, low, high in (
         ("upper", (-0.05, -0.05, 0.0), (0.05, 0.05, 0.4)),
         ("lower", (-0.03, -0.03, -0.03), (0.03, 0.03, 0.23)),
@@ -169,7 +169,7 @@ def test_a_centre_of_mass_that_is_not_mirrored_is_found_with_its_torque():
     (finding,) = report.findings
     assert finding.severity is Severity.WARNING and "100 mm apart" in finding.sentence
     robot = tw.load(sides("0.1 -0.02 0.1"))
-    q = report.subject.robot.effects.q
+    q = report.contents.robot.effects.q
     mirrored = np.abs(np.diff(robot.gravity_forces(np.stack([q[:, 0], q[:, 0]], axis=1)), axis=1)).max()
     assert finding.effect.torque <= 2 * 9.81 * 0.1 + 1e-9 and finding.effect.torque >= 0.5 * mirrored
     assert finding.effect.effort_percent == pytest.approx(100 * finding.effect.torque / 20)

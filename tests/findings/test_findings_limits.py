@@ -448,7 +448,7 @@ def test_finding_19_of_public_robots_the_wrong_files_alone_are_doubted():
             report = tw.doctor(file, only="placeholder-limits", meshes=False)
         except tw.TwistWrenchError:
             continue
-        found |= {file.name} if report.findings and report.subject.robot.model.nv > 2 else set()
+        found |= {file.name} if report.findings and report.contents.robot.model.nv > 2 else set()
         if "ur3_" in file.name:
             assert "which are those of the UR10" in str(report.findings[0])
     assert found == PLACEHOLDERS & {file.name for file in files}

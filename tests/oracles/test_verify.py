@@ -14,7 +14,6 @@ from rich.console import Console
 from robot_files import FILES, NONE
 
 import twistwrench as tw
-from twistwrench.cli.doctor import verification_view
 from twistwrench.cli.main import main
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
@@ -189,7 +188,7 @@ def test_the_table_says_what_agrees_what_does_not_and_what_was_skipped():
     report = verify(tw.robots.planar_2r(), states=1)
     checks = (*report.checks, Check("odd", "this, that", 0.5, 1e-10), Check("late", "a, b", skipped="[no] reason"))
     console = Console(width=120, record=True, file=__import__("io").StringIO())
-    console.print(printed(verification_view(replace(report, checks=checks)), console.width))
+    console.print(printed(replace(report, checks=checks).blocks(), console.width))
     text = console.export_text()
     for words in (
         "LOOK AGAIN: checks that disagree: odd.",

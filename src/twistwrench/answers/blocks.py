@@ -239,7 +239,21 @@ class Branch:
         return self.branches[-1]
 
 
-Block: TypeAlias = str | Headline | Line | Remark | Table | Branch
+@dataclass(frozen=True)
+class More:
+    """Last line of a short form that leaves something out: the surface adds how to see all of it."""
+
+    sentence: str
+    """Content of the full form, such as "All 20 findings with lines"."""
+    level: Level = Level.SHORT
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Text with its styles."""
+        return [(self.sentence, Style.QUIET)]
+
+
+Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More
 """A part of an answer; an empty text is a blank line."""
 
 
@@ -287,15 +301,21 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Blo
     most = Level.ALL if every else Level.SHORT
     found = [block for block in blocks if isinstance(block, str) or block.level <= most]
     if every:
-        return found
+        return [block for block in found if not isinstance(block, More)]
     reading = [block for block in found if isinstance(block, Remark) and block.reading]
-    kept: list[Block] = [shortened(block, hint) if isinstance(block, Table) else block for block in found]
+    kept: list[Block] = [_short(block, hint) for block in found if hint or not isinstance(block, More)]
     kept = [block for block in kept if not (isinstance(block, Remark) and block.reading)]
     if reading and hint:
         kept.append(
             Line((f"{len(reading)} note{'s' * (len(reading) > 1)} on how the log was read: {hint}", Style.QUIET))
         )
     return kept
+
+
+def _short(block: Block, hint: str) -> Block:
+    if isinstance(block, More):
+        return Line((f"{block.sentence}: {hint}", Style.QUIET))
+    return shortened(block, hint) if isinstance(block, Table) else block
 
 
 def shortened(table: Table, hint: str) -> Table:

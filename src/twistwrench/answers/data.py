@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.numbers import MISSING
 from ..core.tables import data_frame
-from .blocks import Bar, Block, Branch, Cell, Column, Glyphs, Headline, Line, Piece, Remark, Table
+from .blocks import Bar, Block, Branch, Cell, Column, Glyphs, Headline, Line, More, Piece, Remark, Table
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ _UNIT = re.compile(r" \[[^\]]*\]$")
 
 def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
     """Verdict (None without one), sentences, tables and notes of a report, for JSON."""
-    sentences = [block for block in blocks if not isinstance(block, Table | Remark)]
+    sentences = [block for block in blocks if not isinstance(block, Table | Remark | More)]
     return {
         "verdict": next((str(block.word) for block in blocks if isinstance(block, Headline)), None),
         "sentences": list(chain.from_iterable(map(_lines, sentences))),

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..core.colours import COLOURS, Style, page_colours
 from ..core.version import __version__
-from .blocks import Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, Piece, Remark, Table
+from .blocks import Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
 from .data import plain, table_data
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ class ReportPage:
         text : str
         """
         end = next((k for k, b in enumerate(self.blocks) if b == "" or isinstance(b, Table)), len(self.blocks))
-        head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != ""]
+        head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != "" and not isinstance(b, More)]
         head = head or [f"{self.command}: {self.subject}"]
         doubts = [block for block in self.blocks if isinstance(block, Remark)]
         shown = [block for block in body if not isinstance(block, Remark)]

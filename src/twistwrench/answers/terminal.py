@@ -18,7 +18,7 @@ from rich.tree import Tree
 
 from ..core.colours import terminal_style
 from ..core.text import visible
-from .blocks import Block, Branch, Cell, Column, Headline, Line, Piece, Remark, Table, shown_blocks
+from .blocks import Block, Branch, Cell, Column, Headline, Line, More, Piece, Remark, Table, shown_blocks
 
 
 class _Output(Console):
@@ -75,7 +75,7 @@ def rendered(block: Block, output: Console) -> RenderableType:
     return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
 
 
-def _text(words: Headline | Remark | Cell) -> Text:
+def _text(words: Headline | Remark | More | Cell) -> Text:
     if isinstance(words, str):
         return Text(words)
     if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # style of the whole cell

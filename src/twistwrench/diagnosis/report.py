@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..answers.answer import Answer
 from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.files import refuse_existing, replacing
 from ..core.glossary import complete
-from ..core.tables import html_table
-from ..core.verdict import ExitCode
+from ..core.verdict import ExitCode, Verdict, Word
 from ..formats.edit import edited, encoded
 from ..formats.xml import Place
 from ..motion.limits_file import read_limits
@@ -25,13 +24,18 @@ from .checks import CHECKS, Options
 from .findings import Effect, Finding, Severity
 from .parsed_file import MOST_BODIES, Subject, read_subject
 
+if TYPE_CHECKING:
+    from ..answers.blocks import Block
+
 ALWAYS = ("impossible", "mirror")
 """Checks whose notes are also repaired: other programs reject such links, or the user chose a side."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DoctorReport:
+class DoctorReport(Answer):
     """Report of :func:`twistwrench.doctor`: findings about a robot file, worst first.
+
+    The verdict is LOOK AGAIN with errors, UNSURE with warnings, and otherwise OK.
 
     Attributes
     ----------
@@ -39,14 +43,17 @@ class DoctorReport:
     source : str, description of the input
     findings : tuple of Finding
     checks : tuple of str, names of the executed checks
-    subject : Subject, parsed input
+    contents : Subject, contents of the file
+    strict : bool, True if notes count against the verdict
 
     Examples
     --------
     >>> import tempfile, twistwrench as tw
     >>> report = tw.doctor(tw.robots.path_of("ur5"))
-    >>> report.exit_code(), sorted(report.to_dict()), report.to_json()[0]
-    (<ExitCode.FINE: 0>, ['checks', 'findings', 'robot', 'source'], '{')
+    >>> print(report.headline)
+    OK: ur5, 0 errors, 0 warnings, 0 notes.
+    >>> report.exit_code(), report.to_dict()["findings"], report.to_json()[0]
+    (<ExitCode.FINE: 0>, [], '{')
     >>> report.repaired().nv, report.repaired_text() == tw.robots.path_of("ur5").read_text()
     (6, True)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -58,20 +65,67 @@ class DoctorReport:
     source: str
     findings: tuple[Finding, ...]
     checks: tuple[str, ...]
-    subject: Subject
+    contents: Subject
+    strict: bool = False
+    call = "doctor"
 
-    def __repr__(self) -> str:
-        return f"<DoctorReport of {self.robot!r}: {self.summary}>"
+    # ── Answer
 
-    def _repr_html_(self) -> str:
-        rows = ((str(f.severity), f.check, f.where, f.line, f.sentence) for f in self.findings)
-        return html_table(f"{self.robot}: {self.summary}", ("severity", "check", "where", "line", "finding"), rows)
+    @property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN with errors, UNSURE with warnings, and with notes if ``strict``; otherwise OK."""
+        worst = [f for f in self.findings if f.severity is Severity.ERROR]
+        word = Word.LOOK_AGAIN if worst else Word.UNSURE
+        worst = worst or [f for f in self.findings if self.strict or f.severity is Severity.WARNING]
+        sentences = dict.fromkeys(f"{f.where}: {f.sentence}".rstrip(".") for f in worst)
+        return Verdict(word, tuple(sentences)) if worst else Verdict(Word.OK)
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot
+
+    @property
+    def brief(self) -> str:
+        """Number of findings by severity."""
+        return self.summary
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, effect of all repairs, and the findings.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        from .report_view import doctor_view
+
+        return doctor_view(self)
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the robot.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {} if self.contents.path is None else {"ROBOT": self.contents.path}
+
+    @property
+    def paragraphs(self) -> list[list[Finding]]:
+        """Findings of one check with one kind of repair together, worst first."""
+        groups: dict[tuple[str, str, str], list[Finding]] = {}
+        for finding in self.findings:
+            kind = "" if finding.repair is None else finding.repair.kind
+            groups.setdefault((str(finding.severity), finding.check, kind), []).append(finding)
+        return list(groups.values())
+
+    # ── Findings and repairs
 
     @property
     def effect(self) -> Effect:
         """Combined effect of all repairs."""
         wanted = {link: G for f in reversed(self.findings) if f.repair for link, G in f.repair.inertias.items()}
-        return self.subject.robot.effects.evaluate(wanted) if wanted else Effect()
+        return self.contents.robot.effects.evaluate(wanted) if wanted else Effect()
 
     @property
     def summary(self) -> str:
@@ -94,27 +148,16 @@ class DoctorReport:
         return ExitCode.NO if bad else ExitCode.FINE
 
     def to_dict(self) -> dict[str, Any]:
-        """Report as plain data in SI units, as printed by ``--json``.
+        """Data of the answer in SI units; findings of one check and one kind of repair are one, with all ``places``.
 
         Returns
         -------
         report : dict, which ``json.dumps`` accepts
         """
-        return {
-            "robot": self.robot,
-            "source": self.source,
-            "checks": list(self.checks),
-            "findings": [_finding(finding) for finding in self.findings],
-        }
-
-    def to_json(self) -> str:
-        """:meth:`to_dict` as text.
-
-        Returns
-        -------
-        text : str
-        """
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        found = [
+            {**_finding(group[0]), "places": [_finding(finding) for finding in group]} for group in self.paragraphs
+        ]
+        return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": found}
 
     @property
     def repairs(self) -> tuple[Finding, ...]:
@@ -147,7 +190,7 @@ class DoctorReport:
         ValueRangeError
             The robot has no file.
         """
-        if not self.subject.text:
+        if not self.contents.text:
             raise ValueRangeError(f"robot {self.robot!r} was not read from a file, so there is none to edit.")
         edits = [
             (edit, finding.repair.sentence)
@@ -155,7 +198,7 @@ class DoctorReport:
             if finding.repair
             for edit in finding.repair.edits
         ]
-        return edited(self.subject.text, edits) if edits else self.subject.text
+        return edited(self.contents.text, edits) if edits else self.contents.text
 
     def repaired(self) -> Robot:
         """Robot of the repaired file.
@@ -171,8 +214,8 @@ class DoctorReport:
         ValueRangeError
             The robot has no file.
         """
-        folders = [] if self.subject.path is None else [self.subject.path.resolve().parent]
-        subject = self.subject
+        folders = [] if self.contents.path is None else [self.contents.path.resolve().parent]
+        subject = self.contents
         return load(
             self.repaired_text(), include_paths=folders, floating_base=subject.floating_base, model=subject.model
         )
@@ -192,7 +235,7 @@ class DoctorReport:
         text = self.repaired_text()
         target = refuse_existing(path, overwrite=overwrite)
         with replacing(target) as scratch:
-            scratch.write_bytes(encoded(text, self.subject.data))
+            scratch.write_bytes(encoded(text, self.contents.data))
         return self.repairs
 
 
@@ -240,6 +283,7 @@ def doctor(
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
     limits: str | Path | None = None,
+    strict: bool = False,
 ) -> DoctorReport:
     """Find errors in a robot file, their effect on the dynamics, and repairs.
 
@@ -254,6 +298,7 @@ def doctor(
     model : str, optional, name of a model in an SDF world
     max_bodies : int, largest number of bodies
     limits : str or Path, optional, table of limits in place of the file's, as ``twistwrench info ROBOT --csv`` writes
+    strict : bool, notes count against the verdict too
 
     Returns
     -------
@@ -291,7 +336,7 @@ def doctor(
     findings = [finding for one in names for finding in CHECKS[one](subject.robot, options)]
     name = subject.robot.model.name
     source = str(subject.path) if subject.path is not None else "the text given" if subject.text else name
-    return DoctorReport(name, source, tuple(sorted(findings, key=_rank)), tuple(names), subject)
+    return DoctorReport(name, source, tuple(sorted(findings, key=_rank)), tuple(names), subject, strict)
 
 
 def _rank(finding: Finding) -> tuple[int, float]:

@@ -7,16 +7,18 @@ all states. Numerical derivatives are accurate to about 1e-12 of the differentia
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..answers.answer import Answer
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
 from ..core.third_party import captured_stderr
 from ..core.typing import Array
+from ..core.verdict import Verdict, Word
 from ..formats import format_of_file, load_model, usd_path
 from ..formats.source import read_robot_text
 from ..formats.xacro import xacro_in
@@ -28,6 +30,9 @@ from ..robot import Robot
 from ..robot.convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from ..robot.task_space_methods import require_robot
 from . import State, derivative, derivative_along, random_state, relative_gap
+
+if TYPE_CHECKING:
+    from ..answers.blocks import Block
 
 __all__ = ["Check", "VerifyReport", "verify"]
 
@@ -66,9 +71,18 @@ class Check:
         return not self.skipped and not self.passed
 
 
-@dataclass(frozen=True)
-class VerifyReport:
-    """Report of :func:`verify` on one robot."""
+@dataclass(frozen=True, eq=False, repr=False)
+class VerifyReport(Answer):
+    """Report of :func:`verify` on one robot: OK, or LOOK AGAIN if a check disagrees.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> tw.verify(tw.robots.planar_2r(), states=2).verdict.ok
+    True
+    """
+
+    call = "verify"
 
     robot: str
     """Name of the robot."""
@@ -83,6 +97,28 @@ class VerifyReport:
     def passed(self) -> bool:
         """True if no check failed; skipped checks do not count."""
         return not any(check.failed for check in self.checks)
+
+    @property
+    def verdict(self) -> Verdict:
+        """OK, or LOOK AGAIN with the checks that disagree."""
+        failed = [check.name for check in self.checks if check.failed]
+        return Verdict(Word.LOOK_AGAIN, (f"checks that disagree: {', '.join(failed)}",)) if failed else Verdict(Word.OK)
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, and a table of the checks.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        from .verify_view import verification_view
+
+        return verification_view(self)
 
 
 def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial, singledispatch
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import picture_path
 from ..core.numbers import percent_of_limit, seconds
+from ..diagnosis.report import DoctorReport
 from ..reports.drawn_motion import reported_motion
 from ..reports.torque_report import TorqueReport
 from ..simulation.judgement import worst_moment as worst_moment_of
@@ -27,10 +28,14 @@ from ..sizing.sizing_view import worst_moment as worst_sized_moment
 from ..statics.payload_report import PayloadReport
 from . import page, style
 from .pictures import Plot, drawn, robot_picture
+from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
 from .plots.simulation import plot_simulation
 from .plots.torques import plot_motors, plot_report, plot_sizing
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 
 @singledispatch
@@ -88,6 +93,33 @@ def _(answer: SimulationResult) -> Iterable[Picture]:
         return []
     pictures = [] if answer.simulated is None else [robot_picture(answer.simulated, *worst_moment_of(answer))]
     return [*pictures, drawn("Joints, energies and drift", partial(plot_simulation, answer))]
+
+
+# ── Findings on a robot file
+
+
+@plots_of.register
+def _(answer: DoctorReport) -> Mapping[str, Plot]:
+    return {"inertias": partial(plot_diagnosis, answer)} if links_drawn(answer) else {}
+
+
+@pictures_of.register
+def _(answer: DoctorReport) -> Iterable[Picture]:
+    from .page import findings_scene
+
+    return [] if find_spec("matplotlib") is None else doctor_pictures(answer, findings_scene(answer))
+
+
+def doctor_pictures(report: DoctorReport, scene: Scene, link: str = "") -> list[Picture]:
+    """Links in the colours of their findings, and inertias before and after the repair."""
+    pictures = []
+    if scene.robot.nv:
+        named = any(finding.where.startswith("link") for finding in report.findings)
+        colours = ", links in the colours of their findings: red error, amber warning, grey note" if named else ""
+        pictures.append(robot_picture(scene.robot, None, None, f"{report.robot}{colours}", scene, link))
+    if links_drawn(report):
+        pictures.append(drawn("Inertia before and after", partial(plot_diagnosis, report)))
+    return pictures
 
 
 # ── Torques of a motion

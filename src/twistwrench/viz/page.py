@@ -465,7 +465,7 @@ _NOTES = 40
 
 def findings_scene(report: DoctorReport) -> Scene:
     """Scene of a robot with findings of the doctor: bodies in the colour of their worst finding, with notes."""
-    model = report.subject.robot.model
+    model = report.contents.robot.model
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         scene = scene_of(Robot(model))

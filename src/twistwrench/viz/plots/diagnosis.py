@@ -33,7 +33,7 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
     with style.figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
         grid = drawn.subplots(len(pairs), 3, squeeze=False)
         for row, (link, check, after) in zip(grid, pairs, strict=True):
-            described, before = report.subject.robot.links.get(link), report.subject.robot.model.link_inertias[link]
+            described, before = report.contents.robot.links.get(link), report.contents.robot.model.link_inertias[link]
             # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
             inertias = [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")]
             for axes, view in zip(row, VIEWS, strict=True):
