@@ -63,6 +63,7 @@ __all__ = [
     "ad",
     "check",
     "check_each",
+    "check_log",
     "differentiate",
     "doctor",
     "find",
@@ -71,6 +72,7 @@ __all__ = [
     "from_pinocchio",
     "from_screws",
     "get_threads",
+    "info",
     "load",
     "move_covariance",
     "payload",
@@ -118,6 +120,10 @@ if _typing.TYPE_CHECKING:
     from .motion.motion import Motion as Motion
     from .reports.check import check as check
     from .reports.checked_motions import check_each as check_each
+    from .reports.info import RobotReport as RobotReport
+    from .reports.info import info as info
+    from .reports.log_report import LogReport as LogReport
+    from .reports.log_report import check_log as check_log
     from .reports.torque_report import TorqueReport as TorqueReport
     from .robot import convert as convert
     from .robot import pointwise as pointwise
@@ -146,11 +152,13 @@ _NAMES = {
     "Ad": "mechanics.lie.adjoint",
     "ModelBuilder": "mechanics.model.builder",
     "DoctorReport": "diagnosis.report",
+    "LogReport": "reports.log_report",
     "Motion": "motion.motion",
     "Motor": "mechanics.model.actuators",
     "Pose": "mechanics.lie.twist_wrench",
     "PayloadReport": "statics.payload_report",
     "RigidBody": "mechanics.bodies.rigid_body",
+    "RobotReport": "reports.info",
     "SimulationResult": "simulation.result",
     "Sizing": "sizing.choice",
     "SpatialInertia": "mechanics.bodies.inertia",
@@ -160,10 +168,12 @@ _NAMES = {
     "VerifyReport": "testing.verify",
     "ad": "mechanics.lie.adjoint",
     "check": "reports.check",
+    "check_log": "reports.log_report",
     "check_each": "reports.checked_motions",
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
     "find": "robots.finding",
+    "info": "reports.info",
     "get_threads": "compiler.runtime.batch_threads",
     "move_covariance": "mechanics.lie.twist_wrench",
     "payload": "statics.payload_report",

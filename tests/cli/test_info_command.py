@@ -16,8 +16,8 @@ from rich.console import Console
 
 import twistwrench as tw
 from twistwrench import NotFoundError, robots
-from twistwrench.cli.info import info_view
 from twistwrench.motion.limits_file import read_limits
+from twistwrench.reports.info_view import info_view
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -73,7 +73,7 @@ def test_the_tree_of_a_long_chain_stays_in_the_terminal(run, tmp_path):
     ]
     path = tmp_path / "chain.urdf"
     path.write_text(f'<robot name="chain">{"".join(links + joints)}</robot>')
-    code, said = run("info", path)
+    code, said = run("info", path, "--all")
     assert code == 0, said
     for k in range(60):
         assert f"── joint{k} (continuous) → link{k + 1}\n" in said

@@ -18,7 +18,7 @@ from twistwrench.cli.main import main
 from twistwrench.mechanics.model.couplings import motor_torques, motor_velocities
 from twistwrench.motion.limits_file import read_limits
 from twistwrench.reports.recording import Recording
-from twistwrench.reports.robot_summary import as_text, joint_rows
+from twistwrench.reports.robot_summary import joint_rows, limits_csv
 from twistwrench.testing import assert_close, derivative, random_state
 from twistwrench.viz.page import write_page
 
@@ -344,7 +344,7 @@ def test_a_report_has_figures_of_motors_with_their_noise(tmp_path):
 def test_limits_of_torque_in_a_table_are_not_those_of_coupled_joints(robot, tmp_path):
     """``info --csv`` leaves them blank, which ``--limits`` reads again; a number there is refused."""
     table = tmp_path / "limits.csv"
-    table.write_text(as_text(robot, "csv"))
+    table.write_text(limits_csv(robot))
     assert_close(read_limits(table, robot.model).effort, robot.limits.effort, 1e-15, "read again")
     rows = [row for row in joint_rows(robot.model) if row["joint"] in WRIST]
     assert all(row[name] is None for row in rows for name in ("effort", "damping", "friction", "armature"))

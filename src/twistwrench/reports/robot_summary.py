@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import io
-import json
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -97,10 +96,8 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
     return rows
 
 
-def as_text(robot: Robot, kind: Literal["json", "csv"]) -> str:
-    """:func:`summary` as JSON, or :func:`joint_rows` as CSV with a header; unknown values are null or empty."""
-    if kind == "json":
-        return json.dumps(summary(robot), indent=2, ensure_ascii=False) + "\n"
+def limits_csv(robot: Robot) -> str:
+    """:func:`joint_rows` as CSV with a header; unknown values are empty."""
     file = io.BytesIO()
     writer = CsvWriter(file)
     writer.row(COLUMNS)
