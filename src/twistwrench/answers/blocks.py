@@ -207,6 +207,7 @@ class Table:
     """Columns of equal length below a title; columns that are None are left out. Each row may have a style.
 
     At level SHORT at most ``most`` rows are shown, those with the largest ``by`` in their order; a last row counts the others.
+    ``by`` are shares of limits if ``of_limits``.
     """
 
     def __init__(
@@ -218,11 +219,12 @@ class Table:
         level: Level = Level.SHORT,
         most: int | None = None,
         by: Sequence[float] | None = None,
+        of_limits: bool = True,
     ) -> None:
         self.title, self.style, self.level = title, style, level
         self.columns = [column for column in columns if column is not None]
         self.styles = [""] * len(self.columns[0].values) if styles is None else list(styles)
-        self.most, self.by = most, by
+        self.most, self.by, self.of_limits = most, by, of_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,11 +329,8 @@ def shortened(table: Table, hint: str) -> Table:
     order = sorted(range(count), key=lambda k: -shares[k]) if shares else range(count)
     kept = sorted([*order][: table.most])
     left = [k for k in range(count) if k not in kept]
-    below = (
-        f" below {percent_of_limit(max(shares[k] for k in left))}"
-        if shares and max(shares[k] for k in left) > 0
-        else ""
-    )
+    largest = max((shares[k] for k in left), default=0.0) if shares and table.of_limits else 0.0
+    below = f" below {percent_of_limit(largest)}" if largest > 0 else ""
     last = Line((f"{len(left)} more{below}: {hint}", Style.QUIET))
     columns = [_rows_of(column, kept, last if k == 0 else "") for k, column in enumerate(table.columns)]
     return Table(

@@ -57,6 +57,8 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
         numbers("power", [use.power for use in motors], _figure, "W"),
         numbers("heat", [use.heat for use in motors], _figure, "W"),
         numbers("used", [use.tightest.share or math.nan for use in motors], share_cell),
+        most=_MOST,
+        by=[use.tightest.share for use in motors],
     )
 
 
@@ -119,6 +121,10 @@ def _heading(report: TorqueReport) -> Line:
     return Line((report.robot, Style.STRONG), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
 
 
+_MOST = 12
+"""Rows of a table in a short report."""
+
+
 def _torques(
     report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], Cell]
 ) -> Column:
@@ -129,12 +135,15 @@ def _torques(
 
 def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
     """Table with one row per joint; units are in its title, or beside the joints if there are two."""
-    units = sorted({j.unit for j in report.joints})
+    units, limited = sorted({j.unit for j in report.joints}), any(math.isfinite(j.limit) for j in joints)
     return Table(
         f"{title} [{units[0]}]" if len(units) == 1 else title,
         words("joint", [j.joint for j in joints]),
         words("unit", [j.unit for j in joints], style=Style.QUIET) if len(units) > 1 else None,
         *columns,
+        most=_MOST,
+        by=[j.share for j in joints] if limited else [abs(j.peak) for j in joints],
+        of_limits=limited,
     )
 
 
@@ -255,4 +264,5 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         column("limit", [value(e, e.limit) for e in excesses]),
         numbers("when", [e.time for e in excesses], seconds, "s"),
         style=strong(Style.OVER),
+        most=_MOST,
     )
