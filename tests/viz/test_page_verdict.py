@@ -324,3 +324,13 @@ def test_a_film_has_payload_and_verdict_on_its_frames(tmp_path, demo_log):
     red = {name: ((f[..., 0] > 150) & (f[..., 1] < 90)).sum() for name, f in frames.items()}
     assert red["judged"] > 200
     assert red["plain"] == 0
+
+
+def test_a_joint_without_position_limits_is_nearest_to_none(tmp_path):
+    """The page of a robot that has no position limits is written, and names none."""
+    t = np.linspace(0.0, 2.0, 201)
+    robot = tw.robots.planar_2r()
+    motion = tw.Motion(t, np.outer(1 - np.cos(t), [1.0, 0.0]), robot=robot)
+    answer = tw.check(robot, motion, limits={"velocity": np.array([2.0, 2.0]), "effort": np.array([900.0, 900.0])})
+    assert "position" not in answer.headline
+    assert answer.to_html(tmp_path / "page.html").is_file()

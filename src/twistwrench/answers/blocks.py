@@ -305,8 +305,14 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Blo
     if every:
         return [block for block in found if not isinstance(block, More)]
     reading = [block for block in found if isinstance(block, Remark) and block.reading]
-    kept: list[Block] = [_short(block, hint) for block in found if hint or not isinstance(block, More)]
-    kept = [block for block in kept if not (isinstance(block, Remark) and block.reading)]
+    kept = list[Block]()
+    for block in found:
+        if isinstance(block, Table):
+            kept += shortened(block, hint)
+        elif isinstance(block, More):
+            kept += [Line((f"{block.sentence}: {hint}", Style.QUIET))] if hint else []
+        elif not (isinstance(block, Remark) and block.reading):
+            kept.append(block)
     if reading and hint:
         kept.append(
             Line((f"{len(reading)} note{'s' * (len(reading) > 1)} on how the log was read: {hint}", Style.QUIET))
@@ -314,35 +320,24 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Blo
     return kept
 
 
-def _short(block: Block, hint: str) -> Block:
-    if isinstance(block, More):
-        return Line((f"{block.sentence}: {hint}", Style.QUIET))
-    return shortened(block, hint) if isinstance(block, Table) else block
-
-
-def shortened(table: Table, hint: str) -> Table:
-    """Table with its most important rows, in their order, and a row that counts the others."""
+def shortened(table: Table, hint: str) -> list[Block]:
+    """Table with its most important rows, in their order, and a line that counts the others."""
     count = len(table.styles)
     if table.most is None or count <= table.most + 1:
-        return table
-    shares = [-math.inf if math.isnan(x) else x for x in table.by] if table.by is not None else []
-    order = sorted(range(count), key=lambda k: -shares[k]) if shares else range(count)
-    kept = sorted([*order][: table.most])
-    left = [k for k in range(count) if k not in kept]
-    largest = max((shares[k] for k in left), default=0.0) if shares and table.of_limits else 0.0
+        return [table]
+    shares = [0.0 if math.isnan(x) else x for x in table.by] if table.by is not None else [0.0] * count
+    order = sorted(range(count), key=lambda k: -shares[k])
+    kept, left = sorted(order[: table.most]), order[table.most :]
+    largest = shares[left[0]] if table.of_limits else 0.0
     below = f" below {percent_of_limit(largest)}" if largest > 0 else ""
-    last = Line((f"{len(left)} more{below}: {hint}", Style.QUIET))
-    columns = [_rows_of(column, kept, last if k == 0 else "") for k, column in enumerate(table.columns)]
-    return Table(
-        table.title, *columns, styles=[*(table.styles[k] for k in kept), ""], style=table.style, level=table.level
-    )
+    columns = [_rows_of(column, kept) for column in table.columns]
+    styles = [table.styles[k] for k in kept]
+    short = Table(table.title, *columns, styles=styles, style=table.style, level=table.level)
+    return [short, Line((f"{len(left)} more{below}: {hint}", Style.QUIET))] if hint else [short]
 
 
-def _rows_of(column: Column, rows: Sequence[int], last: Cell) -> Column:
-    """Some rows of a column, and a last cell."""
-
-    def show(value: Any) -> Cell:
-        return value if value is last else column.show(value)
-
-    narrow = None if column.narrow is None else _rows_of(column.narrow, rows, last)
-    return replace(column, values=[*(column.values[k] for k in rows), last], show=show, narrow=narrow)
+def _rows_of(column: Column, rows: Sequence[int]) -> Column:
+    """Some rows of a column."""
+    narrow = None if column.narrow is None else _rows_of(column.narrow, rows)
+    limits = None if column.limits is None else [column.limits[k] for k in rows]
+    return replace(column, values=[column.values[k] for k in rows], limits=limits, narrow=narrow)

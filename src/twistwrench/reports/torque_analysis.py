@@ -125,14 +125,16 @@ class Extremes:
         known = np.isfinite(limits.velocity)
         shares = np.where(known, np.abs(velocity.signed) / np.where(known, limits.velocity, 1.0), 0.0)
         k = int(shares.argmax())
-        found.append(NearLimit(names[k], "velocity", float(shares[k]), float(velocity.time[k])))
+        if known.any():
+            found.append(NearLimit(names[k], "velocity", float(shares[k]), float(velocity.time[k])))
         range_ = np.where(np.isfinite(limits.lower) & np.isfinite(limits.upper), limits.upper - limits.lower, 0.0)
         for kind in ("lower", "upper"):
             passed, known = self.passed[kind], range_ > 0.0
             left = np.where(known, -passed.value, 0.0)
             shares = np.where(known, 1.0 - 2.0 * left / np.where(known, range_, 1.0), 0.0)
             k = int(shares.argmax())
-            found.append(NearLimit(names[k], "position", float(shares[k]), float(passed.time[k])))
+            if known.any():
+                found.append(NearLimit(names[k], "position", float(shares[k]), float(passed.time[k])))
         return tuple(sorted(found, key=lambda near: -near.share))
 
     def excesses(self) -> tuple[Excess, ...]:

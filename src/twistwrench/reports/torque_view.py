@@ -121,7 +121,7 @@ def _heading(report: TorqueReport) -> Line:
     return Line((report.robot, Style.STRONG), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
 
 
-_MOST = 12
+_MOST = 11
 """Rows of a table in a short report."""
 
 
@@ -264,5 +264,5 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         column("limit", [value(e, e.limit) for e in excesses]),
         numbers("when", [e.time for e in excesses], seconds, "s"),
         style=strong(Style.OVER),
-        most=_MOST,
+        most=_MOST // 2,
     )
