@@ -74,6 +74,7 @@ __all__ = [
     "get_threads",
     "info",
     "load",
+    "move",
     "move_covariance",
     "payload",
     "robots",
@@ -136,6 +137,8 @@ if _typing.TYPE_CHECKING:
     from .statics.payload_report import payload as payload
     from .testing.verify import VerifyReport as VerifyReport
     from .testing.verify import verify as verify
+    from .trajectories.move_report import MoveReport as MoveReport
+    from .trajectories.move_report import move as move
 
 _MODULES = {
     **{name: name for name in ("control", "diagnosis", "identification", "modern_robotics", "robots", "sensing")},
@@ -154,6 +157,7 @@ _NAMES = {
     "DoctorReport": "diagnosis.report",
     "LogReport": "reports.log_report",
     "Motion": "motion.motion",
+    "MoveReport": "trajectories.move_report",
     "Motor": "mechanics.model.actuators",
     "Pose": "mechanics.lie.twist_wrench",
     "PayloadReport": "statics.payload_report",
@@ -175,6 +179,7 @@ _NAMES = {
     "find": "robots.finding",
     "info": "reports.info",
     "get_threads": "compiler.runtime.batch_threads",
+    "move": "trajectories.move_report",
     "move_covariance": "mechanics.lie.twist_wrench",
     "payload": "statics.payload_report",
     "set_threads": "compiler.runtime.batch_threads",

@@ -26,12 +26,14 @@ from ..simulation.result import SimulationResult
 from ..sizing.choice import Sizing
 from ..sizing.sizing_view import worst_moment as worst_sized_moment
 from ..statics.payload_report import PayloadReport
+from ..trajectories.move_report import MoveReport
+from ..trajectories.move_view import worst_moment as worst_planned_moment
 from . import page, style
 from .pictures import Plot, drawn, robot_picture
 from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
-from .plots.simulation import plot_simulation
+from .plots.simulation import plot_simulation, plot_trajectory
 from .plots.torques import plot_motors, plot_report, plot_sizing
 
 if TYPE_CHECKING:
@@ -207,3 +209,23 @@ def pictures_of_sizing(answer: Sizing, link: str = "") -> Iterable[Picture]:
         robot_picture(answer.problem.robot, q, marked, title, link=link),
         drawn("Drives", partial(plot_sizing, answer)),
     ]
+
+
+# ── Planned motion
+
+
+@plots_of.register
+def _(answer: MoveReport) -> Mapping[str, Plot]:
+    moving = answer.trajectory
+    if moving is None:
+        return {}
+    return {"motion": lambda path: plot_trajectory(moving, path, answer.limits, friction=answer.friction)}
+
+
+@pictures_of.register
+def pictures_of_move(answer: MoveReport, link: str = "") -> Iterable[Picture]:
+    """Robot at the moment of the joint nearest to a limit, and the motion."""
+    if find_spec("matplotlib") is None or answer.trajectory is None:
+        return []
+    pictures = [robot_picture(answer.robot, *worst_planned_moment(answer, answer.trajectory), link=link)]
+    return pictures + [drawn("Motion and limits", plot) for plot in plots_of(answer).values()]
