@@ -7,14 +7,12 @@ from typing import Any
 
 import click
 
-from ..answers.blocks import Headline
 from ..answers.data import plain
 from ..core.arguments import assignments
 from ..core.errors import ValueRangeError
-from ..core.verdict import ExitCode, Verdict, Word
-from ..mechanics.model.description import grouped
+from ..core.verdict import ExitCode
 from ..robot.load import save
-from .main import Given, note, option, printed_blocks
+from .main import Given, keep_answer, note, option
 from .shared import JSON, PAYLOADS, RobotOptions, load_case, robot_command, show_written
 from .terminal import show
 
@@ -126,14 +124,11 @@ def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     given.check_files(options.files)
     robot = options.load()
-    lost = save(robot, given.out, overwrite=given.overwrite)
-    less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
-    judged = Verdict(Word.UNSURE, (less,)) if lost and given.strict else Verdict(Word.DONE)
-    line = Headline(judged.word, f"wrote {given.out}.{less}")
-    printed_blocks().append(line)
+    saved = save(robot, given.out, overwrite=given.overwrite, strict=given.strict)
+    keep_answer(saved)
+    line, *lost = saved.blocks()
     click.echo(plain(line))  # not wrapped, so that the path stays whole
-    for sentence in grouped(lost):
-        show(f"lost: {sentence}")
+    show(*lost)
     if shaped := len(robot.model.shaped):
         note(f"the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.")
-    return judged.exit_code
+    return saved.verdict.exit_code

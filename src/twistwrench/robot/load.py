@@ -20,6 +20,7 @@ from .robot import Robot
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
+    from ..formats.saved import Saved
     from ..mechanics.model.model import Model
 
 Mimic = Literal["follow", "independent"]
@@ -343,7 +344,7 @@ def from_pinocchio(model: Any, *, floating_base: bool | None = None, **options: 
 # ── Saving
 
 
-def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str]:
+def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: bool = False) -> Saved:
     """Write a robot as a URDF, MJCF or SDF file.
 
     The file is written atomically. Visuals and collision shapes are not part of a robot and are not written.
@@ -351,10 +352,11 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     Parameters
     ----------
     path : str or Path, whose suffix selects the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
+    strict : bool, lost properties count against the verdict
 
     Returns
     -------
-    lost : list of str
+    lost : Saved, a list of str
         Properties of the robot that the format cannot represent, one sentence each, including a tip that differs from
         the default after reading; empty if reading the file returns the same robot.
 
@@ -374,6 +376,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     'tool0'
     """
     from ..core.files import check_outputs, refuse_existing, replacing
+    from ..formats.saved import Saved
     from ..formats.writers import SUFFIXES, WRITERS
 
     require_robot(robot, "save")
@@ -389,7 +392,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     written = WRITERS[form](robot.model)
     with replacing(path) as scratch:
         scratch.write_text(written.text, encoding="utf-8", newline="\n")
-    return [*written.lost, *_tip_lost(robot, path)]
+    return Saved([*written.lost, *_tip_lost(robot, path)], path, robot.name, strict=strict)
 
 
 def _tip_lost(robot: Robot, path: Path) -> list[str]:
