@@ -105,7 +105,6 @@ if _typing.TYPE_CHECKING:
     from .compiler.runtime.batch_threads import set_threads as set_threads
     from .diagnosis.report import DoctorReport as DoctorReport
     from .diagnosis.report import doctor as doctor
-    from .formats.saved import Saved as Saved
     from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
     from .mechanics.bodies.rigid_body import RigidBody as RigidBody
     from .mechanics.lie import axis as screws
@@ -130,6 +129,7 @@ if _typing.TYPE_CHECKING:
     from .robot import convert as convert
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
+    from .robot.export.saved import Saved as Saved
     from .robots.finding import find as find
     from .simulation.result import SimulationResult as SimulationResult
     from .sizing.choice import Sizing as Sizing
@@ -164,7 +164,7 @@ _NAMES = {
     "PayloadReport": "statics.payload_report",
     "RigidBody": "mechanics.bodies.rigid_body",
     "RobotReport": "reports.info",
-    "Saved": "formats.saved",
+    "Saved": "robot.export.saved",
     "SimulationResult": "simulation.result",
     "Sizing": "sizing.choice",
     "SpatialInertia": "mechanics.bodies.inertia",

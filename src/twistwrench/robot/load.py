@@ -20,8 +20,8 @@ from .robot import Robot
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
-    from ..formats.saved import Saved
     from ..mechanics.model.model import Model
+    from .export.saved import Saved
 
 Mimic = Literal["follow", "independent"]
 Inertia = Literal["error", "accept", "repair"]
@@ -376,8 +376,8 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: boo
     'tool0'
     """
     from ..core.files import check_outputs, refuse_existing, replacing
-    from ..formats.saved import Saved
     from ..formats.writers import SUFFIXES, WRITERS
+    from .export.saved import Saved
 
     require_robot(robot, "save")
     path = as_path(path)

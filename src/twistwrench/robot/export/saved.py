@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block, Headline
-from ..core.verdict import Verdict, Word
-from ..mechanics.model.description import grouped
+from ...answers.answer import Answer
+from ...answers.blocks import Block, Headline
+from ...core.verdict import Verdict, Word
+from ...mechanics.model.description import grouped
 
 
 class Saved(list[str], Answer):
