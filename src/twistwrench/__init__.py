@@ -64,6 +64,7 @@ __all__ = [
     "check",
     "check_each",
     "check_log",
+    "derive",
     "differentiate",
     "doctor",
     "find",
@@ -136,6 +137,8 @@ if _typing.TYPE_CHECKING:
     from .sizing.sizing import size_drives as size_drives
     from .statics.payload_report import PayloadReport as PayloadReport
     from .statics.payload_report import payload as payload
+    from .symbolic.derivation import Derivation as Derivation
+    from .symbolic.derivation import derive as derive
     from .testing.verify import VerifyReport as VerifyReport
     from .testing.verify import verify as verify
     from .trajectories.move_report import MoveReport as MoveReport
@@ -154,6 +157,7 @@ _MODULES = {
 
 _NAMES = {
     "Ad": "mechanics.lie.adjoint",
+    "Derivation": "symbolic.derivation",
     "ModelBuilder": "mechanics.model.builder",
     "DoctorReport": "diagnosis.report",
     "LogReport": "reports.log_report",
@@ -176,6 +180,7 @@ _NAMES = {
     "check": "reports.check",
     "check_log": "reports.log_report",
     "check_each": "reports.checked_motions",
+    "derive": "symbolic.derivation",
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
     "find": "robots.finding",

@@ -10,9 +10,10 @@ import sympy
 
 import twistwrench as tw
 from twistwrench.core.errors import ValueRangeError
+from twistwrench.core.text import text_width
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derive, lagrange
-from twistwrench.symbolic.documents import broken, text_width
+from twistwrench.symbolic.documents import broken
 from twistwrench.symbolic.names import shortest
 
 

@@ -9,13 +9,15 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from itertools import chain, repeat
+from textwrap import wrap
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..core.colours import NEAR_LIMIT, Style, word_style
 from ..core.numbers import MISSING, number, percent_of_limit
-from ..core.text import ReadingNote
+from ..core.text import ReadingNote, text_width
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.limits import over_limit
 
@@ -255,7 +257,34 @@ class More:
         return [(self.sentence, Style.QUIET)]
 
 
-Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Rows of a left and a right text below a title, aligned at the right texts: symbols and meanings, or equations."""
+
+    title: str
+    rows: Sequence[tuple[str, str]]
+    fold: Callable[[str, int], Sequence[str]]
+    """Breaks a text into lines of at most a width."""
+    gap: str = " "
+    level: Level = Level.SHORT
+
+    def title_lines(self, width: int) -> list[str]:
+        """Title in lines of at most a width."""
+        return wrap(self.title, width)
+
+    def lines(self, width: int) -> list[str]:
+        """Rows, indented by two blanks, without trailing blanks."""
+        widest = max((text_width(left) for left, _ in self.rows), default=0)
+        room = width - 2 - widest - len(self.gap)
+        found: list[str] = []
+        for left, right in self.rows:
+            starts = chain([left + " " * (widest - text_width(left))], repeat(" " * widest))
+            folded = self.fold(right, room) or [""]
+            found += [f"  {start}{self.gap}{text}".rstrip() for start, text in zip(starts, folded, strict=False)]
+        return found
+
+
+Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More | Aligned
 """A part of an answer; an empty text is a blank line."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.numbers import MISSING
 from ..core.tables import data_frame
-from .blocks import Bar, Block, Branch, Cell, Column, Glyphs, Headline, Line, More, Piece, Remark, Table
+from .blocks import Aligned, Bar, Block, Branch, Cell, Column, Glyphs, Headline, Line, More, Piece, Remark, Table
 
 
 @dataclass(frozen=True)
@@ -138,6 +138,8 @@ def plain(block: Block | Cell) -> str:
         return _text(block.label)
     if isinstance(block, Headline | Line | Remark):
         return _text(block.pieces)
+    if isinstance(block, Aligned):
+        return "\n".join([block.title, *(f"{left} {right}" for left, right in block.rows)])
     return str(block)
 
 

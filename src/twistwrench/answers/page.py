@@ -24,7 +24,7 @@ import numpy as np
 
 from ..core.colours import COLOURS, Style, page_colours
 from ..core.version import __version__
-from .blocks import Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
+from .blocks import Aligned, Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
 from .data import plain, table_data
 
 if TYPE_CHECKING:
@@ -344,6 +344,9 @@ def _block(block: Block) -> str:
         return table_html(block)
     if isinstance(block, Branch):
         return f"<ul><li>{_line(block.label)}{''.join(map(_block, block.branches))}</li></ul>"
+    if isinstance(block, Aligned):
+        caption = f"<h3>{html.escape(block.title)}</h3>" if block.title else ""
+        return caption + "".join(f"<p>{html.escape(f'{left} {right}')}</p>" for left, right in block.rows)
     start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
     return "".join(f"{start}{text}</p>" for text in paragraphs(block) if text)
 

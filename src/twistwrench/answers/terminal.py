@@ -16,9 +16,9 @@ from rich.segment import Segment
 from rich.text import Text
 from rich.tree import Tree
 
-from ..core.colours import terminal_style
+from ..core.colours import Style, terminal_style
 from ..core.text import visible
-from .blocks import Block, Branch, Cell, Column, Headline, Line, More, Piece, Remark, Table, shown_blocks
+from .blocks import Aligned, Block, Branch, Cell, Column, Headline, Line, More, Piece, Remark, Table, shown_blocks
 
 
 class _Output(Console):
@@ -40,8 +40,8 @@ def console() -> Console:
     return _Output(highlight=False)
 
 
-_PLAIN_WIDTH = 80
-"""Width of reports as text."""
+_PLAIN_WIDTH, _NARROWEST = 80, 40
+"""Width of reports as text; least width of equations."""
 
 
 def as_text(blocks: Iterable[Block]) -> str:
@@ -71,8 +71,19 @@ def rendered(block: Block, output: Console) -> RenderableType:
         return TerminalTable(block, narrow=wide)
     if isinstance(block, Branch):
         return _tree(block)
+    if isinstance(block, Aligned):
+        return _aligned(block, output.width)
     text = _text(block)
     return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
+
+
+def _aligned(block: Aligned, width: int) -> Text:
+    """Title in bold below a blank line, and the rows."""
+    width = max(width, _NARROWEST)
+    title = "".join(f"\n{line}" for line in block.title_lines(width))
+    rows = "\n".join(block.lines(width))
+    between = "\n" if title and rows else ""
+    return Text.assemble((title, terminal_style(Style.STRONG)), between, rows)
 
 
 def _text(words: Headline | Remark | More | Cell) -> Text:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable
 
 MOST = 12
@@ -61,6 +62,15 @@ def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> st
     more = len(texts) - most
     tail = f"{between.rstrip().strip(',')} and {more} more" if more > 0 else ""
     return between.join(texts[:most]) + tail
+
+
+def text_width(text: str) -> int:
+    """Width in terminal columns; combining dots have none.
+
+    >>> text_width("q̇ = 1")
+    5
+    """
+    return sum(not unicodedata.combining(character) for character in text)
 
 
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")

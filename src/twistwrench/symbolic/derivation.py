@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.errors import KernelError, ShapeError, ValueRangeError
+from ..answers.answer import Answer
+from ..answers.blocks import Block
+from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.text import listed
 from ..core.typing import Array
-from ..robot import Robot
+from ..core.verdict import Verdict, Word
+from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
 from .equations import Equations, Label, Line, Step, assembled
 from .expanded_form import (
@@ -177,7 +181,7 @@ class DerivationCheck:
 
 
 def checked(equations: Equations, robot: Robot) -> DerivationCheck:
-    """Compare with the kernels; raises :class:`~twistwrench.KernelError` if the two sides disagree."""
+    """Deviation from the kernels at random states."""
     n, rng = robot.nv, np.random.default_rng(_SEED)
     u, (du, ddu) = rng.uniform(-1.5, 1.5, (_STATES, n)), rng.standard_normal((2, _STATES, n))
     found = Evaluator.from_state(equations, u, du, ddu)
@@ -203,14 +207,7 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
         mine = found.array(exprs, (_STATES,)).reshape(np.shape(rows))
         scale = np.abs(rows).max() if name == "mass_matrix" else torque
         gaps[name] = float(np.abs(mine - rows).max() / scale) if scale else float(np.abs(mine).max())
-    check = DerivationCheck(**gaps, states=_STATES)
-    if not check.worst <= TOLERANCE:
-        raise KernelError(
-            f"the derivation of {robot.name!r} disagrees with Newton–Euler by {residual(check.worst)} "
-            f"(allowed {printed(TOLERANCE)}): {gaps}. "
-            "Please report this robot with its file."
-        )
-    return check
+    return DerivationCheck(**gaps, states=_STATES)
 
 
 # ── The derivation. Modern Robotics section 8.1
@@ -220,20 +217,92 @@ FORMS = ("auto", "expanded", "named")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Derivation(Equations):
+class Derivation(Answer, Equations):
     """Symbolic equations of motion of a robot, with their comparison with the compiled kernels in ``check``.
+
+    Printing it shows the report of ``twistwrench derive``. The verdict is DONE, or LOOK AGAIN if the comparison fails.
 
     Torques belong to the coordinates ``q``: the robot's own, except for planar joints, (x, y, theta) with their rates,
     and floating joints, (x, y, z, alpha, beta, gamma) with the ZYX Euler angles of MR appendix B.1.1.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.derive("planar_2r")
+    >>> arm, list(arm.sources()), len(list(arm.blocks()))
+    (<Derivation of planar_2r: DONE, 2 joints>, ['ROBOT'], 21)
+    >>> arm.facts()["steps"], arm.tables["Steps"].rows()[0]["entries"]
+    ('16', 2)
     """
+
+    call = "derive"
 
     form: str = "expanded"
     """"expanded" or "named"."""
     check: DerivationCheck | None = None
     """Comparison with the compiled kernels."""
+    selected: tuple[str, ...] | None = None
+    """Names of the steps to print; None: those that fit into a screen."""
+    source: str | Path = ""
+    """File of the robot."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """DONE, or LOOK AGAIN if the equations disagree with the compiled kernels."""
+        if self.check is None or self.check.worst <= TOLERANCE:
+            return Verdict(Word.DONE)
+        gap, allowed = residual(self.check.worst), printed(TOLERANCE)
+        return Verdict(Word.LOOK_AGAIN, (f"the equations disagree with Newton–Euler by {gap} (allowed {allowed})",))
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.name
+
+    @property
+    def brief(self) -> str:
+        """Number of joints."""
+        return f"{len(self.q)} joint{'s' * (len(self.q) > 1)}"
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, symbols with their values, steps of the derivation, check and remarks.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        from .derivation_view import derivation_view
+
+        return derivation_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Numbers of joints, symbols and steps, and the largest deviation from the kernels.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        found = {"joints": len(self.q), "symbols": len(self.parameters), "steps": len(self.steps)}
+        gap = {} if self.check is None else {"largest deviation from Newton–Euler": residual(self.check.worst)}
+        return {**{name: str(count) for name, count in found.items()}, **gap}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the robot.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {"ROBOT": self.source} if self.source else {}
 
 
-def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "auto") -> Derivation:
+def derive(
+    robot: Robot | str | Path,
+    *,
+    symbols: str | Iterable[str] = "all",
+    form: str = "auto",
+    steps: Iterable[str] | None = None,
+) -> Derivation:
     """Symbolic dynamics: Lagrange's equations of a robot with named symbols, checked against the kernels (MR section 8.1).
 
     Friction is left out, as noted in ``remarks``. Numbers are the shortest decimals within 4e-16 of the model's
@@ -241,16 +310,17 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, path or name
     symbols : "all", "none", kinds and names in any mix, which of the robot's numbers become symbols
         Kinds: lengths, coms, masses, inertias, gravity, springs, gears; names: ``"L_1"``, ``"m_2"``. The others stay
         numbers.
     form : "expanded", "named" or "auto"
         ``"named"``: each intermediate result gets a name and is printed.
+    steps : names of the steps that are printed, "all", or None: those that fit into a screen
 
     Returns
     -------
-    equations : Derivation, in SI units, angles in radians
+    equations : Derivation, in SI units, angles in radians; its verdict is LOOK AGAIN if it disagrees with Newton–Euler
 
     Raises
     ------
@@ -258,8 +328,6 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         The robot is too large; raised before the derivation.
     MissingExtraError
         SymPy is not installed.
-    KernelError
-        The result disagrees with Newton–Euler.
 
     Examples
     --------
@@ -271,14 +339,10 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
       g₂ = m₂ L₂ g cos(θ₁ + θ₂)
     """
     require_sympy()
-    if not isinstance(robot, Robot):
-        raise ShapeError(f"derive takes a robot, got {robot!r}: tw.load(path) or one of tw.robots.")
-    require_robot(robot, "derive")
     if form not in FORMS:
         raise ValueRangeError(f"form={form!r} is not allowed. Choose from: {', '.join(map(repr, FORMS))}.")
+    robot = _moving_robot(load(robot) if isinstance(robot, str | Path) else robot)
     model = robot.model
-    if not model.nv:
-        raise ValueRangeError(f"nothing to derive: {robot.name!r} has no joint that moves.")
     entries, coordinates = model_entries(model, symbols), coordinates_of(model)
     ring = ring_of(entries, coordinates)
     motion = None
@@ -317,9 +381,26 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         parameters=tuple(p for p in entries.parameters if p.name in seen),
         meanings=tuple((c.name, c.meaning) for c in coordinates),
         remarks=_friction_remark(robot),
+        source=model.source,
         **found | {"split": True},  # rounding errors of cancelled numbers
     )
-    return replace(derivation, check=checked(derivation, robot))
+    selected = None if steps is None else tuple(step.name for step in derivation.chosen(_named_steps(steps)))
+    return replace(derivation, check=checked(derivation, robot), selected=selected)
+
+
+def _moving_robot(robot: Robot) -> Robot:
+    """The robot; raises ShapeError for another object, and ValueRangeError without a joint that moves."""
+    if not isinstance(robot, Robot):
+        raise ShapeError(f"derive takes a robot, got {robot!r}: tw.load(path) or one of tw.robots.")
+    require_robot(robot, "derive")
+    if not robot.model.nv:
+        raise ValueRangeError(f"nothing to derive: {robot.name!r} has no joint that moves.")
+    return robot
+
+
+def _named_steps(steps: Iterable[str]) -> Iterable[str] | None:
+    """Names of steps; None for ``"all"``."""
+    return None if steps == "all" or list(steps) == ["all"] else steps
 
 
 def _friction_remark(robot: Robot) -> tuple[str, ...]:

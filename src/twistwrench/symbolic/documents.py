@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import unicodedata
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -175,11 +174,6 @@ def _places(text: str) -> list[tuple[int, int]]:
         elif character == " " and not braces and not any(brackets) and text[k + 1 : k + 3] in ("+ ", "− ", "- "):
             found.append((k, len(brackets)))
     return found
-
-
-def text_width(text: str) -> float:
-    """Width in terminal columns; combining dots have none."""
-    return sum(not unicodedata.combining(character) for character in text)
 
 
 _SYMBOL = re.compile(
