@@ -119,3 +119,11 @@ def test_help_without_a_topic_lists_the_topics():
     assert all(
         f"{topic}:" in found.output for topic in ("columns", "limits", "unsure", "verdicts", "robot", "assistant")
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "command"), commands(), ids=lambda value: " ".join(value) if type(value) is tuple else ""
+)
+def test_no_two_options_of_a_command_share_a_value(words, command):
+    names = [param.name for param in command.params]
+    assert len(set(names)) == len(names), sorted(name for name in names if names.count(name) > 1)

@@ -532,7 +532,7 @@ def command(name: str, *options: Decorator, examples_: Sequence[str], **settings
         declare = click.command(name, cls=OwnOptionsFirst, epilog=examples(*examples_), **settings)
         made: click.Command = declare(option_group(*options)(run))
         if any("--json" in param.opts for param in made.params):
-            made.params.append(click.Option(["--all", "every"], is_flag=True, help="Print all rows and notes."))
+            made.params.append(click.Option(["--all", "whole_report"], is_flag=True, help="Print all rows and notes."))
         if any(_DATA.fullmatch(param.metavar or "") for param in made.params):
             made.params.append(click.Option(["--overwrite"], is_flag=True, help="Replace files of data that exist."))
         return made

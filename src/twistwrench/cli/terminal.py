@@ -26,7 +26,7 @@ def show(*blocks: Block) -> None:
     output = console()
     printed_blocks().extend(blocks)
     context = click.get_current_context(silent=True)
-    every = context is None or bool(context.params.get("every", True))
+    every = context is None or bool(context.params.get("whole_report", True))
     for block in shown_blocks(blocks, every=every, hint="--all"):
         output.print(rendered(block, output))
 
