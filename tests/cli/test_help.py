@@ -122,7 +122,7 @@ def test_help_without_a_topic_lists_the_topics():
 
 
 @pytest.mark.parametrize(
-    ("words", "command"), commands(), ids=lambda value: " ".join(value) if type(value) is tuple else ""
+    ("words", "command"), list(commands()), ids=lambda value: " ".join(value) if type(value) is tuple else ""
 )
 def test_no_two_options_of_a_command_share_a_value(words, command):
     names = [param.name for param in command.params]
