@@ -324,6 +324,9 @@ def test_a_wrong_derivation_is_not_done():
     wrong = replace(right, check=check.checked(right, heavier))
     assert (right.verdict.word, wrong.verdict.word) == ("DONE", "LOOK AGAIN")
     assert "disagree with Newton–Euler" in wrong.headline
+    for source in (wrong.c_source, wrong.numpy_source, lambda: wrong.function("inverse_dynamics")):
+        with pytest.raises(tw.KernelError, match="disagree with Newton–Euler"):
+            source()
 
 
 def test_no_sum_of_numbers_is_left_in_a_planar_arm():

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..answers.answer import Answer
 from ..answers.blocks import Block
-from ..core.errors import ShapeError, ValueRangeError
+from ..core.errors import KernelError, ShapeError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.text import listed
 from ..core.typing import Array
@@ -233,6 +233,8 @@ class Derivation(Answer, Equations):
     (<Derivation of planar_2r: DONE, 2 joints>, ['ROBOT'], 21)
     >>> arm.facts()["steps"], arm.tables["Steps"].rows()[0]["entries"]
     ('16', 2)
+    >>> "def inverse_dynamics(" in arm.numpy_source(), "void arm_inverse_dynamics(" in arm.c_source("arm")
+    (True, True)
     """
 
     call = "derive"
@@ -274,6 +276,45 @@ class Derivation(Answer, Equations):
         from .derivation_view import derivation_view
 
         return derivation_view(self)
+
+    def numpy_source(self) -> str:
+        """Python module of the equations, as :meth:`Equations.numpy_source`.
+
+        Returns
+        -------
+        source : str
+
+        Raises
+        ------
+        KernelError
+            The equations disagree with the compiled kernels.
+        """
+        self._refuse_disagreement()
+        return super().numpy_source()
+
+    def c_source(self, prefix: str | None = None) -> str:
+        """C99 source of the equations, as :meth:`Equations.c_source`.
+
+        Parameters
+        ----------
+        prefix : str, optional, of the names of functions; default: the robot's name
+
+        Returns
+        -------
+        source : str
+
+        Raises
+        ------
+        KernelError
+            The equations disagree with the compiled kernels.
+        """
+        self._refuse_disagreement()
+        return super().c_source(prefix)
+
+    def _refuse_disagreement(self) -> None:
+        """Raise if the equations are wrong: no program may be made of them."""
+        if not self.verdict.ok:
+            raise KernelError(f"{self.verdict.reasons[0]}. Please report this robot with its file.")
 
     def facts(self) -> Mapping[str, str]:
         """Numbers of joints, symbols and steps, and the largest deviation from the kernels.
