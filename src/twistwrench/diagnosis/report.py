@@ -51,9 +51,9 @@ class DoctorReport(Answer):
     >>> import tempfile, twistwrench as tw
     >>> report = tw.doctor(tw.robots.path_of("ur5"))
     >>> print(report.headline)
-    OK: ur5, 0 errors, 0 warnings, 0 notes.
-    >>> report.exit_code(), report.to_dict()["findings"], report.to_json()[0]
-    (<ExitCode.FINE: 0>, [], '{')
+    OK: ur5, 0 errors, 0 warnings, 1 note.
+    >>> report.exit_code(), [one["check"] for one in report.to_dict()["findings"]], report.to_json()[0]
+    (<ExitCode.FINE: 0>, ['friction'], '{')
     >>> report.repaired().nv, report.repaired_text() == tw.robots.path_of("ur5").read_text()
     (6, True)
     >>> with tempfile.TemporaryDirectory() as folder:

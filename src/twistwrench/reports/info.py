@@ -32,7 +32,7 @@ class RobotReport(Answer):
     >>> str(report.verdict.word), report.to_dict()["nv"], limits[:5]
     ('DONE', 2, 'joint')
     >>> list(report.tables)[0]
-    'Joints: positions in rad, velocities in rad/s, efforts in N m'
+    'Joints: positions in rad, m, velocities in rad/s, m/s, efforts in N m, N'
     """
 
     robot: Robot

@@ -39,7 +39,7 @@ def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
     yield _heading(model)
     yield _joints(model, degrees=degrees)
     if model.actuators:
-        yield _actuators(model, level)
+        yield _actuators(model)
     yield from (_coupling(model, k, level) for k in range(len(model.couplings)))
     yield _inertias(model, level)
     yield _tree(model, level)
@@ -110,7 +110,7 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     )
 
 
-def _actuators(model: Model, level: Level) -> Table:
+def _actuators(model: Model) -> Table:
     """Gears, rotors and motors; unknown values are left blank."""
     actuators = list(model.actuators.values())
     return Table(
@@ -126,7 +126,6 @@ def _actuators(model: Model, level: Level) -> Table:
             if row.head
         ),
         most=_MOST,
-        level=level,
     )
 
 

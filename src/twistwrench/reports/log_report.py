@@ -26,8 +26,8 @@ class LogReport(Answer):
     --------
     >>> import twistwrench as tw
     >>> report = tw.check_log(tw.robots.path_of("ur5").with_name("ur5_demo.csv"))
-    >>> report, report.quality.rows, report.to_dict()["rate"], list(report.sources())
-    (<LogReport: DONE, ur5_demo.csv>, 751, 250.0, ['FILE'])
+    >>> report, report.quality.rows, round(report.to_dict()["rate"]), list(report.sources())
+    (<LogReport: DONE, ur5_demo.csv>, 751, 125, ['FILE'])
     """
 
     quality: LogQuality

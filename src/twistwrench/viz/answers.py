@@ -16,7 +16,7 @@ from ..answers.blocks import mark_style
 from ..answers.page import LARGEST_VIEWER, MarkedJoint, Picture, Viewer
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
-from ..core.files import picture_path
+from ..core.files import as_path, picture_path
 from ..core.numbers import percent_of_limit, seconds
 from ..diagnosis.report import DoctorReport
 from ..reports.drawn_motion import reported_motion
@@ -67,8 +67,8 @@ def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> An
     known = plots_of(answer)
     if not known:
         raise ValueRangeError(f"a {type(answer).__name__} has no picture. Its tables: {', '.join(answer.tables)}.")
-    if path is None and (isinstance(kind, Path) or Path(kind or "").suffix):
-        kind, path = None, kind
+    if path is None and kind is not None and (not isinstance(kind, str) or Path(kind).suffix):
+        kind, path = None, as_path(kind)
     if kind is not None and kind not in known:
         raise UnknownNameError.from_choices("kind of plot", str(kind), known)
     chosen = known[str(kind) if kind else next(iter(known))]
