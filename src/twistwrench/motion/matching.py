@@ -32,13 +32,23 @@ _COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|ti
 """Words in names of columns that may increase in every row and are not the time."""
 
 
+_MOST_LOOKED_AT = 256
+"""Columns whose numbers are looked at for a hint; a look at a column of a foreign format takes up to 0.1 s."""
+
+
 def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
-    """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity."""
-    found, among = [], set(extra)
+    """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity.
+
+    Of a file with thousands of columns the first :data:`_MOST_LOOKED_AT` are looked at.
+    """
+    found, among, looked_at = [], set(extra), 0
     for k, cell in enumerate(cells):
         name, unit = split_unit(cell)
         if cell not in among or _OTHER.search(name.lower()) or (unit is not None and unit not in _ANGLES_AND_LENGTHS):
             continue
+        looked_at += 1
+        if looked_at > _MOST_LOOKED_AT:
+            break
         try:
             numbers = look(k)
         except TrajectoryError:  # not numbers
@@ -76,10 +86,8 @@ def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
 
 def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> list[int]:
     """Columns that increase in every row and are not row numbers; ``look`` returns a column's first numbers."""
-    found = []
-    for k, cell in cells.items():
-        if _COUNTED.search(cell.lower()):
-            continue
+    found, named = [], {k: cell for k, cell in cells.items() if not _COUNTED.search(cell.lower())}
+    for k in [*named][:_MOST_LOOKED_AT]:
         try:
             steps = np.diff(look(k))
         except TrajectoryError:  # not numbers
