@@ -220,3 +220,13 @@ def test_the_options_of_check_each_are_those_of_check():
     own = {name for name, p in inspect.signature(tw.check).parameters.items() if p.kind is p.KEYWORD_ONLY}
     assert own - {"progress"} == set(CheckOptions.__annotations__)
     assert typing.is_typeddict(CheckOptions)
+
+
+def test_the_short_name_of_an_answer_says_what_its_word_is_about():
+    """A robot that falls exceeds a velocity: its name names that, and not the torque, which is 0 %."""
+    fall = tw.robots.ur5().simulate(np.zeros(6), duration=0.3)
+    answer = tw.check("ur5", fall)
+    assert answer.verdict.word == "OVER LIMIT"
+    joint = answer.excesses[0].joint
+    assert repr(answer) == f"<TorqueReport of ur5: OVER LIMIT, {joint}, velocity limit>"
+    assert joint in answer.headline

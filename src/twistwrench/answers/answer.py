@@ -313,9 +313,9 @@ class Answer:
 
     @property
     def tables(self) -> Mapping[str, DataTable]:
-        """Tables by title, with all rows and digits."""
+        """Tables by title, or by their first column without one, with all rows and digits."""
         found = [DataTable.from_table(block) for block in self.blocks() if isinstance(block, Table)]
-        return {table.title: table for table in found}
+        return {table.title or table.columns[0][0]: table for table in found}
 
     @property
     def headline(self) -> str:

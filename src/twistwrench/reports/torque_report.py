@@ -17,6 +17,7 @@ from ..core.errors import UnknownNameError
 from ..core.estimation.noise import Survey
 from ..core.numbers import MISSING, percent_of_limit, quantity, seconds, torque
 from ..core.typing import Array
+from ..core.verdict import Word
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier
 from ..motion.load_case import LoadCase, PayloadMargin
 from ..motion.plausibility import DoubtfulSpans
@@ -277,9 +278,11 @@ class TorqueReport(Answer):
 
     @property
     def brief(self) -> str:
-        """Worst joint with its share, or its torque without a limit."""
+        """Worst joint with its share of its torque limit, or the joint beyond another limit if only that is exceeded."""
         if self.worst is None:
             return ""
+        if self.verdict.word is Word.OVER_LIMIT and self.excesses and self.excesses[0].kind != "effort":
+            return f"{self.excesses[0].joint}, {self.excesses[0].kind} limit"
         joint = self.joints[self.worst]
         share = (
             percent_of_limit(joint.share) if math.isfinite(joint.limit) else f"{self.label(joint.peak)} {joint.unit}"

@@ -98,8 +98,8 @@ class PayloadReport(Answer):
 
     @property
     def brief(self) -> str:
-        """Largest payload."""
-        return f"{rounded_down(self.largest.mass)} kg" if self.limiting is not None else ""
+        """Largest payload, if the answer is OK."""
+        return f"{rounded_down(self.largest.mass)} kg" if self.limiting is not None and self.verdict.ok else ""
 
     # ── The verdict
 

@@ -26,7 +26,7 @@ from ..mechanics.algorithms.inverse_dynamics import closed_form
 from ..mechanics.lie.adjoint import ad
 from ..mechanics.model.assembly import ROOT_JOINT
 from ..mechanics.model.couplings import refuse_couplings
-from ..robot import Robot
+from ..robot import Robot, load
 from ..robot.convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from ..robot.task_space_methods import require_robot
 from . import State, derivative, derivative_along, random_state, relative_gap
@@ -121,12 +121,12 @@ class VerifyReport(Answer):
         return verification_view(self)
 
 
-def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
+def verify(robot: Robot | str | Path, states: int = 4, seed: int = 0) -> VerifyReport:
     """Compare the robot's dynamics with independent formulas and, if installed, with Pinocchio or MuJoCo on its file.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, path of a robot file, or name of a known robot
     states : int, number of random states
     seed : int, of the random states
 
@@ -140,7 +140,7 @@ def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
     >>> verify(tw.robots.planar_2r(), states=2).passed
     True
     """
-    require_robot(robot, "verify")
+    robot = require_robot(load(robot) if isinstance(robot, str | Path) else robot, "verify")
     rng = np.random.default_rng(seed)
     motions = [random_state(robot, rng) for _ in range(max(states, 1))]
     checks = [_check(robot, motions, *row) for row in _LAWS]
