@@ -212,16 +212,26 @@ def test_a_program_without_end_is_refused(bundled, monkeypatch):
         bundled("panda").program("inverse_dynamics")
 
 
-def test_tracing_leaves_the_collector_as_it_was(bundled):
+@pytest.fixture
+def collector():
+    """Garbage collector, enabled: a library that an earlier test used with threads may have left it disabled."""
     import gc
 
-    assert gc.isenabled()
+    enabled = gc.isenabled()
+    gc.enable()
+    yield gc
+    (gc.enable if enabled else gc.disable)()
+
+
+def test_tracing_leaves_the_collector_as_it_was(bundled, collector):
     bundled("planar_2r").program("mass_matrix")
-    assert gc.isenabled()
+    assert collector.isenabled()
+    collector.disable()
+    bundled("planar_2r").program("gravity_forces")
+    assert not collector.isenabled()
 
 
-def test_traces_of_several_threads_leave_the_collector_as_it_was():
-    import gc
+def test_traces_of_several_threads_leave_the_collector_as_it_was(collector):
     import sys
     import threading
 
@@ -240,10 +250,9 @@ def test_traces_of_several_threads_leave_the_collector_as_it_was():
                 thread.start()
             for thread in threads:
                 thread.join()
-            assert gc.isenabled()
+            assert collector.isenabled()
     finally:
         sys.setswitchinterval(interval)
-        gc.enable()
 
 
 # ── a chain of a hundred joints ──
