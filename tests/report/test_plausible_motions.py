@@ -271,3 +271,16 @@ def test_clean_motions_of_whole_seconds_are_not_taken_for_row_numbers(run, tmp_p
     np.savetxt(tmp_path / "m.csv", np.column_stack(columns), "%.9g", ",", header=",".join(heads), comments="")
     _, said = run("torques", "ur5", "--trajectory", tmp_path / "m.csv", *(["--plan"] if kind == "plan" else []))
     assert "row numbers" not in said, said[:400]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-6, 3e-6, 1e-5])
+def test_a_brief_stop_on_the_way_is_no_wrong_row(noise, tmp_path):
+    """The bundled motion passes its poses at rest within four rows: whatever its noise, it keeps its word."""
+    robot = tw.robots.ur5()
+    motion = tw.Motion.from_file(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), robot)
+    q = motion.q + noise * np.random.default_rng(0).standard_normal(motion.q.shape)
+    path = tmp_path / "log.csv"
+    header = ",".join(["time", *robot.coordinate_names])
+    np.savetxt(path, np.column_stack([motion.time, q]), "%.12f", ",", header=header, comments="")
+    assert tw.Motion.from_file(path, robot).instants == ()
+    assert tw.check(robot, path).verdict.word == "OK"

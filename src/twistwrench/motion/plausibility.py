@@ -214,6 +214,7 @@ class RecordedSteps:
             moved - departed
         )  # a step as usual with a wrong stamp is not a wrong row
         pulses = [p for p in _pulses(v, self._usual.departure, _OFF, own) if jumps[p[0] : p[1] + 1, p[2]].any()]
+        pulses = [p for p in pulses if _is_abrupt(v[:, p[2]], p[0], p[1])]
         for first, last, k in pulses:
             still = v[:, k] == 0.0
             while first > 0 and still[first - 1] and not still[: first - 1].all():
@@ -298,6 +299,14 @@ def _pulses(
         beside = np.concatenate([off[max(0, first - _QUIET) : first, k], off[last + 1 : last + 1 + _QUIET, k]])
         if beside.max(initial=0.0) <= _REST * off[first : last + 1, k].max():
             yield first, last, k
+
+
+def _is_abrupt(v: Array, first: int, last: int) -> bool:
+    """True if the speed v (n,) changes more where the pulse begins and ends than beside it; a brief stop is smooth."""
+    changes = np.abs(np.diff(v))
+    begin = max(0, first - 1)
+    beside = np.concatenate([changes[max(0, begin - _QUIET) : begin], changes[last + 1 : last + 1 + _QUIET]])
+    return bool(changes[begin : last + 1].max(initial=0.0) > beside.max(initial=0.0))
 
 
 _TINY = 1e-300
