@@ -212,7 +212,7 @@ def _commands() -> str:
 def _book() -> dict[str, str]:
     """Sections of the book as pages to drag, and a page that lists them."""
     import twistwrench as tw
-    from twistwrench.viz.page import page_text
+    from twistwrench.viz.page import viewer_page
     from twistwrench.viz.section_pages import SECTIONS
 
     robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
@@ -223,7 +223,7 @@ def _book() -> dict[str, str]:
         before, after = numbers[:k][-1:], numbers[k + 1 :][:1]
         neighbours = {f"← {n}": f"{n}.html" for n in before} | {"All pages": "../book-pages.html"}
         neighbours |= {f"{n} →": f"{n}.html" for n in after}
-        found[f"book/{number}.html"] = page_text(robot, section=number, neighbours=neighbours)
+        found[f"book/{number}.html"] = viewer_page(robot, section=number, neighbours=neighbours).page
         rows.append(
             f'<a href="book/{number}.html"><img src="book/{number}.webp" alt="" width="360" height="225" loading="lazy">'
             f"<b>{number}</b> {section.title}</a>"
@@ -245,17 +245,17 @@ def _live() -> dict[str, str]:
     from twistwrench.motion.motion_log import MotionLog
     from twistwrench.reports.drawn_motion import reported_motion
     from twistwrench.reports.torque_analysis import analyse
-    from twistwrench.viz.page import page_text
+    from twistwrench.viz.page import viewer_page
 
     ur5, log = tw.robots.ur5(), tw.robots.path_of("ur5").with_name("ur5_demo.csv")
     plan = Differentiation.plan(MotionLog.open(log, ur5.model), ur5.model)
     motion = reported_motion(analyse(LoadCase(ur5, (Payload(5.0),)), plan, ur5.limits))
     shown = {
-        "payload": page_text(ur5, motion=motion, embed=True, control="payload"),
-        "speed": page_text(ur5, motion=motion, embed=True, control="speed"),
-        "fall": page_text(ur5, embed=True, control="fall"),
-        "ellipsoid": page_text(ur5, section="5.4", embed=True, control="section"),
-        "mass": page_text(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section"),
+        "payload": viewer_page(ur5, motion=motion, embed=True, control="payload").page,
+        "speed": viewer_page(ur5, motion=motion, embed=True, control="speed").page,
+        "fall": viewer_page(ur5, embed=True, control="fall").page,
+        "ellipsoid": viewer_page(ur5, section="5.4", embed=True, control="section").page,
+        "mass": viewer_page(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section").page,
     }
     return {f"live/{name}.html": text for name, text in shown.items()}
 

@@ -333,7 +333,7 @@ def test_a_long_chain_needs_no_deep_stack():
 
 
 def test_the_viewer_places_bodies_between_the_joints_of_one_body():
-    from twistwrench.viz.page import page_text
+    from twistwrench.viz.page import viewer_page
     from twistwrench.viz.scene import scene_of
 
     robot = load_quietly(TEXTS["several joints in a body"])
@@ -341,7 +341,7 @@ def test_the_viewer_places_bodies_between_the_joints_of_one_body():
     poses = scene_of(robot).body_poses(q)
     assert np.isfinite(poses).all()
     np.testing.assert_allclose(poses[:, -1], robot.forward_kinematics(q, "lower"), atol=1e-14)
-    assert "two links" in page_text(robot.with_payload(tw.SpatialInertia.sphere(0.1, mass=1.0), frame="lower"))
+    assert "two links" in viewer_page(robot.with_payload(tw.SpatialInertia.sphere(0.1, mass=1.0), frame="lower")).page
 
 
 @pytest.mark.parametrize(

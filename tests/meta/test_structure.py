@@ -34,7 +34,7 @@ SCREEN = 60
 LONG_FUNCTIONS = {
     "formats/__init__.py:load_model",
     "simulation/preparation.py:build_run",
-    "viz/page.py:viewer_of",
+    "viz/page.py:viewer_page",
 }
 """Functions with more lines. The list may only shrink."""
 STRONG_PARTICIPLES = (

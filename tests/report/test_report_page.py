@@ -302,3 +302,13 @@ def test_the_robot_on_the_page_can_be_moved(tmp_path):
         assert page.complaints == []
         assert [url for url in page.requests if not url.startswith(("file:", "data:", "about:"))] == []
         assert page.run("document.getElementById('move')") is None
+
+
+def test_a_page_written_in_python_has_no_folders_of_its_writer(tmp_path):
+    folder = tmp_path / "secret"
+    folder.mkdir()
+    for name in ("ur5.urdf", "ur5_demo.csv"):
+        shutil.copy(tw.robots.path_of("ur5").with_name(name), folder)
+    page = tw.check(folder / "ur5.urdf", folder / "ur5_demo.csv").to_html(tmp_path / "page.html").read_text("utf-8")
+    assert "ur5_demo.csv" in page
+    assert "secret" not in page

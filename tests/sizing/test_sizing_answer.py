@@ -105,3 +105,20 @@ def test_bad_input_is_one_clear_error(arguments, error, words):
     *given, options = arguments if isinstance(arguments[-1], dict) else (*arguments, {})
     with pytest.raises(error, match=words):
         tw.size_drives(*given, **options)
+
+
+def test_a_motion_read_from_a_log_is_sized_as_the_log(tmp_path):
+    """One question by two doors: by path and by Motion.from_file the same word, reasons and drives, whatever its noise."""
+    robot = tw.robots.ur5()
+    motion = tw.Motion.from_file(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), robot)
+    q = motion.q + 1e-4 * np.random.default_rng(0).standard_normal(motion.q.shape)
+    path, header = tmp_path / "log.csv", ",".join(["time", *robot.coordinate_names])
+    np.savetxt(path, np.column_stack([motion.time, q]), "%.9f", ",", header=header, comments="")
+    of_path, of_motion = (
+        tw.size_drives(
+            robot, asked, tw.robots.path_of("ur5").with_name("ur5_demo.drives.yaml"), pause=0.8, add_masses=False
+        )
+        for asked in (path, tw.Motion.from_file(path, robot))
+    )
+    assert of_path.to_dict()["tables"] == of_motion.to_dict()["tables"]
+    assert (of_path.headline, of_path.verdict) == (of_motion.headline, of_motion.verdict)

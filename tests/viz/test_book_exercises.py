@@ -9,7 +9,7 @@ from test_book_pages import State, arm, on_link
 
 from twistwrench import statics
 from twistwrench.viz import scene_of, write_page
-from twistwrench.viz.page import page_text
+from twistwrench.viz.page import viewer_page
 from twistwrench.viz.section_pages import SECTIONS
 
 pytest_plugins = ("page_fixtures",)
@@ -163,7 +163,7 @@ def test_numbers_are_right_to_one_percent_as_people_type_them(tmp_path):
 
 
 def test_neighbours_are_links_and_absent_where_none_are_named():
-    assert "8.1.2.html" not in page_text(arm("planar_2r"), section="8.1.3")
+    assert "8.1.2.html" not in viewer_page(arm("planar_2r"), section="8.1.3").page
 
 
 def test_exercises_are_checked_in_a_browser(show):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.viz.page import page_text
+from twistwrench.viz.page import viewer_page
 
 pytest_plugins = ("page_fixtures",)
 
@@ -38,7 +38,7 @@ def test_outside_of_a_notebook_the_browser_opens_the_page(opened, monkeypatch):
     robot = tw.robots.planar_2r()
     page = robot.show([0.3, 0.4])
     [url] = opened
-    assert Path(url.removeprefix("file://")).read_text("utf-8") == page.text == page_text(robot, q=[0.3, 0.4])
+    assert Path(url.removeprefix("file://")).read_text("utf-8") == page.text == viewer_page(robot, q=[0.3, 0.4]).page
 
 
 def test_in_a_notebook_a_frame_holds_the_page_as_it_is(opened, monkeypatch):

@@ -14,7 +14,7 @@ from twistwrench.mechanics.lie import se3
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.viz import motion_of, read_motion, scene_of, write_page
-from twistwrench.viz.page import page_text
+from twistwrench.viz.page import viewer_page
 
 MIMIC = """<robot name="m"><link name="base"/>
 <link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
@@ -95,7 +95,7 @@ def test_shapes_come_out_as_they_went_in(tmp_path):
 
     robot = ROBOTS["ur5"]
     scene = scene_of(robot)
-    text = page_text(robot, scene=scene)
+    text = viewer_page(robot, scene=scene).page
     header, _ = read_page(_written(tmp_path, text))
     raw = zlib.decompress(base64.b64decode(re.search(r'octet-stream">(.*?)</script>', text, re.DOTALL).group(1)))
     start = 8 + -(-int.from_bytes(raw[:4], "little") // 8) * 8

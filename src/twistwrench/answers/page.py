@@ -242,8 +242,34 @@ def answer_page(answer: Answer, *, command: Sequence[str] = (), notes: Sequence[
         pictures=list(answer.pictures()),
         notes=notes,
         provenance=[*typed, *provenance(answer.sources()), *versions()],
+        shorten=without_folders(map(str, answer.sources().values())),
         viewer=answer.viewer(),
     )
+
+
+_SPLIT = ("+", ":=", "=")
+"""Separators of paths within a word of the command line."""
+
+
+def without_folders(texts: Iterable[str]) -> Callable[[str], str]:
+    """Function that replaces paths in these texts by their file names."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        parts = [text]
+        for sign in _SPLIT:
+            parts = [piece for part in parts for piece in part.split(sign)]
+        for part in parts:
+            path = Path(part)
+            if path.name and path.parent.is_dir() and path.name != part:
+                pairs |= {part: path.name, str(path.resolve()): path.name}
+    longest_first = sorted(pairs, key=len, reverse=True)
+
+    def shorten(text: str) -> str:
+        for path in longest_first:
+            text = text.replace(path, pairs[path])
+        return text
+
+    return shorten
 
 
 def provenance(files: Mapping[str, str | Path | None]) -> Iterator[tuple[str, str]]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from ..answers.blocks import Block
 from ..answers.data import report_data
-from ..answers.page import Picture, ReportPage, Viewer, provenance, versions
+from ..answers.page import Picture, ReportPage, Viewer, provenance, versions, without_folders
 from ..core.files import replacing
 from ..core.version import __version__
 from ..reports.robot_summary import limits_table
@@ -29,8 +29,6 @@ REPORT = option_group(
 PAGE = option(
     "--html OUT.html", "Write a page that shows the result in a browser; --report in the same folder links to it."
 )
-_SPLIT = ("+", ":=", "=")
-"""Separators of paths within a word of the command line."""
 
 
 def write_report(
@@ -57,7 +55,7 @@ def write_report(
     if given.report is None:
         return
     typed, notes = typed_words_and_notes()
-    shorten = str if given.full_paths else _without_folders([*typed, *map(str, filter(None, files.values()))])
+    shorten = str if given.full_paths else without_folders([*typed, *map(str, filter(None, files.values()))])
     page = ReportPage(
         command,
         subject,
@@ -105,27 +103,6 @@ def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> s
     show_written(path)
     beside = given.report is not None and Path(given.report).resolve().parent == path.resolve().parent
     return f"{quote(path.name)}{state}" if beside else ""
-
-
-def _without_folders(texts: Iterable[str]) -> Callable[[str], str]:
-    """Function that replaces paths of the command line by their file names in a text."""
-    pairs: dict[str, str] = {}
-    for text in texts:
-        parts = [text]
-        for sign in _SPLIT:
-            parts = [piece for part in parts for piece in part.split(sign)]
-        for part in parts:
-            path = Path(part)
-            if path.name and path.parent.is_dir() and path.name != part:
-                pairs |= {part: path.name, str(path.resolve()): path.name}
-    longest_first = sorted(pairs, key=len, reverse=True)
-
-    def shorten(text: str) -> str:
-        for path in longest_first:
-            text = text.replace(path, pairs[path])
-        return text
-
-    return shorten
 
 
 def _moving(robot: Robot | None) -> Iterator[tuple[str, str]]:

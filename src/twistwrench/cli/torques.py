@@ -158,8 +158,9 @@ def write_torque_report(
     from ..viz.answers import pictures_of, worst_moment
 
     pictures = list(pictures_of(report))
-    if link:
-        pictures[1] = worst_moment(report, link)
+    if link and report.worst is not None:
+        pictures = [picture for picture in pictures if not isinstance(picture.content, bytes)]
+        pictures.insert(1, worst_moment(report, link))
     load = report.load
     friction = friction_words(load.robot.model, counted=load.friction)
     write_report(

@@ -152,13 +152,13 @@ def _check_settings(pause: float, ambient: float, life: float | None) -> None:
 
 
 def _motion_or_log(given: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion | MotionLog:
-    """Motion in memory, or log of a file or table."""
+    """Log of a file, a table, or a motion that was read from one; other motions as they are."""
     if isinstance(given, str | Path | MotionLog) or hasattr(given, "iloc"):
         return log_of(given, robot, **logs)
     motion = getattr(given, "motion", given)
     if not isinstance(motion, Motion):
         raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.shown(given)}.")
-    return motion
+    return motion if motion.log is None else log_of(motion, robot)
 
 
 def _analysed(load: LoadCase, log: MotionLog, *, smooth: bool = False) -> TorqueReport:

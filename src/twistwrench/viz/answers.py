@@ -158,7 +158,7 @@ def _(answer: TorqueReport) -> Iterable[Picture]:
 def _(answer: TorqueReport) -> Viewer | None:
     if answer.load.robot.model.couplings:  # pages cannot show motors that drive several joints
         return None
-    viewer = page.viewer_of(answer.load.robot, motion=reported_motion(answer), embed=True)
+    viewer = page.viewer_page(answer.load.robot, motion=reported_motion(answer), embed=True)
     return viewer if len(viewer.page) < LARGEST_VIEWER else None
 
 

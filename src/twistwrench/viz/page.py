@@ -128,48 +128,13 @@ def write_page(
         "wrench_on_robot": wrench_on_robot,
         "scene": scene,
     }
-    text = page_text(robot, section=section, embed=embed, control=control, **shown)
+    text = viewer_page(robot, section=section, embed=embed, control=control, **shown).page
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
     return Path(path)
 
 
-def page_text(
-    robot: Robot | ConstrainedRobot,
-    *,
-    motion: DrawnMotion | None = None,
-    q: ArrayLike | None = None,
-    actuated: Iterable[str] | None = None,
-    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
-    scene: Scene | None = None,
-    section: str | None = None,
-    embed: bool = False,
-    control: str | None = None,
-    neighbours: Mapping[str, str] | None = None,
-) -> str:
-    """Return the page as text.
-
-    Parameters
-    ----------
-    neighbours : {label: address}, optional, links to other pages of a site, above the heading
-        The other arguments are those of :func:`write_page`.
-
-    Returns
-    -------
-    text : str
-    """
-    shown: dict[str, Any] = {"motion": motion, "q": q, "actuated": actuated, "wrench_on_robot": wrench_on_robot}
-    about: dict[str, Any] = {
-        "scene": scene,
-        "section": section,
-        "embed": embed,
-        "control": control,
-        "neighbours": neighbours,
-    }
-    return viewer_of(robot, **shown, **about).page
-
-
-def viewer_of(
+def viewer_page(
     robot: Robot | ConstrainedRobot,
     *,
     motion: DrawnMotion | None = None,
@@ -182,7 +147,17 @@ def viewer_of(
     control: str | None = None,
     neighbours: Mapping[str, str] | None = None,
 ) -> Viewer:
-    """Page of :func:`page_text`, with the digests of its scripts, for a page that contains it."""
+    """Return the page as text, with the digests of its scripts for a page that contains it.
+
+    Parameters
+    ----------
+    neighbours : {label: address}, optional, links to other pages of a site, above the heading
+        The other arguments are those of :func:`write_page`.
+
+    Returns
+    -------
+    viewer : Viewer
+    """
     closed = cast("ConstrainedRobot", robot) if isinstance(robot, Robot) and robot.constraints else None
     if closed is not None and (motion is not None or section is not None):
         raise ValueRangeError(
@@ -307,7 +282,7 @@ def show(robot: Robot | ConstrainedRobot, **options: Any) -> ShownPage:
     -------
     page : ShownPage
     """
-    page = ShownPage(page_text(robot, **options))
+    page = ShownPage(viewer_page(robot, **options).page)
     if "ipykernel" not in sys.modules:
         page.open()
     return page
