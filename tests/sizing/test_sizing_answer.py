@@ -108,10 +108,11 @@ def test_bad_input_is_one_clear_error(arguments, error, words):
 
 
 def test_a_motion_read_from_a_log_is_sized_as_the_log(tmp_path):
-    """One question by two doors: by path and by Motion.from_file the same word, reasons and drives, whatever its noise."""
+    """One question by two doors: by path and by Motion.from_file the same word, reasons and drives, with rows in doubt."""
     robot = tw.robots.ur5()
     motion = tw.Motion.from_file(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), robot)
     q = motion.q + 1e-4 * np.random.default_rng(0).standard_normal(motion.q.shape)
+    q[340:344] = 0.0  # zeros inside
     path, header = tmp_path / "log.csv", ",".join(["time", *robot.coordinate_names])
     np.savetxt(path, np.column_stack([motion.time, q]), "%.9f", ",", header=header, comments="")
     of_path, of_motion = (
