@@ -13,7 +13,6 @@ from ..core import arguments, third_party
 from ..core.errors import ModelError, ModelWarning, ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array
-from ..mechanics.model.actuators import moving
 from .arguments import Kind, Rows, Wrenches, brought, states
 from .base import RobotBase
 
@@ -215,6 +214,8 @@ class ActuationMethods(RobotBase):
             return tau - rotor, rotor
         carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
+            from ..mechanics.model.actuators import moving
+
             (speeds,) = states(robot.model, "friction_forces", dq=dq)
             carried = carried + robot.friction_forces(moving(speeds), load=carried + rotor)
         return carried, rotor
