@@ -50,6 +50,13 @@ _CHANGES = (
 )
 
 
+def _is_harmless(event: str, arguments: tuple[Any, ...]) -> bool:
+    """True for arrays that a child of the library sends, and for the end of a child."""
+    if event == "os.kill":
+        return _is_child(arguments[0])
+    return event == "pickle.find_class" and arguments in _ARRAYS
+
+
 def _is_child(pid: int) -> bool:
     """True for a child process, which a reader may end; an ended one that was not waited for is still a child."""
     try:
@@ -90,14 +97,10 @@ class Guard:
         return watch
 
     def heard(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if not self.folder:
+        if not self.folder or _is_harmless(event, arguments):
             return
         if event == "open":
             self._opened(*arguments[:3])
-        elif event == "pickle.find_class" and arguments in _ARRAYS:
-            return
-        elif event == "os.kill" and _is_child(arguments[0]):
-            return
         elif event in _FORBIDDEN:
             self._note(event, arguments)
         elif event == "subprocess.Popen":
