@@ -26,7 +26,7 @@ _CLEARANCE = ("--clearance", "--srdf", "pairs.srdf")
 _SETTINGS = ("--cutoff", "8", "--shift", "0")
 _DRIVES = ("--actuators", "drives.yaml")
 COMMANDS = {
-    "torques": ("torques", "robot.urdf", *_MOTION, *_CLEARANCE, *_DRIVES, "--html", "out.html"),
+    "torques": ("torques", "robot.urdf", *_MOTION, *_CLEARANCE, *_DRIVES),
     "torques, a joint held": ("torques", "robot.urdf", *_MOTION, *_DRIVES, "--lock", "wrist_3_joint=0"),
     "payload": ("payload", "robot.urdf", *_DRIVES),
     "move": ("move", "robot.urdf", "--to", "0,0,0,0,0,0.5", *_CLEARANCE, *_DRIVES, "--csv", "out.csv"),
@@ -42,7 +42,7 @@ COMMANDS = {
         "--out",
         "out.urdf",
     ),
-    "doctor": ("doctor", "robot.urdf", "--html", "out.html", "--out", "out.urdf"),
+    "doctor": ("doctor", "robot.urdf", "--out", "out.urdf"),
     "view": ("view", "robot.urdf", *_MOTION, *_CLEARANCE, *_DRIVES, "--html", "out.html"),
 }
 
@@ -116,7 +116,7 @@ LOGS = {
 }
 """Most times that a log is opened. A long archive has its kind, its arrays, its time and its rows at distant places."""
 LOG_COMMANDS = {
-    "torques": ("torques", "robot.urdf", "--trajectory", "motion.csv", "--clearance", "--html", "out.html"),
+    "torques": ("torques", "robot.urdf", "--trajectory", "motion.csv", "--clearance"),
     "torques of two files": ("torques", "robot.urdf", "--trajectory", "motion.csv+late.csv"),
     "log": ("log", "motion.csv"),
     "size": ("size", "ur5", "motion.csv", "--catalog", "demo"),

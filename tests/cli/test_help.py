@@ -59,14 +59,23 @@ def test_the_examples_run_as_they_stand(words, command, tmp_path, monkeypatch):
         assert done.exit_code in (0, 1), (example, done.output)
 
 
-def test_a_commands_own_options_come_before_the_robots():
-    for words, command in commands():
-        if any(option.name == "floating_base" for option in command.params) and words != ("doctor",):
-            own, _, shared = helped(*words).partition("Robot options:")
-            assert "--floating-base" in shared and "Let the base move" not in shared, words
-            assert "--floating-base" not in own, words
-            whole = CliRunner().invoke(main, [*words, "--help-all"]).output.partition("Robot options:")[2]
-            assert "Let the base move freely" in " ".join(whole.split()), words
+HEADINGS = ("Question", "Reading the log", "Robot", "Writing")
+
+
+@pytest.mark.parametrize(("words", "command"), list(commands()))
+def test_the_help_has_an_option_a_line_under_headings_and_at_most_45_lines(words, command):
+    lines = helped(*words).splitlines()
+    assert len(lines) <= 45 and max(map(len, lines)) <= 100
+    headings = [line[:-1] for line in lines if line.endswith(":") and not line.startswith(" ")]
+    assert set(headings) <= {*HEADINGS, "Options", "Commands"}, headings
+    assert [each for each in HEADINGS if each in headings] == [each for each in headings if each in HEADINGS]
+
+
+@pytest.mark.parametrize(("words", "command"), list(commands()))
+def test_the_whole_help_has_every_option(words, command):
+    whole = CliRunner().invoke(main, [*words, "--help-all"]).output
+    shown = set(re.findall(r"(?<=[\s/])--[a-z][\w-]*", whole))
+    assert {p.opts[0] for p in command.params if isinstance(p, click.Option) and not p.hidden} <= shown
 
 
 def test_every_command_that_reads_motions_chooses_their_topic_and_episode():
@@ -109,7 +118,7 @@ def test_an_old_name_is_answered_by_the_new_one_where_it_exists():
     assert "Did you mean --torque-noise?" in said("excite", "planar_2r", "--noise", "1")
     assert "Did you mean --no-test-program?" in said("export", "ur5", "--no-test")
     assert "Did you mean --step?" in said("simulate", "ur5", "--dt", "0.1")
-    assert "Did you mean --plot motors=OUT.png?" in said("torques", "ur5", "--motor-plot", "a.png")
+    assert "Did you mean --plot OUT.png --kind motors?" in said("torques", "ur5", "--motor-plot", "a.png")
     assert "--torque-side" not in said("payload", "ur5", "--torque", "motor")
 
 

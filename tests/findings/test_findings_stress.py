@@ -266,7 +266,7 @@ COMMANDS = (
     "payload planar_2r --at 0,0", "simulate pendulum --duration 0.01", "simulate pendulum --duration 0.01 --npz /dev/full",
     "simulate pendulum --duration 0.01 --csv /dev/full", "move planar_2r --to 1,1 --duration 2", "move planar_2r --to 1,1 --duration 2 --csv /dev/full", "derive pendulum",
     "doctor arm.urdf", "doctor arm.urdf --json -", "verify pendulum", "log log.csv", "log log.csv --json -",
-    "export pendulum --c FOLDER", "view pendulum --html FOLDER/p.html", "torques pendulum --trajectory log.csv --plot power=FOLDER/p.png",
+    "export pendulum --c FOLDER", "view pendulum --html FOLDER/p.html", "torques pendulum --trajectory log.csv --kind power --plot FOLDER/p.png",
     "sensor --help", "identify --help", "excite --help",
 )  # fmt: skip
 
@@ -320,7 +320,7 @@ def test_finding_47_names_that_are_too_long(command, length):
 def test_finding_47_stamps_that_no_curve_leads_through(stamps, tmp_path):
     rows = "".join(f"{t!r},{np.sin(k / 9)!r},0.5\n" for k, t in enumerate(map(float, stamps)))
     (tmp_path / "log.csv").write_text(f"time,joint1,joint2\n{rows}")
-    for plot in ((), ("--plot", f"power={tmp_path / 'p.png'}")):
+    for plot in ((), ("--kind", "power", "--plot", tmp_path / "p.png")):
         found = run("torques", "planar_2r", "--trajectory", tmp_path / "log.csv", *plot)
         assert found.exit_code in (1, 2), found.output
 

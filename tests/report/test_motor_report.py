@@ -132,12 +132,12 @@ def test_a_motion_without_motor_columns_takes_elastic_gears_as_stiff(tmp_path):
 
 
 def test_the_picture_is_drawn(tmp_path):
-    result = run("--actuators", "demo", "--plot", f"motors={tmp_path / 'motors.png'}")
+    result = run("--actuators", "demo", "--kind", "motors", "--plot", tmp_path / "motors.png")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "motors.png").stat().st_size > 20_000
     one = tmp_path / "one.yaml"
     one.write_text("actuators: {wrist_2_joint: {motor: {torque_constant: 0.1 N m/A}}}")
-    assert run("--actuators", one, "--plot", f"motors={tmp_path / 'one.svg'}").exit_code == 0
+    assert run("--actuators", one, "--kind", "motors", "--plot", tmp_path / "one.svg").exit_code == 0
 
 
 @pytest.mark.parametrize("friction", [True, False])
@@ -205,16 +205,16 @@ def test_near_its_no_load_speed_a_motor_brakes_and_does_not_drive(robot, tmp_pat
 
 def test_errors_of_the_command(tmp_path):
     for arguments, text in (
-        (("--plot", "motors=m.png"), "Add --actuators"),
+        (("--kind", "motors", "--plot", tmp_path / "m.png"), "Add --actuators"),
         (("--actuators", tmp_path / "none.yaml"), "no actuator file"),
-        (("--actuators", "demo", "--plot", f"motors={tmp_path / 'none' / 'm.png'}"), "no such folder"),
+        (("--actuators", "demo", "--kind", "motors", "--plot", tmp_path / "none" / "m.png"), "no such folder"),
     ):
         result = run(*arguments)
         assert result.exit_code == 2
         assert text in result.output
     bare = tmp_path / "bare.yaml"
     bare.write_text("actuators: {elbow_joint: {ratio: 100}}")
-    result = run("--actuators", bare, "--plot", f"motors={tmp_path / 'm.png'}")
+    result = run("--actuators", bare, "--kind", "motors", "--plot", tmp_path / "m.png")
     assert result.exit_code == 2
     assert "describes no motor" in result.output
     shutil.copy(DEMO, tmp_path / "own.yaml")

@@ -154,12 +154,10 @@ def test_two_pages_of_one_date_are_equal_byte_for_byte(tmp_path, monkeypatch):
 
 
 def test_the_page_of_torques_shows_the_robot_with_the_worst_joint(tmp_path):
-    run(*COMMANDS["torques"], "--report", tmp_path / "a.html", "--html", tmp_path / "seen it.html")
+    run(*COMMANDS["torques"], "--report", tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text("utf-8")
     (caption,) = Reader(page).texts["figcaption"]
-    assert caption == "ur5 at t = 1.808 s; red: shoulder_lift_joint, 111 % of its limit · Open in viewer"
-    assert "seen%20it.html#t=1.808" in Reader(page).links
-    assert '<canvas id="stage"' in (tmp_path / "seen it.html").read_text("utf-8")
+    assert caption == "ur5 at t = 1.808 s; red: shoulder_lift_joint, 111 % of its limit"
     facts = page.partition('<dl class="facts">')[2].partition("</dl>")[0]
     assert [spaced(x) for x in Reader(facts).texts["dd"]] == ["-167.0 N m", "150 N m", "111 %", "1.808 s"]
 
@@ -186,15 +184,12 @@ def test_the_picture_of_a_simulation_shows_the_joint_that_passes_its_limit(tmp_p
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["move", "size", "doctor"])
-def test_a_report_links_to_the_page_written_beside_it(tmp_path, name):
-    """Folders are not named, so a page elsewhere has no link."""
-    report, folder = tmp_path / "report.html", tmp_path / "elsewhere"
-    folder.mkdir()
-    for page, links in ((tmp_path / "page.html", ["page.html"]), (folder / "page.html", [])):
-        run(*COMMANDS[name], "--report", report, "--html", page)
-        every = Reader(report.read_text("utf-8")).links
-        assert [link for link in every if not link.startswith(("#", "data:"))] == links
-        assert '<canvas id="stage"' in page.read_text("utf-8")
+def test_the_report_holds_the_robot_that_can_be_moved(tmp_path, name):
+    report = tmp_path / "report.html"
+    run(*COMMANDS[name], "--report", report)
+    page = report.read_text("utf-8")
+    shown = json.loads(re.search(r'<script type="application/json" id="viewer">(.*?)</script>', page, re.DOTALL)[1])
+    assert '<canvas id="stage"' in shown
 
 
 @pytest.mark.parametrize("whole", [False, True])
@@ -221,7 +216,7 @@ def test_working_files_are_named_with_size_and_digest(tmp_path):
 
 def test_a_report_is_of_one_motion_and_is_not_begun_where_it_cannot_be_written(tmp_path):
     for arguments, text in (
-        (("--workers", "2", "--report", tmp_path / "r.html"), "--report and --html are of one motion"),
+        (("--workers", "2", "--report", tmp_path / "r.html"), "--report are of one motion"),
         (("--report", tmp_path / "none" / "r.html"), "no such folder"),
         (("--report", DEMO, "--trajectory", DEMO), "would overwrite"),
     ):

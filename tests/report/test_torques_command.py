@@ -65,7 +65,7 @@ BAD_INPUT = {
     "no such picture folder": (["ur5", "--trajectory", DEMO, "--plot", "no/such/o.png"], "cannot write"),
     "no such option": (["ur5", "--trajectory", DEMO, "--plott", "o.png"], "--plot"),
     "no trajectory": (["ur5"], "Missing MOTION: a log or plan, or 'demo'."),
-    "split without csv": (["ur5", "--trajectory", DEMO, "--split"], "Add --csv"),
+    "kind without plot": (["ur5", "--trajectory", DEMO, "--kind", "power"], "Add --plot OUT.png"),
     "no such folder": (["ur5", "--trajectory", DEMO, "--csv", "no/such/folder/o.csv"], "cannot write"),
     "no such picture": (["ur5", "--trajectory", DEMO, "--plot", "o.xyz"], "pictures of kind 'xyz'"),
     "no such limits": (["ur5", "--trajectory", DEMO, "--limits", "none.csv"], "no limits file"),
@@ -461,7 +461,7 @@ def test_a_joint_at_rest_has_no_coulomb_friction(run, rubbing, tmp_path):
     code, text = run("torques", rubbing, "--trajectory", still_file(tmp_path, robot), "--csv", out)
     assert (code, "UNSURE: no torque limit for 2 of 2 joints" in text) == (1, True), text
     assert "Coulomb friction is undetermined" in text
-    found = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:]
+    found = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:3]
     held = np.broadcast_to(robot.gravity_forces(np.array([0.3, -0.3])), found.shape)
     np.testing.assert_allclose(found, held, atol=1e-7)
 
@@ -470,7 +470,7 @@ def test_a_joint_that_moves_has_coulomb_friction(run, rubbing, tmp_path):
     robot, out = load(rubbing), tmp_path / "o.csv"
     t = np.arange(200) * 0.01
     path = write_positions(tmp_path / "m.csv", robot, t, np.outer(t, [0.1, -0.2]))
-    run("torques", rubbing, "--trajectory", path, "--csv", out, "--split")
+    run("torques", rubbing, "--trajectory", path, "--csv", out)
     lines = out.read_text().splitlines()[0].split(",")
     table = np.loadtxt(out, delimiter=",", skiprows=1)
     for joint, v in zip(robot.joint_names, (0.1, -0.2), strict=True):

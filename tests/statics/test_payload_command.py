@@ -237,7 +237,7 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--at", "elbow_joint=1", "--at", " elbow_joint = 2"], "--at elbow_joint is given twice"),
         (["ur5", "--at", "elbow_joint=nan"], "expected 1 number"),
         (["ur5", "--com", "0,0,nan"], "expected x,y,z"),
-        (["ur5", "--map", "zz"], "no slice named 'zz'"),
+        (["ur5", "--map", "zz"], "'zz' is not one of 'rz'"),
         (["ur5", "--map", "rz", "--samples", "0"], "samples is 0"),
         (["ur5", "--map", "rz", "--samples", "-3"], "samples is -3"),
         (["ur5", "--map", "rz", "--samples", "few"], "not a valid integer"),

@@ -228,7 +228,7 @@ def test_limits_of_jerk_come_from_the_option_or_from_files_and_a_bad_file_is_nam
         (("--from=1,2,3", "--to", "1,1"), "--from"),
         ((), "where does it end"),
         (("--to", "1,1", "--by", "0,0,1"), "--to and --by"),
-        (("--to", "1,1", "--straight", "--screw"), "Keep one"),
+        (("--by", "0,0,1", "--path", "screw"), "Leave the path out"),
         (("--to", "1,1", "--fastest", "--duration", "1"), "--duration"),
         (("--to", "1,1", "--duration", "0"), "duration"),
         (("--to", "1,1", "--step", "0"), "--step"),

@@ -73,8 +73,6 @@ class Picture:
     """Caption below a PNG, and alternative text of both kinds."""
     content: str | bytes
     """SVG element, or PNG file."""
-    link: str = ""
-    """Address of an interactive page with the same content."""
 
 
 @dataclass(frozen=True)
@@ -360,8 +358,7 @@ def _picture(picture: Picture) -> str:
     if isinstance(picture.content, bytes):
         data = base64.b64encode(picture.content).decode("ascii")
         image = f'<img alt="{name}" src="data:image/png;base64,{data}">'
-        link = f' · <a href="{html.escape(picture.link)}">Open in viewer</a>' if picture.link else ""
-        return f'<figure class="robot">{image}<figcaption>{name}{link}</figcaption></figure>'
+        return f'<figure class="robot">{image}<figcaption>{name}</figcaption></figure>'
     return f'<figure><div class="scroll" tabindex="0" role="img" aria-label="{name}">{picture.content}</div></figure>'
 
 

@@ -4,82 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import click
-
-from ..core.errors import ValueRangeError
 from ..core.files import replacing
-from ..core.verdict import ExitCode
-from . import shared
-from .main import Given, option
-from .shared import RobotOptions, robot_command
-from .terminal import show_answer
-
-_FILES = {
-    "latex": "Write LaTeX, a document that compiles.",
-    "html": "Write a web page that needs nothing else.",
-    "markdown": "Write Markdown.",
-    "c": "Write C99 source.",
-    "numpy": "Write a Python module that needs NumPy only.",
-}
+from ..symbolic.derivation import Derivation, derive
+from ..symbolic.names import require_sympy
+from .shared import RobotOptions
+from .skin import Asked, File, command_of
 
 
-@robot_command(
+def _document(option: str, help_: str, text_of: Callable[[Derivation], str]) -> File[Derivation]:
+    """File of the equations, which are written only if they agree with the kernels."""
+
+    def write(derivation: Derivation, path: str) -> None:
+        with replacing(path) as scratch:
+            scratch.write_text(text_of(derivation), encoding="utf-8")
+
+    return File(
+        f"{option} OUT|-", f"{help_} - is the terminal.", write, is_data=False, exists=lambda found: found.verdict.ok
+    )
+
+
+@command_of(
     "derive",
-    option(
-        "--symbols KIND|NAME,…",
-        "Quantities kept as symbols: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such "
-        "as L_1; the others are numbers.",
-        default="all",
+    derive,
+    files=(
+        _document("--latex", "Write LaTeX, a document that compiles.", lambda found: found.latex(found.selected)),
+        _document("--html", "Write a web page that needs nothing else.", lambda found: found.html(found.selected)),
+        _document("--markdown", "Write Markdown.", lambda found: found.markdown(found.selected)),
+        _document("--c", "Write C99 source.", Derivation.c_source),
+        _document("--numpy", "Write a Python module that needs NumPy only.", Derivation.numpy_source),
     ),
-    option(
-        "--form",
-        "Write terms in full, or name intermediate results.",
-        choices=("auto", "expanded", "named"),
-        default="auto",
-    ),
-    option("--steps STEP,…|all", "Steps to print and write, by name. [default: all]"),
-    *(option(f"--{name} OUT|-", f"{text} - is the terminal.") for name, text in _FILES.items()),
-    shared.JSON,
     examples=("derive planar_2r", "derive cart_pole --latex -"),
-    angles=False,
 )
-def derive_command(options: RobotOptions, given: Given) -> ExitCode:
+def derive_command(robot: RobotOptions, asked: Asked) -> Derivation:
     """Derive the equations of motion in symbols by Lagrange's method, and write them as text, LaTeX, a page, C or NumPy."""
-    from ..symbolic.derivation import derive
-    from ..symbolic.names import require_sympy
-
-    robot = options.load()
     require_sympy("twistwrench derive")
-    outputs = {name: path for name in _FILES if (path := getattr(given, name)) is not None}
-    shown = [name for name, path in outputs.items() if path == "-"]
-    if len(shown) > 1:
-        raise ValueRangeError(
-            f"only one of {', '.join(f'--{n}' for n in shown)} can go to the terminal (-). Name files for the others."
-        )
-    given.check_files(options.files)
-    derivation = derive(robot, symbols=_listed(given.symbols), form=given.form, steps=_listed(given.steps) or None)
-    chosen = derivation.selected
-    made: dict[str, Callable[[], str]] = {
-        "latex": lambda: derivation.latex(chosen),
-        "html": lambda: derivation.html(chosen),
-        "markdown": lambda: derivation.markdown(chosen),
-        "c": derivation.c_source,
-        "numpy": derivation.numpy_source,
-    }
-    if not shown or not derivation.verdict.ok:
-        show_answer(derivation)
-    for name, path in outputs.items() if derivation.verdict.ok else ():
-        text = made[name]()
-        if path == "-":
-            click.echo(text)
-            continue
-        with replacing(str(path)) as scratch:
-            scratch.write_text(text, encoding="utf-8")
-        if not shown:
-            shared.show_written(path)
-    return derivation.verdict.exit_code
-
-
-def _listed(text: str | None) -> list[str]:
-    """Words between commas."""
-    return [word.strip() for word in (text or "").split(",") if word.strip()]
+    return derive(robot.load(), **asked)

@@ -112,7 +112,7 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
     "convert",
     click.argument("out", metavar="OUT"),
     JSON,
-    option("--strict", "Exit with 1 if the format cannot represent everything."),
+    option("--strict", "Count properties that the format cannot represent against the verdict."),
     examples=("convert panda panda.xml",),
     robot_first=True,
     angles=False,

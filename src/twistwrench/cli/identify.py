@@ -316,7 +316,7 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
     NO_MOTOR_INERTIA,
     FRICTION_LAWS,
     option("--share", "Fraction of each limit that may be used.", default=0.9),
-    option("--acceleration A", "Acceleration limit of every joint [rad/s², m/s²], used fully.", type=float),
+    option("--acceleration VALUE", "Acceleration limit of every joint [rad/s², m/s²], used fully.", type=float),
     option(
         "--criterion",
         "Objective: log det of the information matrix, or median standard deviation.",
@@ -326,7 +326,7 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
     option("--floor Z", "Lowest height of all links [m]. [default: none]", type=float),
     shared.CLEARANCE,
     option("--ignore-self", "Ignore collisions between links; the verdict is then UNSURE."),
-    option("--seed", "Seed of the random start motions.", default=0),
+    option("--seed N", "Seed of the random start motions.", default=0),
     option("--restarts", "Number of searches; the best result is kept.", default=3),
     option(
         "--torque-noise NM",

@@ -10,50 +10,44 @@ import click
 from .. import robots
 from ..answers.blocks import Table, numbers, words
 from ..core.colours import Style
-from ..core.errors import ModelWarning, UnknownNameError, ValueRangeError
-from ..reports.info import info
+from ..core.errors import ModelWarning, UnknownNameError
+from ..reports.info import RobotReport, info
 from ..robots.finding import FoundRobot, known_robots, plain_name
-from .main import Given, command, keep_answer
-from .shared import JSON, RobotOptions, csv_option, robot_command, show_written
-from .terminal import show, show_answer
+from .main import plain_command
+from .shared import RobotOptions
+from .skin import Asked, command_of, table_file
+from .terminal import show
 
 
-@robot_command(
+@command_of(
     "info",
-    JSON,
-    csv_option("Write joints and limits in SI units and radians, for --limits"),
+    info,
+    files=(
+        table_file(
+            lambda report, path: report.to_csv(path, overwrite=True),
+            "Write joints and limits in SI units and radians, for --limits",
+        ),
+    ),
     examples=("info panda", "info ur5 --json -"),
 )
-def info_command(options: RobotOptions, given: Given) -> None:
+def info_command(robot: RobotOptions, asked: Asked) -> RobotReport:
     """Show joints, limits, inertias, masses, frames and the tree of a robot."""
-    if given.json is not None and given.csv is not None:
-        raise ValueRangeError("--json writes the robot, and --csv writes its joints. Choose one.")
-    if options.degrees and (given.json is not None or given.csv is not None):
-        raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
-    given.check_files(options.files)
-
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always", ModelWarning)
-        robot = options.load()
+        loaded = robot.load()
     for note in notes:  # notes of the model are printed below its tree
-        if not any(defect in str(note.message) for defect in robot.defects):
+        if not any(defect in str(note.message) for defect in loaded.defects):
             warnings.warn_explicit(note.message, note.category, note.filename, note.lineno)
-    report = info(robot, degrees=options.degrees)
-    if given.json is not None:
-        keep_answer(report)
-    elif given.csv is not None:
-        show_written(report.to_csv(given.csv, overwrite=given.overwrite))
-    else:
-        show_answer(report)
+    return info(loaded, **asked)
 
 
 # ── ``robots``: bundled robots, and those of other packages
 
 
-@command("robots", click.argument("word", default=""), examples_=("robots", "robots panda"))
-def robots_command(given: Given) -> None:
+@plain_command("robots", click.argument("word", default=""), examples=("robots", "robots panda"))
+def robots_command(word: str) -> None:
     """List the robots known by name, bundled or from installed packages; WORD selects names and descriptions."""
-    show(*robot_tables(given.word))
+    show(*robot_tables(word))
 
 
 _BUNDLED = "twistwrench"

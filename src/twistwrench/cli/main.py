@@ -42,26 +42,61 @@ class RobotOption(click.Option):
     """Option for reading the robot, shared by all commands."""
 
 
-class OwnOptionsFirst(click.Command):
-    """Command whose help describes its own options and lists the robot options; --help-all describes both."""
+QUESTION, READING, ROBOT_GROUP, WRITING, RARE = "Question", "Reading the log", "Robot", "Writing", "Rare"
+_HEADINGS = {
+    READING: "columns degrees lock-missing",
+    ROBOT_GROUP: "lock tip actuators floating-base",
+    WRITING: "csv json report plot out out-actuators save overwrite all",
+    RARE: (
+        "workers scheduler srdf topic episode gain rate keep model xacro seed restarts criterion stribeck-speed keep-close "
+        "masses-included regeneration rtol every style torque-side prefix full-paths smooth plan chain include-path mimic "
+        "inertia mcap rerun npz joint kind weights shift cutoff harmonics method "
+        "fixed-base step jerk contact touch force"
+    ),
+}
+"""Headings of the help by option; options that are not named are of the question."""
+_HEADING_OF = {f"--{name}": heading for heading, names in _HEADINGS.items() for name in names.split()}
+_FORM, _LINE = 26, 80
+"""Widths of the form of an option, and of a line of the short help."""
+
+
+class GroupedHelp(click.Command):
+    """Command whose options stand under headings, each in one line; --help-all adds the rare ones and the full texts."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write own options and robot options in two sections."""
-        options = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
-        of_robot = [p for p in options if isinstance(p, RobotOption)]
-        with formatter.section("Options"):
-            formatter.write_dl([r for p in options if p not in of_robot and (r := p.get_help_record(ctx))])
-        if of_robot:
-            with formatter.section("Robot options"):
-                if ctx.meta.get(_ALL):
-                    formatter.write_dl([r for p in of_robot if (r := p.get_help_record(ctx))])
-                else:
-                    formatter.write_text(f"{' '.join(p.opts[0] for p in of_robot)} (described by --help-all)")
+        """Write the options of each heading."""
+        groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (QUESTION, *_HEADINGS)}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if isinstance(param, click.Option) and record is not None and not {"--help", "--help-all"} & {*param.opts}:
+                groups[_HEADING_OF.get(param.opts[0], QUESTION)].append(record)
+        every = bool(ctx.meta.get(_ALL))
+        for heading, records in groups.items():
+            if records and (every or heading != RARE):
+                with formatter.section(heading):
+                    if every:
+                        formatter.write_dl(records)
+                    for form, text in () if every else records:
+                        formatter.write(f"{'':{formatter.current_indent}}{_in_a_line(form, text)}\n")
+        if groups[RARE] and not every:
+            formatter.write_paragraph()
+            formatter.write_text(f"{len(groups[RARE])} more options, and full texts: --help-all.")
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Parameters, including --help-all if the command has robot options."""
-        found = super().get_params(ctx)
-        return [*found, _HELP_ALL] if any(isinstance(p, RobotOption) for p in found) else found
+        """Parameters, and --help-all."""
+        return [*super().get_params(ctx), _HELP_ALL]
+
+
+def _in_a_line(form: str, text: str) -> str:
+    """Form of an option and the first clause of its help, cut at a word."""
+    flag, _, placeholder = form.partition(" ")
+    if len(form) > _FORM:
+        form = f"{flag} {re.split('[,|:]', placeholder.replace('[', ''))[0]}…"
+    clause = re.split(r"[;:]\s|\.\s|  ?\[default", text)[0].rstrip(".")
+    room = _LINE - _FORM - 4
+    if len(clause) > room:
+        clause = f"{clause[: room - 1].rpartition(' ')[0].rstrip(',')}…"
+    return f"{form:{_FORM}}  {clause}"
 
 
 _ALL = "twistwrench.help_all"
@@ -77,7 +112,7 @@ def _show_all(context: click.Context, _parameter: click.Parameter, given: bool) 
 
 _HELP_ALL = click.Option(
     ["--help-all"], is_flag=True, expose_value=False, is_eager=True, callback=_show_all,
-    help="Show this message with the robot options, and exit.",
+    help="Show this message with all options and full texts, and exit.",
 )  # fmt: skip
 
 
@@ -175,7 +210,7 @@ TRACEBACK = "TWISTWRENCH_TRACEBACK"
 class Commands(click.Group):
     """Commands with one-line errors and the exit codes of :class:`~twistwrench.core.verdict.ExitCode`."""
 
-    command_class = OwnOptionsFirst
+    command_class = GroupedHelp
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program that cleans up on SIGTERM."""
@@ -391,6 +426,8 @@ def plain_errors() -> Iterator[None]:
         try:
             yield
         except TwistWrenchError as error:
+            for hint in getattr(error, "__notes__", ()):
+                note(hint)
             click.echo(f"error: {' '.join(with_option_names(str(error)).split())}", err=True)
             sys.exit(ExitCode.BAD_INPUT)
 
@@ -478,7 +515,7 @@ def check_matplotlib() -> None:
     require_matplotlib("Drawing the report (--plot)")
 
 
-def examples(*lines: str) -> str:
+def examples_text(*lines: str) -> str:
     """Examples at the end of a command's help: lines without the word `twistwrench`."""
     text = "\n".join(f"  twistwrench {line}" for line in lines)
     return f"\b\nExamples:\n{text}"
@@ -529,12 +566,30 @@ def command(name: str, *options: Decorator, examples_: Sequence[str], **settings
                 if code:
                     sys.exit(code)
 
-        declare = click.command(name, cls=OwnOptionsFirst, epilog=examples(*examples_), **settings)
+        declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples_), **settings)
         made: click.Command = declare(option_group(*options)(run))
         if any("--json" in param.opts for param in made.params):
             made.params.append(click.Option(["--all", "whole_report"], is_flag=True, help="Print all rows and notes."))
         if any(_DATA.fullmatch(param.metavar or "") for param in made.params):
             made.params.append(click.Option(["--overwrite"], is_flag=True, help="Replace files of data that exist."))
+        return made
+
+    return decorate
+
+
+def plain_command(name: str, *options: Decorator, examples: Sequence[str]) -> Decorator:
+    """Command from a function of its options that returns an exit code; library errors are printed in one line."""
+
+    def decorate(function: Callable[..., int | None]) -> click.Command:
+        @wraps(function)
+        def run(**given: Any) -> None:
+            with plain_errors():
+                code = function(**given)
+                if code:
+                    sys.exit(code)
+
+        declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples))
+        made: click.Command = declare(option_group(*options)(run))
         return made
 
     return decorate
@@ -618,7 +673,7 @@ class LazyCommands(Commands):
 @click.group(
     cls=LazyCommands,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=examples("torques ur5 demo --payload 10", "doctor ur5", "torques --help"),
+    epilog=examples_text("torques ur5 demo --payload 10", "doctor ur5", "torques --help"),
 )
 @click.version_option(package_name="twistwrench")
 def main() -> None:
@@ -632,7 +687,7 @@ _GUIDES = {"assistant": "assistant", "columns": "logs", "limits": "limits", "uns
 """Topics of `twistwrench help` and their documentation pages."""
 
 
-@click.command("help", epilog=examples("help columns", "help verdicts"))
+@click.command("help", epilog=examples_text("help columns", "help verdicts"))
 @click.argument("topic", metavar="TOPIC", required=False, type=click.Choice([*_GUIDES, "robot"]))
 def help_command(topic: str | None) -> None:
     """Print the page of the documentation on a topic.

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from urllib.parse import quote
 
+from ..answers.answer import Answer
 from ..answers.blocks import Block
 from ..answers.data import report_data
-from ..answers.page import Picture, ReportPage, Viewer, provenance, versions, without_folders
+from ..answers.page import Picture, ReportPage, Viewer, answer_page, provenance, versions, without_folders
 from ..core.files import replacing
 from ..core.version import __version__
 from ..reports.robot_summary import limits_table
@@ -29,6 +31,52 @@ REPORT = option_group(
 PAGE = option(
     "--html OUT.html", "Write a page that shows the result in a browser; --report in the same folder links to it."
 )
+
+
+A = TypeVar("A", bound=Answer)
+
+
+def _none(_answer: Any) -> Any:
+    return None
+
+
+@dataclass(frozen=True)
+class Report(Generic[A]):
+    """Origin of an answer on its page: robot, limits and settings."""
+
+    robot: Callable[[A], Robot | None] = _none
+    limits: Callable[[A], Limits | None] = _none
+    in_degrees: Callable[[A], bool] = lambda _answer: False
+    used: Callable[[A], Iterable[tuple[str, str]]] = lambda _answer: ()
+
+
+def answer_report(
+    answer: A, path: str, report: Report[A], files: Mapping[str, str | Path | None], *, full_paths: bool = False
+) -> None:
+    """Write the page of an answer, with the words of the command line and the digests of its ``files``."""
+    typed, notes = typed_words_and_notes()
+    robot, limits = report.robot(answer), report.limits(answer)
+    origin = [("command", shlex.join(["twistwrench", *typed])), *provenance(files), *_moving(robot)]
+    page = replace(
+        answer_page(answer),
+        notes=notes,
+        provenance=[*origin, *report.used(answer), *versions()],
+        shorten=str if full_paths else without_folders([*typed, *map(str, filter(None, files.values()))]),
+        tables=[limits_table(robot.model, limits, degrees=report.in_degrees(answer))] if robot and limits else [],
+    )
+    with replacing(path) as scratch:
+        scratch.write_text(page.html(), encoding="utf-8")
+
+
+def write_answer_json(answer: Answer, path: str) -> None:
+    """Write the data of an answer, with the words of the command line and the notes on standard error."""
+    typed, notes = typed_words_and_notes()
+    data = {"command": typed, **answer.to_dict()}
+    data["notes"] = [*data["notes"], *notes]
+    with replacing(path) as scratch:
+        scratch.write_text(
+            json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n", encoding="utf-8", newline=""
+        )
 
 
 def write_report(

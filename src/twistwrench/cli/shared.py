@@ -94,6 +94,12 @@ class RobotOptions:
     """Folders from which files that the robot file names may be read, beside its own."""
     fixed_base: bool = False
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> RobotOptions:
+        """Options of the command line by parameter."""
+        own = {field.name: given[field.name] for field in fields(cls) if field.name in given}
+        return cls(**own | {"lock": _parse_locks(own["lock"]), "xacro": xacro_arguments(own["xacro"])})
+
     def load(self) -> Robot:
         """Load a bundled robot by name, or a file by path."""
         return self.load_and_locked()[0]
@@ -192,7 +198,7 @@ _XACRO = (
 )
 XACRO = option(*_XACRO, multiple=True, is_flag=False, flag_value="")
 
-_ROBOT = option_group(
+ROBOT = option_group(
     click.argument("source", metavar="ROBOT"),
     _option("--floating-base", "Let the base move freely."),
     _option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
@@ -223,7 +229,7 @@ _ROBOT = option_group(
     _option("--actuators FILE.yaml", "File of motors, gears, rotors and friction; 'demo': the bundled one."),
 )  # fmt: skip
 """The ROBOT argument and the options shared by all commands."""
-_DEGREES = _option("--degrees", "Use degrees for angles in files, options and reports.")
+DEGREES = _option("--degrees", "Use degrees for angles in files, options and reports.")
 
 
 def robot_command(
@@ -237,13 +243,10 @@ def robot_command(
     def decorate(function: Callable[[RobotOptions, Given], int | None]) -> click.Command:
         @wraps(function)
         def run(given: Given) -> int | None:
-            values = vars(given)
-            own = {field.name: values.pop(field.name) for field in fields(RobotOptions) if field.name in values}
-            own |= {"lock": _parse_locks(own["lock"]), "xacro": xacro_arguments(own["xacro"])}
-            return function(RobotOptions(**own), given)
+            return function(RobotOptions.of(vars(given)), given)
 
-        order = (_ROBOT, *options) if robot_first else (*options, _ROBOT)
-        made: click.Command = command(name, *order, *[_DEGREES][:angles], examples_=examples)(run)
+        order = (ROBOT, *options) if robot_first else (*options, ROBOT)
+        made: click.Command = command(name, *order, *[DEGREES][:angles], examples_=examples)(run)
         return made
 
     return decorate
@@ -274,7 +277,7 @@ LIMITS = option(
 )
 PAYLOADS = option(
     "--payload MASS[,x,y,z][@FRAME]",
-    "Point mass attached to FRAME at x,y,z [kg, m]; may be repeated. [default FRAME: the tip]",
+    "Mass attached to the robot's tip, or to FRAME, at x,y,z there [kg, m]; may be repeated.",
     "payloads",
     multiple=True,
 )
@@ -292,9 +295,9 @@ CLEARANCE = option_group(
         is_flag=False,
         flag_value=0.0,
     ),
-    option("--srdf FILE.srdf", "Ignore the pairs of links of <disable_collisions> in --clearance."),
+    option("--srdf FILE", "Ignore the pairs of links of <disable_collisions> in the check of the clearance."),
 )
-NO_FRICTION = option("--no-friction", "Exclude friction and damping.")
+NO_FRICTION = option("--no-friction", "Do not count joint friction and damping.")
 AT = option(
     "--at v,v,…|NAME|JOINT=VALUE",
     "Configuration: all coordinates, a configuration of the file by its name, or the position of a joint, the others at "
@@ -339,6 +342,9 @@ LOG_READING = option_group(
 """Options for how logs are read."""
 
 
+PLAN = option("--plan", "Judge the motion as a plan: steps that no robot makes are excesses, not errors of a log.")
+
+
 # ── The motion: its options, its robot and its file
 
 
@@ -372,8 +378,8 @@ def reading_options() -> Decorator:
     """Options for how the file of a motion is read."""
     return option_group(
         LOG_READING,
-        option("--smooth", "Smooth a noisy log before differentiating it."),
-        option("--plan", "Judge the motion as a plan: steps that no robot makes are excesses, not errors of a log."),
+        option("--smooth", "Smooth a noisy log before differentiating it, even if its noise does not matter."),
+        PLAN,
     )
 
 
@@ -382,25 +388,53 @@ def loaded_motion_options(*, required: bool) -> Decorator:
     return option_group(motion_options(required=required), PAYLOADS, WRENCHES, NO_FRICTION)
 
 
-def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot, MotionLog]:
-    """Load the robot and open its motion; raises the errors of :meth:`MotionLog.open`."""
+@dataclass(frozen=True)
+class LogOptions:
+    """Options for reading the file of a motion."""
+
+    trajectory: str
+    columns: tuple[str, ...] = ()
+    gain: tuple[str, ...] = ()
+    rate: float | None = None
+    topic: str | None = None
+    episode: int | None = None
+    lock_missing: bool = False
+    plan: bool = False
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> LogOptions:
+        """Options of the command line by parameter."""
+        return cls(**{field.name: given[field.name] for field in fields(cls)})
+
+    def path(self, robot: RobotOptions) -> Path:
+        """Path of the motion; ``demo`` is bundled with the robot."""
+        return motion_path(robot, self.trajectory)
+
+
+def open_motion(
+    options: RobotOptions, log: LogOptions, path: Path, logs: Sequence[str] = ()
+) -> tuple[Robot, MotionLog]:
+    """Load the robot and open a motion of it; raises the errors of :meth:`MotionLog.open`.
+
+    ``logs`` are the names that ``--columns`` may use, by default that of the path.
+    """
     from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
     from ..motion.motion_log import MotionLog
 
-    columns = parse_columns(given.columns, getattr(given, "logs", [str(path)]))
-    file = open_motion_file(path, given.topic, given.episode)
+    columns = parse_columns(log.columns, logs or [str(path)])
+    file = open_motion_file(path, log.topic, log.episode)
     missing: list[str] = []
 
     def without_column(model: Model) -> list[str]:
         missing[:] = joints_without_column(file, model, columns=columns)
         return missing
 
-    held = without_column if given.lock_missing else None
+    held = without_column if log.lock_missing else None
     robot, locked = options.load_and_locked(stiff=not moves_motors(file), held=held)
-    reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": given.rate}
-    reading["gain"] = current_gains(given.gain, robot.model, options.drives)
+    reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": log.rate}
+    reading["gain"] = current_gains(log.gain, robot.model, options.drives)
     still = [name for name in missing if name in locked]
-    return robot, MotionLog.open(file, robot.model, locked=locked, held=still, plan=given.plan, **reading)
+    return robot, MotionLog.open(file, robot.model, locked=locked, held=still, plan=log.plan, **reading)
 
 
 def load_case(robot: Robot, options: RobotOptions, given: Given) -> LoadCase:
@@ -554,10 +588,10 @@ worker_options = option_group(
 # ── Files
 
 
-def show_written(*paths: object) -> None:
-    """Print a line for each written file; None is skipped."""
+def show_written(*paths: object, to_error: bool = False) -> None:
+    """Print a line for each written file; None is skipped. If data are on standard output, on standard error."""
     for path in filter(None, paths):
-        click.echo(f"wrote {path}")
+        click.echo(f"wrote {path}", err=to_error)
 
 
 def write_text(path: str | Path, text: str) -> None:

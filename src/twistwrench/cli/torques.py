@@ -2,146 +2,146 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
-from ..answers.blocks import (
-    Block,
-)
 from ..core.errors import ValueRangeError
-from ..core.files import picture_path
-from ..core.numbers import number
-from ..core.verdict import ExitCode
-from ..motion.load_case import parse_payload, parse_wrenches
 from ..motion.model_doubts import friction_words
 from ..reports.check import check
-from ..reports.checked_motions import CheckedMotion, checked_motions, expanded_paths
+from ..reports.checked_motions import CheckedMotion, CheckedMotions, checked_motions, expanded_paths
 from ..reports.torque_report import TorqueReport
 from . import shared
-from .main import Given, check_matplotlib, note, option
-from .report import PAGE, REPORT, write_report, write_viewer
-from .shared import RobotOptions, robot_command
-from .terminal import progress_bar, show_answer
-
-if TYPE_CHECKING:
-    pass
-
-_PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
-"""Durations of noise estimation and smoothing relative to the analysis."""
-
+from .main import option
+from .report import Report
+from .shared import LogOptions, RobotOptions
+from .skin import Asked, File, Outputs, command_of, picture_file, table_file
+from .terminal import progress_bar
 
 _PLOTS = ("torques", "causes", "power", "phase", "motors")
+_OF_JOINTS = {"causes", "phase"}
+Checked: TypeAlias = TorqueReport | CheckedMotions
 
 
-@robot_command(
+def _of_one(report: Checked) -> TorqueReport:
+    assert isinstance(report, TorqueReport), "files of one motion are refused for many"
+    return report
+
+
+def _to_csv(report: Checked, path: str) -> Path:
+    return report.to_csv(path, split=True) if isinstance(report, TorqueReport) else report.to_csv(path)
+
+
+def _friction(report: TorqueReport) -> str:
+    return friction_words(report.load.robot.model, counted=report.load.friction)
+
+
+def _require_mcap() -> None:
+    from ..reports.recording import require_mcap
+
+    require_mcap()
+
+
+def _require_rerun() -> None:
+    from ..reports.recording import require_rerun
+
+    require_rerun()
+
+
+@command_of(
     "torques",
-    shared.loaded_motion_options(required=True),
+    check,
     shared.worker_options,
-    shared.csv_option("Write time and torques as a table"),
-    shared.JSON,
-    option("--split", "Add the causes of the torques to the table of --csv."),
-    option(
-        "--plot [KIND=]OUT.png",
-        f"Draw the motion (.png, .pdf or .svg); KIND: {', '.join(_PLOTS)}; may be repeated. [default KIND: torques]",
-        "plots",
-        multiple=True,
-    ),
+    option("--kind", "Kind of picture of --plot. [default: torques]", choices=_PLOTS),
     option(
         "--joint JOINT",
-        "Joint to draw in --plot causes= and phase=; may be repeated. [default: all]",
+        "Joint to draw in --kind causes and phase; may be repeated. [default: all]",
         "joints",
         multiple=True,
     ),
-    shared.LIMITS,
-    shared.CLEARANCE,
-    option("--mcap OUT.mcap", "Write states, torques, causes and limits as a ROS 2 recording, for Foxglove."),
-    option("--rerun OUT.rrd", "Write the same for rerun."),
-    REPORT,
-    PAGE,
-    option("--why", "Split the peak of the worst joint by link, payload and rotor."),
+    files=(
+        table_file(_to_csv, "Write time, torques and their causes as a table"),
+        picture_file("Draw the motion (.png, .pdf or .svg)."),
+        File(
+            "--mcap OUT.mcap",
+            "Write states, torques, causes and limits as a ROS 2 recording, for Foxglove.",
+            lambda report, path: _of_one(report).to_mcap(path),
+            require=_require_mcap,
+        ),
+        File(
+            "--rerun OUT.rrd",
+            "Write the same for rerun.",
+            lambda report, path: _of_one(report).to_rerun(path),
+            require=_require_rerun,
+        ),
+    ),
+    report=Report(
+        robot=lambda report: _of_one(report).load.robot,
+        limits=lambda report: _of_one(report).limits,
+        in_degrees=lambda report: _of_one(report).in_degrees,
+        used=lambda report: [("torques", _friction(_of_one(report)))],
+    ),
     examples=(
         "torques ur5 demo --payload 10 --why",
         "torques ur5 demo --payload 5 --csv torques.csv --plot torques.png",
     ),
-    robot_first=True,
 )
-def torques_command(options: RobotOptions, given: Given) -> ExitCode:
+def torques_command(
+    robot: RobotOptions,
+    log: LogOptions,
+    asked: Asked,
+    outputs: Outputs[Checked],
+    workers: int | None,
+    scheduler: str | None,
+    kind: str | None,
+    joints: tuple[str, ...],
+    why: bool,
+) -> Checked:
     """Compute the torques of a motion, compare them with the limits, and split them by cause.
 
     The first word is the verdict. Exit code: 0 for OK; 1 for OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN.
     """
-    if given.split and given.csv is None:
-        raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
-    path = shared.motion_path(options, given.trajectory)
-    given.logs = paths = expanded_paths(given.trajectory if path == Path(given.trajectory) else path)
-    if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
-        if any((given.plots, given.split, given.why, given.mcap, given.rerun, given.report, given.html)):
+    path = log.path(robot)
+    paths = expanded_paths(log.trajectory if path == Path(log.trajectory) else path)
+    if paths != [str(path)] or workers is not None or scheduler is not None:
+        if why or not {*outputs.flags} <= {"--csv", "--json"}:
             raise ValueRangeError(
-                "--plot, --split, --why, --mcap, --rerun, --report and --html are of one motion. Give one file, and no "
-                "--workers."
+                "--plot, --why, --mcap, --rerun and --report are of one motion. Give one file, and no --workers."
             )
-        return run_batch(BatchTorques(options, given), paths)
-    plots = _parse_plots(given.plots)
-    if "motors" in plots and options.actuators is None:
-        raise ValueRangeError("--plot motors=… draws the motors, and none are described. Add --actuators FILE.yaml.")
-    if given.joints and not {"causes", "phase"} & plots.keys():
-        raise ValueRangeError("--joint selects panels of --plot causes=… and phase=…. Add one of them.")
-    files = {"--trajectory": path, "--limits": given.limits, "--srdf": given.srdf, **options.files}
-    given.check_files(files, **{f"plot {kind}": picture for kind, picture in plots.items()})
-    if given.mcap is not None or given.rerun is not None:
-        from ..reports.recording import require_mcap, require_rerun
-
-        for out, require in ((given.mcap, require_mcap), (given.rerun, require_rerun)):
-            if out is not None:
-                require()
+        replace(outputs, inputs={**{f"MOTION {p}": p for p in paths}, **robot.files}).check(overwrite=True)
+        work = BatchTorques(robot, log, asked, tuple(paths))
+        with progress_bar(f"{len(paths)} motions") as progress:
+            return checked_motions(Path(robot.source).stem, paths, work.answer, workers, scheduler, progress)
+    _check_picture(outputs, robot, kind, joints)
     with progress_bar(path.name) as progress:
-        report = answer_of(options, given, path, why=given.why, progress=progress)
-    if given.smooth and not report.differentiation.derives:
-        note("--smooth changes nothing: the file gives velocities and accelerations.")
-    if "motors" in plots and not report.motors:
-        raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
-    blocks = list(report.blocks())
-    show_answer(report)
-    for kind, picture in plots.items():
-        _plot(report, kind, picture, given.joints)
-    if given.csv is not None:
-        report.to_csv(given.csv, split=given.split)
-    for out, write in ((given.mcap, report.to_mcap), (given.rerun, report.to_rerun)):
-        if out is not None:
-            write(out)
-    shared.show_written(given.csv, *plots.values(), given.mcap, given.rerun)
-    link = ""
-    if given.html is not None:
-        from ..reports.drawn_motion import reported_motion
-
-        time = f"#t={number(report.joints[report.worst].time, 6)}" if report.worst is not None else ""
-        link = write_viewer(given, report.load.robot, time, motion=reported_motion(report))
-    if given.report is not None:
-        write_torque_report(report, blocks, given, files, link)
-    return report.verdict.exit_code
+        report = answer_of(robot, log, {**asked, "why": why}, path, progress=progress)
+    if kind == "motors" and not report.motors:
+        raise ValueRangeError("--kind motors: the actuator file describes no motor.")
+    outputs.written_by("--plot", lambda answer, to: _plot(_of_one(answer), kind, to, joints))
+    return report
 
 
-def _parse_plots(texts: Sequence[str]) -> dict[str, str]:
-    """Pictures by kind; raises if one cannot be drawn, before a long run."""
-    found: dict[str, str] = {}
-    for text in texts:
-        kind, sign, path = text.partition("=")
-        kind, path = (kind, path) if sign else ("torques", text)
-        if kind not in _PLOTS or not path:
-            raise ValueRangeError(f"--plot {text!r} is not KIND=OUT.png. Kinds: {', '.join(_PLOTS)}.")
-        if kind in found:
-            raise ValueRangeError(f"--plot {kind} is given twice. Keep one of them.")
-        found[kind] = picture_path(path)
-    if found:
-        check_matplotlib()
-    return found
+def _check_picture(outputs: Outputs[Checked], robot: RobotOptions, kind: str | None, joints: Sequence[str]) -> None:
+    """Raise, before a long run, if the kind of picture cannot be drawn, or there is none."""
+    if kind is not None and "--plot" not in outputs.flags:
+        raise ValueRangeError("--kind is of the picture of --plot, and there is none. Add --plot OUT.png.")
+    name, sign, path = outputs.path_of("--plot").partition("=")
+    if sign and name in _PLOTS:
+        raise ValueRangeError(
+            f"--plot {name}={path}: the kind is an option of its own. Write --plot {path} --kind {name}."
+        )
+    if kind == "motors" and robot.actuators is None:
+        raise ValueRangeError("--kind motors draws the motors, and none are described. Add --actuators FILE.yaml.")
+    if joints and kind not in _OF_JOINTS:
+        raise ValueRangeError(
+            "--joint selects panels of --kind causes and phase. Add one of them, with --plot OUT.png."
+        )
 
 
-def _plot(report: TorqueReport, kind: str, path: str, joints: Sequence[str]) -> None:
+def _plot(report: TorqueReport, kind: str | None, path: str, joints: Sequence[str]) -> None:
     """Draw a kind of plot; causes and phase of some joints."""
-    if joints and kind in ("causes", "phase"):
+    if joints:
         from ..reports.drawn_motion import reported_motion
         from ..viz.plots import motion
 
@@ -151,25 +151,6 @@ def _plot(report: TorqueReport, kind: str, path: str, joints: Sequence[str]) -> 
         report.plot(kind, path)
 
 
-def write_torque_report(
-    report: TorqueReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None], link: str
-) -> None:
-    """Write the page of one motion: worst moment, plots, and effects included in the torques."""
-    from ..viz.answers import pictures_of, worst_moment
-
-    pictures = list(pictures_of(report))
-    if link and report.worst is not None:
-        pictures = [picture for picture in pictures if not isinstance(picture.content, bytes)]
-        pictures.insert(1, worst_moment(report, link))
-    load = report.load
-    friction = friction_words(load.robot.model, counted=load.friction)
-    write_report(
-        given, "torques", report.subject, blocks, files=files, facts=report.facts().items(), pictures=pictures,
-        robot=load.robot, limits=report.limits, degrees=report.in_degrees, used=[("torques", friction)],
-        viewer=report.viewer(),
-    )  # fmt: skip
-
-
 # ── Many motions: a folder or a pattern, on processes or a cluster
 
 
@@ -177,39 +158,26 @@ def write_torque_report(
 class BatchTorques:
     """Question about one file; it is sent to other processes."""
 
-    options: RobotOptions
-    given: Given
+    robot: RobotOptions
+    log: LogOptions
+    asked: Asked
+    logs: tuple[str, ...]
 
     def answer(self, path: str) -> CheckedMotion:
         """Line of the motion in this file."""
-        return CheckedMotion.from_report(path, answer_of(self.options, self.given, Path(path)))
+        return CheckedMotion.from_report(path, answer_of(self.robot, self.log, self.asked, Path(path), self.logs))
 
 
 def answer_of(
-    options: RobotOptions,
-    given: Given,
+    robot: RobotOptions,
+    log: LogOptions,
+    asked: Asked,
     path: Path,
+    logs: Sequence[str] = (),
     *,
-    why: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> TorqueReport:
-    """Answer of :func:`~twistwrench.check` for the options."""
-    robot, log = shared.open_motion(options, given, path)
-    shared.refuse_motor_side(options, robot, "torques")
-    return check(
-        robot, log, payload=[parse_payload(text, options.tip) for text in given.payloads],
-        wrench_on_robot=parse_wrenches(given.wrenches), limits=given.limits, friction=not given.no_friction,
-        smooth=given.smooth, clearance=given.clearance, srdf=given.srdf, degrees=options.degrees, why=why, progress=progress,
-    )  # fmt: skip
-
-
-def run_batch(work: BatchTorques, paths: Sequence[str]) -> ExitCode:
-    """Print a line for each file, including failed ones, and write a table; returns 0 if all are OK."""
-    given, source = work.given, work.options.source
-    given.check_files({**{f"MOTION {p}": p for p in paths}, **work.options.files})
-    with progress_bar(f"{len(paths)} motions") as progress:
-        found = checked_motions(Path(source).stem, paths, work.answer, given.workers, given.scheduler, progress)
-    show_answer(found)
-    if given.csv is not None:
-        shared.show_written(found.to_csv(given.csv))
-    return found.verdict.exit_code
+    """Answer of :func:`~twistwrench.check` on the motion in a file; ``logs`` are all files of a batch."""
+    arm, motion = shared.open_motion(robot, log, path, logs)
+    shared.refuse_motor_side(robot, arm, "torques")
+    return check(arm, motion, progress=progress, **asked)

@@ -11,6 +11,7 @@ import click
 
 from ..core.errors import ValueRangeError
 from ..core.verdict import ExitCode
+from ..motion.load_case import parse_wrenches
 from ..motion.motion_log import MotionLog
 from ..reports.drawn_motion import DrawnMotion
 from ..robot import Robot
@@ -18,6 +19,7 @@ from .main import Given, option
 from .shared import (
     CLEARANCE,
     LIMITS,
+    LogOptions,
     RobotOptions,
     clearance_along,
     clearance_verdict,
@@ -26,6 +28,7 @@ from .shared import (
     motion_path,
     robot_command,
 )
+from .skin import Asked
 from .terminal import frame_progress, show
 
 
@@ -107,7 +110,10 @@ def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
         loaded = load_case(options.load(), options, given)
         clearance_along(given, loaded.robot, None)
         return loaded.with_load, loaded.wrenches, None
-    report = answer_of(options, given, path)
+    asked: Asked = {name: getattr(given, name) for name in ("limits", "smooth", "clearance", "srdf")}
+    asked |= {"payload": given.payloads, "wrench_on_robot": parse_wrenches(given.wrenches)}
+    asked |= {"friction": not given.no_friction, "degrees": options.degrees}
+    report = answer_of(options, LogOptions.of(vars(given)), asked, path)
     motion = reported_motion(report)
     if report.clearance is not None:
         show(*clearance_verdict(report.clearance), *report.clearance.lines)

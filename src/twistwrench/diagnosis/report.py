@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from ..answers.answer import Answer
 from ..core import arguments
@@ -17,7 +17,7 @@ from ..core.glossary import complete
 from ..core.verdict import ExitCode, Verdict, Word
 from ..formats.edit import edited, encoded
 from ..formats.xml import Place
-from ..motion.limits_file import read_limits
+from ..motion import limits_file
 from ..robot import Robot, load
 from ..shapes.solids import METRICS
 from .checks import CHECKS, Options
@@ -27,6 +27,10 @@ from .parsed_file import MOST_BODIES, Subject, read_subject
 if TYPE_CHECKING:
     from ..answers.blocks import Block
 
+Metric: TypeAlias = Literal["frobenius", "entropic"]
+"""Distances between inertias."""
+Side: TypeAlias = Literal["left", "right"]
+"""Sides of a robot that are mirror images."""
 ALWAYS = ("impossible", "mirror")
 """Checks whose notes are also repaired: other programs reject such links, or the user chose a side."""
 
@@ -277,12 +281,12 @@ def doctor(
     *,
     only: str | Sequence[str] | None = None,
     meshes: bool | Sequence[str | Path] = True,
-    metric: str = "frobenius",
-    mirror_from: str | None = None,
+    metric: Metric = "frobenius",
+    mirror_from: Side | None = None,
     floating_base: bool | None = None,
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
-    limits: str | Path | None = None,
+    limits: limits_file.Given = None,
     strict: bool = False,
 ) -> DoctorReport:
     """Find errors in a robot file, their effect on the dynamics, and repairs.
@@ -290,15 +294,23 @@ def doctor(
     Parameters
     ----------
     robot : str, Path or Robot, a URDF, MJCF or SDF file, its text, or a robot (its file is read again if it has one)
-    only : str or sequence of str, optional, names of the checks to run; default: all
-    meshes : bool or sequence of folders, whether to read mesh files, and additional folders to search
-    metric : "frobenius" or "entropic", metric of the nearest tensor if no entry error explains the numbers
-    mirror_from : "left" or "right", optional, side to be mirrored if two sides are not mirror images
-    floating_base : bool, optional, let the root link float, so that its own inertia counts; default: as in the file
-    model : str, optional, name of a model in an SDF world
+    only : str or sequence of str, optional
+        Run only this check; default: all.
+    meshes : bool or sequence of folders, whether to read mesh files
+        Additional folder to search for meshes.
+    metric : "frobenius" or "entropic"
+        Distance to minimise if no single error explains an inertia.
+    mirror_from : "left" or "right", optional
+        Side to copy where left and right links are not mirror images.
+    floating_base : bool, optional; default: as in the file
+        Let the base move freely, so that its inertia is checked.
+    model : str, optional
+        Model to read from an SDF world.
     max_bodies : int, largest number of bodies
-    limits : str or Path, optional, table of limits in place of the file's, as ``twistwrench info ROBOT --csv`` writes
-    strict : bool, notes count against the verdict too
+    limits : path of a limits file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, optional
+        Limits of the joints, in place of the robot file's; the table of :func:`info` is a template.
+    strict : bool
+        Count notes against the verdict too.
 
     Returns
     -------
@@ -331,7 +343,7 @@ def doctor(
     subject = read_subject(robot, meshes=meshes, floating_base=floating_base, model=model, max_bodies=max_bodies)
     if limits is not None:
         model_read = subject.robot.model
-        given = replace(model_read, limits=read_limits(limits, model_read))
+        given = replace(model_read, limits=limits_file.limits_of(limits, model_read))
         subject = replace(subject, robot=replace(subject.robot, model=given))
     findings = [finding for one in names for finding in CHECKS[one](subject.robot, options)]
     name = subject.robot.model.name

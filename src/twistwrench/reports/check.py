@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.text import listed
-from ..core.typing import Array
+from ..core.typing import Array, Metres, WrenchesGiven
 from ..motion import limits_file
 from ..motion.differentiation import Differentiation
 from ..motion.load_case import LoadCase, LoadsGiven, payloads_of
@@ -65,11 +65,11 @@ def check(
     motion: Any,
     *,
     payload: LoadsGiven = (),
-    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    wrench_on_robot: WrenchesGiven | None = None,
     limits: limits_file.Given = None,
     friction: bool = True,
     smooth: bool = False,
-    clearance: float | None = None,
+    clearance: Metres | None = None,
     srdf: str | Path | None = None,
     actuators: str | Path | ActuatorFile | None = None,
     columns: Mapping[str, str] | None = None,
@@ -90,14 +90,18 @@ def check(
     robot : Robot, path of a robot file, or name of a known robot
     motion : path of a log or plan, Motion, anything with ``.motion``, DataFrame, or "demo" for a bundled robot
     payload : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
-        Loads at the robot's tip, or at a named frame.
-    wrench_on_robot : {frame: (6,) array}, optional, constant wrenches exerted on the robot, in the frame [N m, N]
+        Mass attached to the robot's tip, or to a named frame, with its centre of mass there [kg, m].
+    wrench_on_robot : {frame: (6,) array}, optional
+        Constant wrench exerted on the robot at the frame, in its axes: moments [N m], forces [N].
     limits : path of a limits file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, optional
-        In place of the robot file's.
+        Limits of the joints, in place of the robot file's; the table of :func:`info` is a template.
     friction : bool, count joint friction and damping
-    smooth : bool, smooth a log before differentiating it, even if its noise does not matter
-    clearance : float, optional, also check that links keep this distance [m]
-    srdf : path, optional, file of pairs of links that are left out of ``clearance``
+    smooth : bool
+        Smooth a noisy log before differentiating it, even if its noise does not matter.
+    clearance : float, optional
+        Check the least distance between links [m].
+    srdf : path, optional
+        Ignore the pairs of links of <disable_collisions> in the check of the clearance.
     actuators : path, optional, file of motors, gears, rotors and friction; "demo": that of a bundled robot
     columns : {joint: column}, optional, as for :meth:`Motion.from_file`
     gain : {joint: float}, optional, torque per ampere of columns of currents [N m/A]
@@ -107,7 +111,8 @@ def check(
     degrees : bool, angles of files and of the answer are in degrees
     lock : {joint: position}, optional, joints to lock, as for :func:`load`
     plan : bool, judge a file as a plan: a step that no robot makes is then an excess, and not an error of a log
-    why : bool, also split the peak of the worst joint by link
+    why : bool
+        Split the peak of the worst joint by link, payload and rotor.
     progress : callable, optional, receives the finished share, 0 to 1
 
     Returns

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.errors import ModelError, ShapeError, ValueRangeError
+from ..core.typing import Celsius, Hours, Seconds
 from ..formats.yaml import Source
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.differentiation import Differentiation
@@ -35,9 +36,9 @@ def size_drives(
     catalog: Source | Catalog,
     *,
     payload: LoadsGiven = (),
-    pause: float = 0.0,
-    ambient: float = 25.0,
-    life: float | None = None,
+    pause: Seconds = 0.0,
+    ambient: Celsius = 25.0,
+    life: Hours | None = None,
     brake: bool = False,
     emergency: Any = None,
     friction: bool = True,
@@ -66,19 +67,28 @@ def size_drives(
         The cycle is the motion followed by the pause, repeated indefinitely. Rates of a log, and derived rates of a motion,
         are judged as by :func:`check`: smoothed if noise matters.
     catalog : str, Path, mapping or Catalog; YAML file, its text or content, "servos", or "demo"; see docs/sizing.md
+        Catalogue of motors and gears; 'demo': bundled with the robot, 'servos': a table of servos.
     payload : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
-        Loads at the robot's tip, or at a named frame.
-    pause : float, time at rest after the motion, while the motors hold the robot [s]
-    ambient : float, temperature of the air [°C]
-    life : float, optional, required life L₁₀ of strain-wave gears [h]
-    brake : bool, brakes hold the robot in the pause
-    emergency : motion in any of these forms, optional, stop or collision, for the momentary peak torque of the gears
-    friction : bool, include joint friction of the robot file
+        Mass attached to the robot's tip, or to a named frame, with its centre of mass there [kg, m].
+    pause : float
+        Pause after the motion, in which the motors hold the robot [s].
+    ambient : float
+        Ambient temperature [°C].
+    life : float, optional
+        Required L₁₀ life of strain-wave gears [h].
+    brake : bool
+        Hold the robot with brakes during the pause.
+    emergency : motion in any of these forms, optional
+        Motion of an emergency stop or collision, for the momentary peak torque of gears.
+    friction : bool, count joint friction and damping
     add_masses : bool, add the masses of the drives; False if the links include them
-    shared_supply : bool, a braking drive feeds the others through a common link
-    choose : bool, choose the smallest drives of the catalogue, also for joints that have drives
+    shared_supply : bool
+        Braking energy feeds other drives, or a resistor.
+    choose : bool
+        Choose the smallest drives of the catalogue, also for joints that have drives.
     draws : sequence of Motion, optional, equally likely motions at the same times, for the effect of noise on each load
-    smooth : bool, smooth a log before differentiating it, even if its noise does not matter
+    smooth : bool
+        Smooth a noisy log before differentiating it, even if its noise does not matter.
     columns, gain, rate, topic, episode, degrees, lock, plan : reading of files, as for :func:`check`
 
     Returns

@@ -134,19 +134,18 @@ def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
     return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
 
 
-def worst_moment(found: Sizing) -> tuple[Array, MarkedJoint | None, str, str]:
-    """Configuration in which a drive is nearest to a rating, its joint, a title, and the state of the page."""
+def worst_moment(found: Sizing) -> tuple[Array, MarkedJoint | None, str]:
+    """Configuration in which a drive is nearest to a rating, its joint, and a title."""
     cycle = found.motion
     assert cycle is not None
     name, start = cycle.robot.name, "at the beginning of the motion"
     if not found.joints:
-        return cycle.q[0], None, f"{name} {start}", ""
+        return cycle.q[0], None, f"{name} {start}"
     joint = max(found.joints.values(), key=lambda j: j.tightest[1].share)
     demand = joint.tightest[1]
     label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
     marked = MarkedJoint(joint.joint, label, mark_style(demand.share))
     moment = cycle.time[0] + demand.time
     if not cycle.time[0] <= moment <= cycle.time[-1]:  # a rating of the whole cycle, or a time in the pause
-        return cycle.q[0], marked, f"{name} {start}", ""
-    q, when = cycle.q[np.abs(cycle.time - moment).argmin()], number(moment, 6)
-    return q, marked, f"{name} at t = {seconds(moment)} s", f"#t={when}"
+        return cycle.q[0], marked, f"{name} {start}"
+    return cycle.q[np.abs(cycle.time - moment).argmin()], marked, f"{name} at t = {seconds(moment)} s"

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..answers.answer import Answer
 from ..answers.blocks import Block
@@ -20,7 +19,7 @@ from ..core.errors import FrameError, UnknownNameError, ValueRangeError
 from ..core.numbers import rounded_down, without_noise
 from ..core.tables import csv_table
 from ..core.text import listed
-from ..core.typing import Array
+from ..core.typing import Array, Frame, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.limits import Limits
 from ..motion import limits_file
@@ -35,6 +34,8 @@ from .torque_limits import require_fixed_base
 
 SAMPLES = 200_000
 """Number of random configurations of a map."""
+Plane: TypeAlias = Literal["rz", "xz", "yz", "xy"]
+"""Planes of a map."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,10 +237,10 @@ def payload(
     at: ConfigurationGiven = None,
     *,
     tool: LoadsGiven = (),
-    frame: str | None = None,
-    com: ArrayLike = (0.0, 0.0, 0.0),
+    frame: Frame | None = None,
+    com: Vector = (0, 0, 0),
     limits: limits_file.Given = None,
-    map: str | None = None,  # noqa: A002  the option's name
+    map: Plane | None = None,  # noqa: A002  the option's name
     samples: int | None = None,
     degrees: bool = False,
 ) -> PayloadReport:
@@ -248,16 +249,21 @@ def payload(
     Parameters
     ----------
     robot : Robot, path of a robot file, or name of a known robot
-    at : (nq,) array, {joint: position}, name of a configuration, or texts as of ``--at``, optional [rad, m]
-        Default: the neutral configuration.
+    at : (nq,) array, {joint: position}, name of a configuration, or texts of these, optional [rad, m]
+        Configuration: all coordinates, a configuration of the file by its name, or the position of a joint, the others at
+        zero.
     tool : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
-        Loads that the robot carries already.
-    frame : str, optional, frame of the payload; default: the tip
-    com : (3,) array_like, centre of mass of the payload in the frame [m]
+        Load attached already, in the form of ``payload`` of :func:`check`.
+    frame : str, optional
+        Frame of the payload; default: the tip.
+    com : (3,) array_like
+        Centre of mass of the payload in this frame [m].
     limits : path of a limits file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, optional
-        In place of the robot file's.
-    map : "rz", "xz", "yz" or "xy", optional, also map the largest payload over this plane of the workspace
-    samples : int, optional, number of random configurations of the map; default: 200,000
+        Limits of the joints, in place of the robot file's; the table of :func:`info` is a template.
+    map : "rz", "xz", "yz" or "xy", optional
+        Map the largest payload over this plane of the workspace.
+    samples : int, optional
+        Number of random configurations of the map; default: 200,000.
     degrees : bool, angles of ``at``, of a limits file and of the answer are in degrees
 
     Returns

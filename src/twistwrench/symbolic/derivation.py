@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..answers.blocks import Block
 from ..core.errors import KernelError, ShapeError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.text import listed
-from ..core.typing import Array
+from ..core.typing import Array, Names
 from ..core.verdict import Verdict, Word
 from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
@@ -212,7 +212,7 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
 
 # ── The derivation. Modern Robotics section 8.1
 
-FORMS = ("auto", "expanded", "named")
+Form: TypeAlias = Literal["auto", "expanded", "named"]
 """``expanded``: every term is written out. ``named``: intermediate results get names. ``auto``: expanded if short."""
 
 
@@ -340,9 +340,9 @@ class Derivation(Answer, Equations):
 def derive(
     robot: Robot | str | Path,
     *,
-    symbols: str | Iterable[str] = "all",
-    form: str = "auto",
-    steps: Iterable[str] | None = None,
+    symbols: Names = "all",
+    form: Form = "auto",
+    steps: Names | None = None,
 ) -> Derivation:
     """Symbolic dynamics: Lagrange's equations of a robot with named symbols, checked against the kernels (MR section 8.1).
 
@@ -352,12 +352,13 @@ def derive(
     Parameters
     ----------
     robot : Robot, path or name
-    symbols : "all", "none", kinds and names in any mix, which of the robot's numbers become symbols
-        Kinds: lengths, coms, masses, inertias, gravity, springs, gears; names: ``"L_1"``, ``"m_2"``. The others stay
-        numbers.
+    symbols : "all", "none", kinds and names in any mix
+        Quantities kept as symbols: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as
+        L_1; the others are numbers.
     form : "expanded", "named" or "auto"
-        ``"named"``: each intermediate result gets a name and is printed.
-    steps : names of the steps that are printed, "all", or None: those that fit into a screen
+        Write terms in full, or name intermediate results.
+    steps : names, "all", or None
+        Steps to print and write, by name, or all; default: those that fit into a screen.
 
     Returns
     -------
@@ -380,8 +381,8 @@ def derive(
       g₂ = m₂ L₂ g cos(θ₁ + θ₂)
     """
     require_sympy()
-    if form not in FORMS:
-        raise ValueRangeError(f"form={form!r} is not allowed. Choose from: {', '.join(map(repr, FORMS))}.")
+    if form not in get_args(Form):
+        raise ValueRangeError(f"form={form!r} is not allowed. Choose from: {', '.join(map(repr, get_args(Form)))}.")
     robot = _moving_robot(load(robot) if isinstance(robot, str | Path) else robot)
     model = robot.model
     entries, coordinates = model_entries(model, symbols), coordinates_of(model)
@@ -439,7 +440,7 @@ def _moving_robot(robot: Robot) -> Robot:
     return robot
 
 
-def _named_steps(steps: Iterable[str]) -> Iterable[str] | None:
+def _named_steps(steps: Names) -> Iterable[str] | None:
     """Names of steps; None for ``"all"``."""
     return None if steps == "all" or list(steps) == ["all"] else steps
 

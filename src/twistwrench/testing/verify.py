@@ -127,8 +127,10 @@ def verify(robot: Robot | str | Path, states: int = 4, seed: int = 0) -> VerifyR
     Parameters
     ----------
     robot : Robot, path of a robot file, or name of a known robot
-    states : int, number of random states
-    seed : int, of the random states
+    states : int
+        Number of random states.
+    seed : int
+        Seed of the random states.
 
     Returns
     -------

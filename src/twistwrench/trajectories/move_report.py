@@ -18,8 +18,8 @@ from ..answers.blocks import Block
 from ..core import arguments
 from ..core.doubts import Doubt
 from ..core.errors import ConstraintWarning, PathError, TwistWrenchError, ValueRangeError
-from ..core.numbers import number
-from ..core.typing import Array
+from ..core.numbers import number, printed
+from ..core.typing import Array, Metres, Seconds, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
 from ..mechanics.joints.units import units_of
@@ -49,6 +49,8 @@ Scalings: TypeAlias = Literal["quintic", "cubic", "trapezoid", "s-curve"]
 """Time scalings along the path."""
 SAMPLES = 2001
 """Number of times at which a motion is judged."""
+STEP = 0.002
+"""Time between rows of a written motion [s]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,6 +92,8 @@ class MoveReport(Answer):
     """File of the limits; empty if they are the robot's, or given as numbers."""
     degrees: bool = False
     """True if angles of the report are in degrees."""
+    step: float = STEP
+    """Time between rows of the written motion [s]."""
 
     @property
     def robot(self) -> Robot:
@@ -200,13 +204,13 @@ class MoveReport(Answer):
         limits = {"limits": self.limits_file} if self.limits_file else {}
         return {"ROBOT": self.robot.model.source, **limits}
 
-    def to_csv(self, path: str | Path, step: float = 0.002) -> Path:
+    def to_csv(self, path: str | Path, step: float | None = None) -> Path:
         """Write time, q, dq and ddq at a step, as read by :func:`twistwrench.check`; angles in degrees if the report's are.
 
         Parameters
         ----------
         path : str or Path
-        step : float, time between rows [s]
+        step : float, optional, time between rows [s]; default: that of the report
 
         Returns
         -------
@@ -219,11 +223,7 @@ class MoveReport(Answer):
         """
         if self.trajectory is None:
             raise ValueRangeError(f"there is no motion to write. {self.verdict}.")
-        return self.trajectory.to_csv(path, step, degrees=self.degrees)
-
-
-STEP = 0.002
-"""Time between samples of a motion [s]."""
+        return self.trajectory.to_csv(path, self.step if step is None else step, degrees=self.degrees)
 
 
 def move(
@@ -231,19 +231,20 @@ def move(
     to: ConfigurationGiven = None,
     *,
     start: ConfigurationGiven = None,
-    by: ArrayLike | None = None,
+    by: Vector | None = None,
     waypoints: str | Path | ArrayLike | None = None,
     path: Paths = "joint",
     fastest: bool = False,
     scaling: Scalings = "quintic",
-    duration: float | None = None,
+    duration: Seconds | None = None,
     payload: LoadsGiven = (),
     limits: limits_file.Given = None,
     acceleration: float | None = None,
     jerk: float | None = None,
     friction: bool = True,
-    clearance: float | None = None,
+    clearance: Metres | None = None,
     srdf: str | Path | None = None,
+    step: Seconds = STEP,
     degrees: bool = False,
 ) -> MoveReport:
     """Plan a motion between two configurations and judge it: in joint space, at the tip, or through waypoints.
@@ -251,24 +252,38 @@ def move(
     Parameters
     ----------
     robot : Robot, path of a robot file, or name of a known robot
-    to : (nq,) array, {joint: position}, name of a configuration, or texts as of ``--to`` [rad, m]
-        End; joints that are not named stay as at the start.
-    start : configuration in the same forms, optional; default: neutral
-    by : (3,) array_like, optional, move the tip in a straight line by this vector, in base axes [m], in place of ``to``
-    waypoints : (m, nq) array_like, or path of a file with one row each, optional, between the ends
-    path : "joint", a straight line of the joints; "line", of the tip; "screw", the constant screw between its poses
-    fastest : bool, fastest timing within all limits; with jerk limits, a short one
-    scaling : "quintic", "cubic", "trapezoid" or "s-curve", time scaling along the path
-    duration : float, optional [s]; default: the shortest within all limits
+    to : (nq,) array, {joint: position}, name of a configuration, or texts of these [rad, m]
+        End configuration: all coordinates, a configuration of the file by its name, or the position of a joint, the others
+        as at the start.
+    start : configuration in the same forms, optional
+        Start configuration, in the form of ``to``; default: neutral.
+    by : (3,) array_like, optional
+        Move the tip in a straight line by this vector [m], in base axes, in place of ``to``.
+    waypoints : (m, nq) array_like, or path of a file with one row each, optional
+        Intermediate configurations, one per row, joints as columns.
+    path : "joint", "line" or "screw"
+        Path between the ends: straight line of the joints, straight line of the tip, or constant screw of the tip.
+    fastest : bool
+        Use the fastest timing within all limits; with jerk limits, a short one.
+    scaling : "quintic", "cubic", "trapezoid" or "s-curve"
+        Time scaling along the path.
+    duration : float, optional
+        Duration [s]; default: the shortest within all limits.
     payload : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
-        Loads at the robot's tip, or at a named frame.
+        Mass attached to the robot's tip, or to a named frame, with its centre of mass there [kg, m].
     limits : path of a limits file, Limits, {joint: effort} [N m or N], or {kind: (nv,) array}, optional
-        In place of the robot file's.
-    acceleration : float, optional, limit of every joint [rad/s², m/s²]
-    jerk : float, optional, limit of every joint [rad/s³, m/s³]
+        Limits of the joints, in place of the robot file's; the table of :func:`info` is a template.
+    acceleration : float, optional
+        Acceleration limit of every joint [rad/s², m/s²].
+    jerk : float, optional
+        Jerk limit of every joint [rad/s³, m/s³].
     friction : bool, count joint friction and damping
-    clearance : float, optional, also check that links keep this distance [m]
-    srdf : path, optional, file of pairs of links that are left out of ``clearance``
+    clearance : float, optional
+        Check the least distance between links [m].
+    srdf : path, optional
+        Ignore the pairs of links of <disable_collisions> in the check of the clearance.
+    step : float
+        Time between rows of the written motion [s].
     degrees : bool, angles of configurations, of files and of the answer are in degrees
 
     Returns
@@ -290,6 +305,8 @@ def move(
     >>> print(tw.move("ur5", {"elbow_joint": 1.0}, payload=40).verdict.word)
     OVER LIMIT
     """
+    if not step > 0:
+        raise ValueRangeError(f"step=… is {printed(step)}. Give seconds above zero.")
     if fastest and duration is not None:
         raise ValueRangeError("fastest=True computes the duration, and duration=… sets it. Leave one of them out.")
     if srdf is not None and clearance is None:
@@ -307,7 +324,7 @@ def move(
     report = MoveReport(
         loads, bounds, None, hints=(*(f"{name}: {hint}" for name, hint in found if hint), *loads.unit_hints), degrees=degrees,
         asked=frozenset(kind for kind, value in kinds if value is not None),
-        limits_file=str(limits) if isinstance(limits, str | Path) else "",
+        limits_file=str(limits) if isinstance(limits, str | Path) else "", step=step,
     )  # fmt: skip
     if contradictory := [str(each) for each in _typed(loads, bounds) if each.refuses]:
         return replace(report, refused=Verdict.from_reasons(look_again=contradictory), hints=())

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial, singledispatch
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import as_path, picture_path
 from ..core.numbers import percent_of_limit, seconds
 from ..diagnosis.report import DoctorReport
-from ..reports.drawn_motion import reported_motion
+from ..reports.drawn_motion import motion_of, reported_motion
 from ..reports.torque_report import TorqueReport
+from ..robot import Robot
 from ..simulation.judgement import worst_moment as worst_moment_of
 from ..simulation.result import SimulationResult
 from ..sizing.choice import Sizing
@@ -35,9 +37,6 @@ from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
 from .plots.simulation import plot_simulation, plot_trajectory
 from .plots.torques import plot_motors, plot_report, plot_sizing
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 
 @singledispatch
@@ -60,6 +59,10 @@ def viewer_of(answer: Answer) -> Viewer | None:
     """Robot of an answer that can be moved on its page; None without one."""
     del answer
     return None
+
+
+def _of_size(viewer: Viewer) -> Viewer | None:
+    return viewer if len(viewer.page) < LARGEST_VIEWER else None
 
 
 def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
@@ -107,21 +110,21 @@ def _(answer: DoctorReport) -> Mapping[str, Plot]:
 
 @pictures_of.register
 def _(answer: DoctorReport) -> Iterable[Picture]:
-    from .page import findings_scene
-
-    return [] if find_spec("matplotlib") is None else doctor_pictures(answer, findings_scene(answer))
-
-
-def doctor_pictures(report: DoctorReport, scene: Scene, link: str = "") -> list[Picture]:
     """Links in the colours of their findings, and inertias before and after the repair."""
-    pictures = []
+    if find_spec("matplotlib") is None:
+        return []
+    scene, pictures = page.findings_scene(answer), []
     if scene.robot.nv:
-        named = any(finding.where.startswith("link") for finding in report.findings)
+        named = any(finding.where.startswith("link") for finding in answer.findings)
         colours = ", links in the colours of their findings: red error, amber warning, grey note" if named else ""
-        pictures.append(robot_picture(scene.robot, None, None, f"{report.robot}{colours}", scene, link))
-    if links_drawn(report):
-        pictures.append(drawn("Inertia before and after", partial(plot_diagnosis, report)))
-    return pictures
+        pictures.append(robot_picture(scene.robot, None, None, f"{answer.robot}{colours}", scene))
+    return pictures + [drawn("Inertia before and after", plot) for plot in plots_of(answer).values()]
+
+
+@viewer_of.register
+def _(answer: DoctorReport) -> Viewer | None:
+    scene = page.findings_scene(answer)
+    return _of_size(page.viewer_page(scene.robot, scene=scene, embed=True)) if scene.robot.nv else None
 
 
 # ── Torques of a motion
@@ -158,11 +161,10 @@ def _(answer: TorqueReport) -> Iterable[Picture]:
 def _(answer: TorqueReport) -> Viewer | None:
     if answer.load.robot.model.couplings:  # pages cannot show motors that drive several joints
         return None
-    viewer = page.viewer_page(answer.load.robot, motion=reported_motion(answer), embed=True)
-    return viewer if len(viewer.page) < LARGEST_VIEWER else None
+    return _of_size(page.viewer_page(answer.load.robot, motion=reported_motion(answer), embed=True))
 
 
-def worst_moment(report: TorqueReport, link: str = "") -> Picture:
+def worst_moment(report: TorqueReport) -> Picture:
     """Robot at the peak of the joint nearest to its limit, which is marked."""
     assert report.worst is not None
     joint, states = report.joints[report.worst], report.around
@@ -170,7 +172,7 @@ def worst_moment(report: TorqueReport, link: str = "") -> Picture:
     q = states.q[int(np.argmin(np.abs(states.time - joint.time)))]
     marked = MarkedJoint(joint.joint, f"{joint.joint}, {share}", mark_style(joint.share))
     title = f"{report.robot} at t = {seconds(joint.time)} s"
-    return robot_picture(report.load.with_load, q, marked, title, link=link)
+    return robot_picture(report.load.with_load, q, marked, title)
 
 
 # ── Largest payload at a pose
@@ -200,15 +202,19 @@ def _(answer: Sizing) -> Mapping[str, Plot]:
 
 
 @pictures_of.register
-def pictures_of_sizing(answer: Sizing, link: str = "") -> Iterable[Picture]:
+def _(answer: Sizing) -> Iterable[Picture]:
     """Robot at the moment of the drive nearest to a rating, and the drives."""
     if find_spec("matplotlib") is None or answer.motion is None:
         return []
-    q, marked, title, _ = worst_sized_moment(answer)
-    return [
-        robot_picture(answer.problem.robot, q, marked, title, link=link),
-        drawn("Drives", partial(plot_sizing, answer)),
-    ]
+    picture = robot_picture(answer.problem.robot, *worst_sized_moment(answer))
+    return [picture, drawn("Drives", partial(plot_sizing, answer))]
+
+
+@viewer_of.register
+def _(answer: Sizing) -> Viewer | None:
+    if answer.report is None:
+        return None
+    return _of_size(page.viewer_page(answer.problem.robot, motion=reported_motion(answer.report), embed=True))
 
 
 # ── Planned motion
@@ -223,9 +229,18 @@ def _(answer: MoveReport) -> Mapping[str, Plot]:
 
 
 @pictures_of.register
-def pictures_of_move(answer: MoveReport, link: str = "") -> Iterable[Picture]:
+def _(answer: MoveReport) -> Iterable[Picture]:
     """Robot at the moment of the joint nearest to a limit, and the motion."""
     if find_spec("matplotlib") is None or answer.trajectory is None:
         return []
-    pictures = [robot_picture(answer.robot, *worst_planned_moment(answer, answer.trajectory), link=link)]
+    pictures = [robot_picture(answer.robot, *worst_planned_moment(answer, answer.trajectory))]
     return pictures + [drawn("Motion and limits", plot) for plot in plots_of(answer).values()]
+
+
+@viewer_of.register
+def _(answer: MoveReport) -> Viewer | None:
+    if answer.trajectory is None or answer.load.robot.model.couplings:
+        return None
+    robot = Robot(replace(answer.load.robot.model, limits=answer.limits))
+    planned = motion_of(replace(answer.load, robot=robot), answer.trajectory.sample(answer.step))
+    return _of_size(page.viewer_page(robot, motion=replace(planned, clearance=answer.clearance), embed=True))

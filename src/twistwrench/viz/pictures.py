@@ -21,13 +21,11 @@ def drawn(title: str, plot: Plot) -> Picture:
     return Picture(title, style.page_svg(plot))
 
 
-def robot_picture(
-    robot: Robot, q: Any, marked: MarkedJoint | None, title: str, scene: Scene | None = None, link: str = ""
-) -> Picture:
-    """Picture of the robot at a configuration (None: a typical one), with a marked joint and a ``link`` below."""
+def robot_picture(robot: Robot, q: Any, marked: MarkedJoint | None, title: str, scene: Scene | None = None) -> Picture:
+    """Picture of the robot at a configuration (None: a typical one), with a marked joint."""
     from .movie import still
 
     if marked is None:
-        return Picture(title, still(robot, q, scene=scene), link)
+        return Picture(title, still(robot, q, scene=scene))
     image = still(robot, q, marked.joint, marked.label, mark=marked.style, scene=scene)
-    return Picture(f"{title}; {marked.caption}", image, link)
+    return Picture(f"{title}; {marked.caption}", image)
