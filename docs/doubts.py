@@ -66,6 +66,12 @@ _SENSOR = """
 Reasons of [`sensor`](sensor.md).
 
 """
+_CALIBRATE = """
+## Calibration
+
+Reasons of [`calibrate`](calibration.md).
+
+"""
 _SEARCHED = "S >= 0.25 and t at 0.01 over the number of causes"
 _LEVELS = {"refuse": "LOOK AGAIN", "unsure": "UNSURE", "note": "note", "effect": "by effect"}
 _OTHER = (
@@ -106,11 +112,18 @@ def page() -> str:
     """The page, as it has to be."""
     kinds = [k for k in doubt_table().values() if k.level != "note" or "UNSURE" in k.threshold]
     sensor = [k for k in kinds if k.reads == ("sensor",)]
+    calibrate = [k for k in kinds if k.reads == ("calibrate",)]
     log = [k for k in kinds if "motion" in k.reads or k.reads == ("torques",)]
-    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor]
-    fit = [k for k in kinds if k not in sensor and k not in log and k not in causes]
+    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor + calibrate]
+    fit = [k for k in kinds if k not in [*sensor, *calibrate, *log, *causes]]
     parts = [_HEAD, _LIMITS, _rows(("text of the report", "cause", "what to do"), [*_own(), *_others()])]
-    for text, found in ((_LOG, log), (_STEPS + _CAUSES, causes), (_FIT, fit), (_SENSOR, sensor)):
+    for text, found in (
+        (_LOG, log),
+        (_STEPS + _CAUSES, causes),
+        (_FIT, fit),
+        (_SENSOR, sensor),
+        (_CALIBRATE, calibrate),
+    ):
         parts += [text, _rows(("text of the report", "verdict", "what to do", "`kind`: test, bound"), map(_row, found))]
     return "".join(parts)
 
@@ -165,7 +178,7 @@ def _source() -> str:
 def _row(kind: DoubtKind) -> tuple[str, ...]:
     words = kind.tests if set(kind.sentence) <= set("{said}") else kind.sentence.replace("{interval}", "")
     bound = kind.threshold.removeprefix(_SEARCHED).lstrip("; ")
-    test = "" if kind.reads == ("sensor",) else f": {kind.tests}{f'; {bound}' if bound else ''}"
+    test = "" if kind.reads in (("sensor",), ("calibrate",)) else f": {kind.tests}{f'; {bound}' if bound else ''}"
     return _words(words), _LEVELS[kind.level], _words(kind.remedy) or "–", _words(f"`{kind.name}`{test}")
 
 

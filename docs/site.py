@@ -52,7 +52,7 @@ _GROUPS: dict[str, tuple[str, str, str]] = {
     "Statics and payload": (
         "holding_torques wrench_torques joint_wrenches clearance",
         "size_drives",
-        "statics sizing sensing identification",
+        "statics sizing sensing calibration identification",
     ),
     "Motions and simulation": (
         "simulate simulate_batch rollout show",

@@ -89,6 +89,7 @@ __all__ = [
 ]
 
 if _typing.TYPE_CHECKING:
+    from . import calibration as calibration
     from . import control as control
     from . import diagnosis as diagnosis
     from . import identification as identification
@@ -145,7 +146,10 @@ if _typing.TYPE_CHECKING:
     from .trajectories.move_report import move as move
 
 _MODULES = {
-    **{name: name for name in ("control", "diagnosis", "identification", "modern_robotics", "robots", "sensing")},
+    **{
+        name: name
+        for name in ("calibration", "control", "diagnosis", "identification", "modern_robotics", "robots", "sensing")
+    },
     **{name: name for name in ("simulation", "sizing", "statics", "symbolic", "testing", "trajectories", "viz")},
     "convert": "robot.convert",
     "pointwise": "robot.pointwise",

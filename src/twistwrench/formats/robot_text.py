@@ -14,7 +14,7 @@ from ..core.errors import ModelError, TwistWrenchError
 from ..core.numbers import in_file
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
-from ..mechanics.lie import se3
+from ..mechanics.lie import quaternion, se3
 from . import FORMATS, sdf, urdf
 from .edit import ELSEWHERE, FOUND, Edit, TextChanges
 from .mjcf import bodies as mjcf
@@ -129,6 +129,14 @@ class RobotText:
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         raise NotImplementedError
 
+    def parent(self, link: str) -> str:
+        """Link or body in whose frame a link is placed; empty for the world."""
+        raise NotImplementedError
+
+    def write_pose(self, changes: TextChanges, link: str, T: Array, why: str) -> None:
+        """Set the pose (4, 4) of a link in its parent, at zero of the joint between them."""
+        raise NotImplementedError
+
 
 class UrdfText(RobotText):
     """URDF file: ``<inertial>`` of links, ``<dynamics>`` of joints."""
@@ -173,6 +181,28 @@ class UrdfText(RobotText):
         changes.set(inertial.required("mass", ""), "value", mass, why)
         for name, text in entries.items():
             changes.set(inertial.required("inertia", ""), name, text, why)
+
+    def _joint_above(self, link: str) -> Element:
+        """Joint whose child is a link."""
+        return next(j for j in self.joints.values() if j.required("child", "").text("link") == link)
+
+    def parent(self, link: str) -> str:
+        """Link in whose frame a link is placed."""
+        return self._joint_above(link).required("parent", "").text("link")
+
+    def write_pose(self, changes: TextChanges, link: str, T: Array, why: str) -> None:
+        """Set the ``<origin>`` of the joint above a link."""
+        joint = self._joint_above(link)
+        origin = joint.child("origin")
+        xyz, rpy = exact(T[:3, 3]), exact(urdf.rpy_of_rotation(T[:3, :3]))
+        if origin is None:
+            changes.add(joint, f'<origin xyz="{xyz}" rpy="{rpy}"/>')
+            return
+        changes.set(origin, "xyz", xyz, why)
+        if "quat_xyzw" in origin.attributes:
+            changes.set(origin, "quat_xyzw", exact(np.roll(quaternion.from_matrix(T[:3, :3]), -1)), why)
+        else:
+            changes.set(origin, "rpy", rpy, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
         """Set the friction of a joint, ``viscous`` and ``coulomb``."""
@@ -362,6 +392,22 @@ class MjcfText(RobotText):
         for name in (other, *_TURNED):
             if name in given.element.attributes:
                 changes.remove(given.element, name, why)
+
+    def parent(self, link: str) -> str:
+        """Body that contains a body; empty for the world."""
+        element = self.links[link].parent
+        while element is not None and element.tag not in ("body", "worldbody"):
+            element = element.parent
+        return element.attributes.get("name", "") if element is not None and element.tag == "body" else ""
+
+    def write_pose(self, changes: TextChanges, link: str, T: Array, why: str) -> None:
+        """Set ``pos`` and ``quat`` of a body, in place of other forms of its orientation."""
+        body = self.links[link]
+        changes.set(body, "pos", exact(T[:3, 3]), why)
+        changes.set(body, "quat", exact(quaternion.from_matrix(T[:3, :3])), why)
+        for name in _TURNED[1:]:
+            if name in body.attributes:
+                changes.remove(body, name, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
         """Set the friction and armature of a joint; zeros are written only to override a value of the file or class."""

@@ -1,0 +1,9 @@
+"""Calibration of the geometry of an arm from measured poses, positions, distances or touches of its tip."""
+
+from __future__ import annotations
+
+from .calibrate import calibrate
+from .measurements import Measurements
+from .result import CalibratedRobot
+
+__all__ = ["CalibratedRobot", "Measurements", "calibrate"]

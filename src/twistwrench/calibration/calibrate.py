@@ -1,0 +1,133 @@
+"""Function of the command ``calibrate``: fit the geometry of an arm to measurements, with a verdict on what they determine."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.glossary import complete
+from ..robot import Robot, load
+from .chain import TipChain
+from .doubts import doubts_of
+from .fit import CalibrationProblem
+from .held_out import cross_validated, of_test
+from .measurements import LEAST, Measurements, as_measurements
+from .result import CalibratedRobot
+
+MeasurementsGiven: TypeAlias = str | Path | Measurements
+"""One measurement: a path, or the arrays."""
+CONFIGURATIONS = 500
+"""Number of configurations of the predicted error."""
+
+
+def calibrate(
+    robot: Robot | str | Path,
+    measurements: MeasurementsGiven | Sequence[MeasurementsGiven],
+    *,
+    kind: str | None = None,
+    tip: str | None = None,
+    assume: str | Collection[str] = (),
+    test: MeasurementsGiven | Sequence[MeasurementsGiven] | None = None,
+    length: float | None = None,
+    noise: float | tuple[float, float] | None = None,
+    file_accuracy: tuple[float, float] = (1e-3, 2e-3),
+    outliers: Literal["trim", "keep"] = "trim",
+    seed: int = 0,
+    degrees: bool = False,
+) -> CalibratedRobot:
+    """Fit zeros, axes, lengths, tip and target of an arm to measurements, with intervals and held-out error.
+
+    Parameters
+    ----------
+    robot : Robot, path of a robot file, or name of a known robot
+    measurements : path, Measurements, or a sequence of these, which are fitted together
+    kind : str, optional, what the files contain; default: by their columns
+    tip : str, optional, frame nearest to the target; default: the tip
+    assume : "sag", "gears" or both, also fit joints that sag under gravity, or errors of gears
+    test : as ``measurements``, optional, readings for the held-out error; default: six folds
+    length : float, optional, known length of touches [m]
+    noise : float [m], or (float [m], float [rad]), standard deviation of a reading; default: estimated
+    file_accuracy : (float [m], float [rad]), standard deviations of lengths and axes in the robot's file
+    outliers : "trim" leaves out readings that contradict the others, "keep" uses all
+    seed : int, of the folds and of the configurations of the predicted error
+    degrees : bool, joint positions and angles without a unit are in degrees
+
+    Returns
+    -------
+    found : CalibratedRobot
+        ``found.verdict``, ``found.robot``, ``found.write(path)``.
+
+    Raises
+    ------
+    ModelError
+        The robot has no single tip, or a joint on the way cannot be calibrated.
+    NotFoundError, ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
+        The measurements cannot be read, or an option is not valid.
+
+    Notes
+    -----
+    Product of exponentials in local frames with six corrections for each joint. Sources: Lynch and Park, Modern Robotics,
+    4.1; Wu et al., "An analytical approach for the calibration of robots", IEEE T-ASE 12(2), 2015.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> found = tw.calibration.calibrate("ur5", "demo")
+    >>> found.verdict.ok, found.held_out.rms < 0.2e-3 < 3e-3 < found.before
+    (True, True)
+    """
+    arguments.choice(outliers, "outliers", ("trim", "keep"))
+    accuracy = tuple(arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2).tolist())
+    arm = robot if isinstance(robot, Robot) else load(robot)
+    chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
+
+    def read(given: MeasurementsGiven | Sequence[MeasurementsGiven]) -> tuple[Measurements, ...]:
+        every = [given] if isinstance(given, str | Path | Measurements) else list(given)
+        found = [as_measurements(one, arm, kind, tip, degrees=degrees) for one in every]
+        return tuple(_checked(_with_options(m, length, noise), arm) for m in found)
+
+    measured = read(measurements)
+    if not measured:
+        raise ValueRangeError("no measurements are given. Give a path, or Measurements(q, positions=…).")
+    problem = CalibrationProblem(chain, measured, keep_outliers=outliers == "keep")
+    plain = problem.fitted(frames_only=True)
+    fit = problem.fitted()
+    kept = [W[:, -1] > 0 for W in fit.weights]
+    errors = np.concatenate([e[mask] for e, mask in zip(plain.errors, kept, strict=True)])
+    before = float(np.sqrt(np.mean(errors**2)))
+    held_out = cross_validated(fit, seed) if test is None else of_test(fit, read(test))
+    settings = {
+        "kind": kind, "tip": chain.frame, "assume": list(chain.assume), "length": length, "noise": noise,
+        "file_accuracy": list(accuracy), "outliers": outliers, "seed": seed,
+    }  # fmt: skip
+    files = {"MEASUREMENTS": str(measurements)} if isinstance(measurements, str | Path) else {}
+    reference = arm.random_configuration(seed, CONFIGURATIONS)
+    found = CalibratedRobot(arm, fit, before, held_out, (), accuracy, reference, settings, files)  # type: ignore[arg-type]
+    return replace(found, doubts=tuple(doubts_of(found)))
+
+
+def _with_options(m: Measurements, length: float | None, noise: float | tuple[float, float] | None) -> Measurements:
+    """Measurements with the length and the noise of the call, where they have none."""
+    if noise is not None and m.noise is None:
+        m = replace(m, noise=noise)
+    return replace(m, length=length) if length is not None and m.length is None else m
+
+
+def _checked(m: Measurements, robot: Robot) -> Measurements:
+    """Measurements of this robot, enough for any estimate."""
+    if m.q.ndim != 2 or m.q.shape[1] != robot.nq:
+        raise ShapeError(
+            f"q has the shape {m.q.shape}, and robot {robot.name!r} has {robot.nq} coordinates. Give (n, {robot.nq})."
+        )
+    if m.count < LEAST:
+        raise ValueRangeError(f"{m.count} readings determine nothing. Give at least {LEAST}, better 30.")
+    return m
+
+
+complete(globals())

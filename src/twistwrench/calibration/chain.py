@@ -1,0 +1,241 @@
+"""Chain from the base to the tip with a small twist at each joint: poses of the tip, and twist columns of all parameters.
+
+With the placement P_k of joint k in its parent's moving link and its screw S_k in its own frame,
+
+    T_n = Π_k P_k e^[d_k] e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   tip = T_n E e^[t]
+
+(local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015). d_k are six
+numbers, g_k is the error of a gear, and c_k the compliance of a joint that gives way to the torque τ_k that holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..core.errors import ModelError, ValueRangeError
+from ..core.text import listed
+from ..core.typing import Array
+from ..mechanics.lie import se3
+from ..mechanics.lie.adjoint import Ad
+from ..mechanics.model.model import BASE
+from ..robot import Robot
+
+ASSUMED = ("sag", "gears")
+"""Effects beside the geometry that can be fitted."""
+ANGLES, LENGTHS = ("rx", "ry", "rz"), ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """Corrections of a chain, twists in the axes of :attr:`TipChain.axes`."""
+
+    twists: Array
+    """(n, 6) twists d."""
+    gears: Array
+    """(n,) errors of gears, as shares."""
+    sags: Array
+    """(n,) compliances [rad/(N m) or m/N]."""
+    tip: Array
+    """(4, 4) pose of the tip in the last moving link."""
+
+
+@dataclass(frozen=True, eq=False)
+class TipChain:
+    """Joints on the way from the base to the tip."""
+
+    robot: Robot
+    """Robot as its file has it."""
+    frame: str
+    """Frame of the tip."""
+    bodies: tuple[int, ...]
+    """Bodies on the way, from the base."""
+    assume: tuple[str, ...] = ()
+    """Effects that are fitted beside the geometry: sag, gears."""
+
+    @classmethod
+    def from_robot(cls, robot: Robot, tip: str | None = None, assume: Collection[str] = ()) -> TipChain:
+        """Chain to a frame, by default the tip; raises ModelError for joints that cannot be calibrated."""
+        if unknown := sorted(set(assume) - set(ASSUMED)):
+            raise ValueRangeError(f"assume={listed(unknown)} is not known. Known: {listed(ASSUMED)}.")
+        model = robot.model
+        if tip is None and robot.tip is None:
+            raise ModelError(
+                f"robot {model.name!r} has no single tip, so the frame at the target must be named: tip='FRAME'. "
+                f"Its leaves: {listed(model.leaves)}."
+            )
+        frame = str(robot.tip if tip is None else tip)
+        chain, i = list[int](), model.frame(frame).body
+        while i != BASE:
+            chain.insert(0, i)
+            i = model.bodies[i].parent
+        if not chain:
+            raise ModelError(f"no joint moves the frame {frame!r}, so there is nothing to calibrate. Give another tip.")
+        for body in (model.bodies[i] for i in chain):
+            if body.follows:
+                raise ModelError(
+                    f"{body.joint.name!r} is a mimic joint on the way to {frame!r}. It cannot be calibrated."
+                )
+            if body.joint.nv != 1:
+                raise ModelError(
+                    f"joint {body.joint.name!r} on the way to {frame!r} has {body.joint.nv} degrees of freedom. Only joints "
+                    "that turn or slide about one axis can be calibrated: load the robot with a fixed base."
+                )
+        return cls(robot, frame, tuple(chain), tuple(name for name in ASSUMED if name in assume))
+
+    # ── What the file has
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(self.robot.model.bodies[i].joint.name for i in self.bodies)
+
+    @cached_property
+    def columns(self) -> list[int]:
+        """Indices of the joints in q."""
+        return [self.robot.model.bodies[i].q_index for i in self.bodies]
+
+    @cached_property
+    def turning(self) -> list[bool]:
+        """True for joints that turn."""
+        return [bool(self.robot.model.bodies[i].joint.turning[0]) for i in self.bodies]
+
+    @cached_property
+    def placements(self) -> Array:
+        """(n, 4, 4) placements P."""
+        return np.array([self.robot.model.bodies[i].placement for i in self.bodies])
+
+    @cached_property
+    def screws(self) -> Array:
+        """(n, 6) axes S."""
+        return np.array([self.robot.model.bodies[i].joint.axes[0] for i in self.bodies], float)
+
+    @cached_property
+    def own(self) -> list[int]:
+        """Entry of each twist about or along the joint's own axis."""
+        return [int(np.abs(screw).argmax()) for screw in self.screws]
+
+    @cached_property
+    def axes(self) -> Array:
+        """(n, 6, 6) unit twists whose factors are d: about and along x, y, z, with the own axis in place of the nearest."""
+        found = np.zeros((len(self.bodies), 6, 6))
+        for k, (screw, own) in enumerate(zip(self.screws, self.own, strict=True)):
+            axis = screw[own // 3 * 3 :][:3]
+            R = np.eye(3)
+            R[:, own % 3] = axis
+            for j in (j for j in range(3) if j != own % 3):
+                others = [i for i in range(3) if i == own % 3 or i < j]
+                R[:, j] -= R[:, others] @ (R[:, others].T @ R[:, j])
+                R[:, j] /= np.linalg.norm(R[:, j])
+            found[k, :3, :3] = found[k, 3:, 3:] = R
+        return found
+
+    @cached_property
+    def start(self) -> Corrections:
+        """No corrections."""
+        n = len(self.bodies)
+        end = np.asarray(self.robot.model.frame(self.frame).pose, float)
+        return Corrections(np.zeros((n, 6)), np.zeros(n), np.zeros(n), end)
+
+    def loads(self, q: Array) -> Array:
+        """(N, n) torques that hold the joints at rest; zeros if none sags."""
+        if "sag" not in self.assume:
+            return np.zeros((len(q), len(self.bodies)))
+        return np.asarray(self.robot.gravity_forces(q))[:, [self.robot.model.bodies[i].v_index for i in self.bodies]]
+
+    # ── Parameters: twists of the joints, gears, sags, twist of the tip
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters; the turn or slide about the own axis is called ``zero``."""
+        names = list[str]()
+        for joint, own in zip(self.joints, self.own, strict=True):
+            names += [f"{joint}.{'zero' if k == own else word}" for k, word in enumerate((*ANGLES, *LENGTHS))]
+        for kind, word in (("gears", "gear"), ("sag", "sag")):
+            names += [f"{joint}.{word}" for joint in self.joints if kind in self.assume]
+        return (*names, *(f"tip.{word}" for word in (*ANGLES, *LENGTHS)))
+
+    @cached_property
+    def are_lengths(self) -> Array:
+        """True for parameters in m."""
+        words = [name.rpartition(".")[2] for name in self.parameters]
+        slides = {joint for joint, turns in zip(self.joints, self.turning, strict=True) if not turns}
+        own = [name.rpartition(".")[0] in slides and name.endswith(".zero") for name in self.parameters]
+        return np.array([word in LENGTHS for word in words]) | own
+
+    def scales(self, angle: float, length: float, gear: float, sag: float, tip: tuple[float, float]) -> Array:
+        """A number for each parameter by its kind; ``tip`` are those of its angles and lengths."""
+        sizes = np.where(self.are_lengths, length, angle)
+        words = [name.rpartition(".")[2] for name in self.parameters]
+        sizes[[word == "gear" for word in words]] = gear
+        sizes[[word == "sag" for word in words]] = sag
+        sizes[-6:] = np.repeat(tip, 3)
+        return sizes
+
+    def values(self, at: Corrections) -> Array:
+        """Parameters (p,) of corrections; those of the tip are its twist from the file's pose."""
+        parts = [at.twists.ravel()]
+        parts += [at.gears] if "gears" in self.assume else []
+        parts += [at.sags] if "sag" in self.assume else []
+        return np.concatenate([*parts, se3.log(se3.inverse(self.start.tip) @ at.tip)])
+
+    def moved(self, at: Corrections, x: Array) -> Corrections:
+        """Corrections after a step x (p,), composed as e^[d] e^[δ]."""
+        n = len(self.bodies)
+        step = np.einsum("kij,kj->ki", self.axes, x[: 6 * n].reshape(n, 6))
+        twists = np.asarray(se3.log(self.bends(at) @ se3.exp(step)))
+        rest = x[6 * n : -6]
+        gears = at.gears + (rest[:n] if "gears" in self.assume else 0.0)
+        sags = at.sags + (rest[-n:] if "sag" in self.assume else 0.0)
+        named = np.linalg.solve(self.axes, twists[..., None])[..., 0]
+        return Corrections(named, gears, sags, at.tip @ np.asarray(se3.exp(x[-6:])))
+
+    def bends(self, at: Corrections) -> Array:
+        """(n, 4, 4) displacements e^[d]."""
+        return np.asarray(se3.exp(np.einsum("kij,kj->ki", self.axes, at.twists)))
+
+    # ── Poses
+
+    def poses(self, q: Array, loads: Array, at: Corrections) -> tuple[Array, Array]:
+        """Poses (N, 4, 4) of the tip in the base, and twist columns (N, 6, p) of the parameters in the base frame."""
+        T, bends = np.tile(np.eye(4), (len(q), 1, 1)), self.bends(at)
+        twists, gears, sags = list[Array](), list[Array](), list[Array]()
+        for k, column in enumerate(self.columns):
+            T = T @ (self.placements[k] @ bends[k])
+            adjoint = np.asarray(Ad(T).matrix)
+            twists.append(adjoint @ self.axes[k])
+            screw = adjoint @ self.screws[k]
+            gears.append(screw * q[:, column, None])
+            sags.append(-screw * loads[:, k, None])
+            turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
+            T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
+        T = T @ at.tip
+        parts = [np.concatenate(twists, axis=2)]
+        parts += [np.stack(gears, axis=2)] if "gears" in self.assume else []
+        parts += [np.stack(sags, axis=2)] if "sag" in self.assume else []
+        return T, np.concatenate([*parts, np.asarray(Ad(T).matrix)], axis=2)
+
+    def tips(self, q: Array, at: Corrections | None = None) -> Array:
+        """Poses (N, 4, 4) of the tip alone."""
+        return self.poses(q, self.loads(q), self.start if at is None else at)[0]
+
+    def calibrated(self, at: Corrections) -> Robot:
+        """Robot whose placements and tip have the corrections; gears and sags are left out."""
+        model = self.robot.model
+        bodies, bends = list(model.bodies), self.bends(at)
+        for k, i in enumerate(self.bodies):
+            bodies[i] = replace(bodies[i], placement=bodies[i].placement @ bends[k])
+        frames = dict(model.frames)
+        if self.frame != model.bodies[self.bodies[-1]].link:  # a moving link's frame stays on its joint
+            frames[self.frame] = replace(frames[self.frame], pose=at.tip)
+        return Robot(replace(model, bodies=tuple(bodies), frames=frames))
+
+
+def point_columns(T: Array, columns: Array) -> Array:
+    """Velocities (N, 3, p) of the origins of T (N, 4, 4) for twists (N, 6, p) in the base frame: v - p × ω."""
+    from ..mechanics.lie import so3
+
+    return np.asarray(columns[:, 3:] - so3.hat(T[:, :3, 3]) @ columns[:, :3])

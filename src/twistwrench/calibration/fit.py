@@ -1,0 +1,294 @@
+"""Gauss-Newton with Levenberg steps for all kinds of measurement together, the file as a weak prior, and Huber's weights.
+
+The order of a fit: targets from poses of the file; then targets and tip alone; then all parameters. Without the prior,
+positions diverge if the ball is off the last axis, since many parameters have the same effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..core.estimation.least_squares import huber_weights
+from ..core.typing import Array
+from .chain import Corrections, TipChain
+from .measurements import Measurements
+from .targets import MeasuredTarget, targets_from_tips
+
+ROBUST = 3.0
+"""Huber's k of a whole reading, in its standard deviations (rms of its rows)."""
+OUTLIER = 0.6
+"""Huber weight below which a reading is an outlier."""
+PRIOR, SCALELESS_PRIOR = (1e-2, 4e-2), (2e-3, 4e-3)
+"""Standard deviations [m, rad] of the file during the fit; the second if nothing contains a length."""
+TIP, GEAR, SAG = (0.5, 0.3), 1e-2, 1e-2
+"""Same of the tip [rad, m], of gears, and of sags [rad/(N m)]."""
+KNOWN_LENGTH = 1e-5
+"""Standard deviation of a known length [m]."""
+_FRAMES_ONLY, _ITERATIONS, _TRIALS = 8, 40, 10
+_SETTLED = 1e-3
+"""Change of weights and of the cost at which a fit has settled."""
+_LEAST = 1e-9
+"""Smallest standard deviation [m, rad]: rounding."""
+_MEDIANS = {1: 0.4549, 3: 0.7887, 6: 0.8914}
+"""Medians of chi² over its degrees of freedom."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Corrections of the chain, and targets."""
+
+    corrections: Corrections
+    """Corrections of the chain."""
+    targets: tuple[MeasuredTarget, ...]
+    """Target of each measurement."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRows:
+    """Linearised rows at a state, not weighted."""
+
+    residuals: tuple[Array, ...]
+    """(m, r) of each measurement."""
+    design: tuple[Array, ...]
+    """(m, r, p + targets) of each measurement."""
+    lengths: Array
+    """(k,) residuals of known lengths over their deviation."""
+    length_rows: Array
+    """(k, p + targets)."""
+
+    def weighted(self, weights: Sequence[Array]) -> tuple[Array, Array]:
+        """Design (rows, p + targets) and residuals (rows,) times weights (m, r) of each measurement."""
+        A = [(D * W[..., None]).reshape(-1, D.shape[2]) for D, W in zip(self.design, weights, strict=True)]
+        y = [(e * W).ravel() for e, W in zip(self.residuals, weights, strict=True)]
+        return np.concatenate([*A, self.length_rows]), np.concatenate([*y, self.lengths])
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationProblem:
+    """Chain and measurements of a fit."""
+
+    chain: TipChain
+    """Chain to the tip."""
+    measured: tuple[Measurements, ...]
+    """Measurements that are fitted together."""
+    keep_outliers: bool = False
+    """True if no reading is left out."""
+    used: tuple[Array, ...] | None = None
+    """Mask of the readings of each measurement that count; None for all."""
+
+    @cached_property
+    def masks(self) -> tuple[Array, ...]:
+        """(m,) True for readings that count."""
+        return self.used or tuple(np.ones(m.count, bool) for m in self.measured)
+
+    @cached_property
+    def loads(self) -> list[Array]:
+        """Torques of gravity at each configuration."""
+        return [self.chain.loads(m.q) for m in self.measured]
+
+    @cached_property
+    def wide(self) -> Array:
+        """(p,) standard deviations of the prior."""
+        length, angle = SCALELESS_PRIOR if self.is_scaleless else PRIOR
+        return self.chain.scales(angle, length, GEAR, SAG, TIP)
+
+    @property
+    def is_scaleless(self) -> bool:
+        """True if no measurement contains a length."""
+        return all(m.is_scaleless for m in self.measured)
+
+    def start(self) -> Estimate:
+        """Corrections of zero, and targets for them."""
+        at = self.chain.start
+        tips = [self.chain.poses(m.q, load, at)[0] for m, load in zip(self.measured, self.loads, strict=True)]
+        return Estimate(at, tuple(targets_from_tips(self.measured, tips)))
+
+    def equations(self, state: Estimate) -> LinearRows:
+        """Residuals and their derivatives at a state."""
+        sizes = [len(target.names) for target in state.targets]
+        p = len(self.chain.parameters)
+        places = p + np.cumsum([0, *sizes])
+        residuals, design, lengths, length_rows = [], [], [], []
+        for b, (m, target) in enumerate(zip(self.measured, state.targets, strict=True)):
+            T, J = self.chain.poses(m.q, self.loads[b], state.corrections)
+            e, D, own = target.rows(T, J)
+            A = np.zeros((*e.shape, places[-1]))
+            A[..., :p], A[..., places[b] : places[b + 1]] = D, own
+            residuals.append(e)
+            design.append(A)
+            if known := target.length_row(T, J):
+                row = np.zeros(places[-1])
+                row[:p], row[places[b] : places[b + 1]] = known[1], known[2]
+                lengths.append(known[0] / KNOWN_LENGTH)
+                length_rows.append(row / KNOWN_LENGTH)
+        rows = np.array(length_rows).reshape(len(lengths), places[-1])
+        return LinearRows(tuple(residuals), tuple(design), np.array(lengths), rows)
+
+    def moved(self, state: Estimate, x: Array) -> Estimate:
+        """Estimate after a step."""
+        at = len(self.chain.parameters)
+        corrections = self.chain.moved(state.corrections, x[:at])
+        targets = list[MeasuredTarget]()
+        for target in state.targets:
+            targets.append(target.moved(x[at : at + len(target.names)]))
+            at += len(target.names)
+        return Estimate(corrections, tuple(targets))
+
+    # ── Solution
+
+    def fitted(self, start: Estimate | None = None, *, frames_only: bool = False) -> CalibrationFit:
+        """Least squares from a start; with ``frames_only``, of targets and tip alone."""
+        state = self.start() if start is None else start
+        weights, damping = self._first_weights(), 1e-3
+        equations, trimmed = self.equations(state), 0
+        for k in range(_FRAMES_ONLY if frames_only else _ITERATIONS):
+            frames = frames_only or (start is None and k < _FRAMES_ONLY)
+            last = weights
+            if not frames or (frames_only and k > 2):
+                weights = self._weights(equations, frames, trim=trimmed > 0)
+            state, equations, damping, lowered = self._step(state, equations, weights, damping, frames)
+            change = max(float(np.abs(W - V).max() / V.max()) for W, V in zip(weights, last, strict=True))
+            if trimmed or (not frames and change < _SETTLED and lowered < _SETTLED):
+                trimmed += 1
+                if trimmed > 2 and change < _SETTLED:
+                    break
+        return CalibrationFit(
+            self, state, equations, tuple(self._weights(equations, frames_only, trim=True)), frames_only
+        )
+
+    def _step(
+        self, state: Estimate, equations: LinearRows, weights: Sequence[Array], damping: float, frames: bool
+    ) -> tuple[Estimate, LinearRows, float, float]:
+        """Levenberg step that lowers the cost: new state and equations, damping, and the lowered share of the cost."""
+        A, y = equations.weighted(weights)
+        p = len(self.chain.parameters)
+        prior = np.zeros((p, A.shape[1]))
+        prior[np.arange(p), np.arange(p)] = 1.0 / self.wide
+        B = np.concatenate([A, prior])
+        r = np.concatenate([y, self.chain.values(state.corrections) / self.wide])
+        free = np.arange(B.shape[1]) >= (p - 6 if frames else 0)
+        size = np.linalg.norm(B[:, free], axis=0) + 1e-12
+        N, c = (B[:, free] / size).T @ (B[:, free] / size), (B[:, free] / size).T @ r
+        cost = float(r @ r)
+        for _ in range(_TRIALS):
+            x = np.zeros(B.shape[1])
+            x[free] = -np.linalg.solve(N + (damping + 1e-13) * np.eye(len(N)), c) / size
+            trial = self.moved(state, x)
+            found = self.equations(trial)
+            left = np.concatenate([found.weighted(weights)[1], self.chain.values(trial.corrections) / self.wide])
+            if left @ left <= cost * (1.0 + 1e-12):
+                return trial, found, max(damping / 10.0, 1e-9), 1.0 - float(left @ left) / max(cost, 1e-300)
+            damping = max(damping * 10.0, 1e-6)
+        return state, equations, damping, 0.0
+
+    def _first_weights(self) -> list[Array]:
+        """Weights of 1 mm and 3 mrad."""
+        found = [np.full((m.count, m.rows_each), 1e3) for m in self.measured]
+        for W, m, used in zip(found, self.measured, self.masks, strict=True):
+            W[:, : m.angle_rows] = 3e2
+            W[~used] = 0.0
+        return found
+
+    def _freedom(self, equations: LinearRows, frames: bool) -> float:
+        """Share of the rows that parameters do not use up."""
+        rows = sum(e.shape[1] * int(used.sum()) for e, used in zip(equations.residuals, self.masks, strict=True))
+        n = len(self.chain.joints)
+        used = equations.length_rows.shape[1] - len(self.chain.parameters) + (6 if frames else 4 * n)
+        return max(1.0 - used / rows, 0.1)
+
+    def _weights(self, equations: LinearRows, frames: bool, *, trim: bool) -> list[Array]:
+        """Weights of whole readings over one deviation for lengths and one for angles.
+
+        Huber's weights w with deviations by the median until the fit has settled; then outliers get none, and the
+        deviation is that of the others.
+        """
+        free, found = self._freedom(equations, frames), list[Array]()
+        for m, e, used in zip(self.measured, equations.residuals, self.masks, strict=True):
+            parts = [slice(0, m.angle_rows), slice(m.angle_rows, None)] if m.angle_rows else [slice(None)]
+            deviations = np.ones(e.shape[1])
+            for k, part in enumerate(parts):
+                squares = (e[used, part] ** 2).mean(axis=1)
+                median = float(np.median(squares)) / _MEDIANS[len(deviations[part])]
+                near = squares if self.keep_outliers else squares[squares <= (ROBUST / OUTLIER) ** 2 * median / free]
+                given = None if m.noise is None else float(np.broadcast_to(m.noise, 2)[len(parts) - 1 - k])
+                size = float(near.mean()) if trim and near.size else median
+                deviations[part] = given or np.sqrt(size / free) + _LEAST
+            far = np.sqrt(((e / deviations) ** 2).mean(axis=1))
+            huber = np.ones(len(far)) if self.keep_outliers or frames else huber_weights(far, ROBUST)
+            huber = np.where((huber < OUTLIER) & trim | ~used, 0.0, np.ones(len(far)) if trim else huber)
+            found.append(huber[:, None] / deviations)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationFit:
+    """Solution of a problem, linearised there."""
+
+    problem: CalibrationProblem
+    """Chain and measurements."""
+    state: Estimate
+    """Solution."""
+    equations: LinearRows
+    """Residuals and derivatives at the solution."""
+    weights: tuple[Array, ...]
+    """(m, r) weight of each row: one over its standard deviation, 0 for outliers."""
+    frames_only: bool = False
+    """True if only targets and tip were fitted."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters, with ``target.`` or ``target2.`` before those of targets."""
+        names = list(self.problem.chain.parameters)
+        for b, target in enumerate(self.state.targets):
+            names += [f"target{'' if b == 0 else b + 1}.{word}" for word in target.names]
+        return tuple(names)
+
+    @cached_property
+    def deviations(self) -> list[tuple[float, float]]:
+        """Standard deviations [m, rad] of a reading of each measurement; rad is 0 without angles."""
+        return [
+            (float(1.0 / W[:, -1].max(initial=1e-300)), float(1.0 / W[:, 0].max()) if m.angle_rows else 0.0)
+            for m, W in zip(self.problem.measured, self.weights, strict=True)
+        ]
+
+    @cached_property
+    def outliers(self) -> list[tuple[int, int, float]]:
+        """Measurement, reading and size [m] of readings without weight."""
+        found = []
+        for b, (used, W) in enumerate(zip(self.problem.masks, self.weights, strict=True)):
+            found += [(b, int(i), float(self.errors[b][i])) for i in np.flatnonzero(used & (W[:, -1] == 0.0))]
+        return sorted(found, key=lambda outlier: -outlier[2])
+
+    @cached_property
+    def errors(self) -> list[Array]:
+        """Size (m,) of each reading's residual [m]."""
+        measured = zip(self.equations.residuals, self.problem.measured, strict=True)
+        return [np.linalg.norm(e[:, m.angle_rows :], axis=1) for e, m in measured]
+
+    @cached_property
+    def turns(self) -> list[Array]:
+        """Size (m,) of each reading's residual [rad]; empty without angles."""
+        measured = zip(self.equations.residuals, self.problem.measured, strict=True)
+        return [np.linalg.norm(e[:, : m.angle_rows], axis=1) if m.angle_rows else np.zeros(0) for e, m in measured]
+
+    @cached_property
+    def rms(self) -> float:
+        """Root mean square of the residual [m], without outliers."""
+        kept = [e[W[:, -1] > 0] for e, W in zip(self.errors, self.weights, strict=True)]
+        return float(np.sqrt(np.mean(np.concatenate(kept) ** 2)))
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a reading as a distance [m]."""
+        rows = [m.rows_each - m.angle_rows for m in self.problem.measured]
+        sizes = [d[0] ** 2 * r for d, r in zip(self.deviations, rows, strict=True)]
+        return float(np.sqrt(np.average(sizes, weights=[m.count for m in self.problem.measured])))
+
+    @cached_property
+    def weighted(self) -> tuple[Array, Array]:
+        """Design and residuals over their standard deviations, without the prior."""
+        return self.equations.weighted(self.weights)

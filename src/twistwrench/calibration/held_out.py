@@ -1,0 +1,90 @@
+"""Held-out error: readings of poses that the fit did not use, in six folds or from another file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.typing import Array
+from .fit import CalibrationFit, CalibrationProblem, Estimate
+from .measurements import Measurements
+from .targets import targets_from_tips
+
+FOLDS = 6
+_SAME = 1e-9
+"""Largest difference of equal configurations."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutError:
+    """Error of readings that were not used.
+
+    Attributes
+    ----------
+    rms, max : float [m]
+    poses : int, number of readings
+    angle : float [rad], rms of rotations; 0 without poses
+    """
+
+    rms: float
+    max: float
+    poses: int
+    angle: float
+    errors: Array
+    """(poses,) sizes [m]."""
+    note: str = ""
+    """Sentence about a test file."""
+
+
+def configuration_labels(m: Measurements) -> Array:
+    """(n,) numbers that are equal for equal configurations, and for the two of a pair if no pairs overlap."""
+    labels = np.unique(np.round(m.q / _SAME).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    if m.pairs is not None and len(np.unique(labels[m.pairs])) == m.pairs.size:
+        labels[m.pairs[:, 1]] = labels[m.pairs[:, 0]]
+    return np.asarray(labels)
+
+
+def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
+    """Six folds by configurations; targets and tip are refitted from the other folds."""
+    rng = np.random.default_rng(seed)
+    problem, kept = fit.problem, [W[:, -1] > 0 for W in fit.weights]
+    folds = []
+    for m in problem.measured:
+        labels = configuration_labels(m)
+        of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
+        fold = of_label[labels]
+        folds.append(fold[m.pairs] if m.pairs is not None else fold[:, None])
+    lengths, angles = list[Array](), list[Array]()
+    for k in range(FOLDS):
+        test = [mask & (fold == k).all(axis=1) for mask, fold in zip(kept, folds, strict=True)]
+        train = tuple(mask & (fold != k).all(axis=1) for mask, fold in zip(kept, folds, strict=True))
+        if not any(mask.any() for mask in test):
+            continue
+        found = replace(problem, used=train).fitted(fit.state)
+        lengths += [e[mask] for e, mask in zip(found.errors, test, strict=True)]
+        angles += [e[mask] for e, mask in zip(found.turns, test, strict=True) if e.size]
+    return _error(lengths, angles)
+
+
+def of_test(fit: CalibrationFit, measured: Sequence[Measurements]) -> HeldOutError:
+    """Error of other readings; their targets are refitted, and the tip too if the ball was mounted again."""
+    problem = CalibrationProblem(fit.problem.chain, tuple(measured))
+    at = fit.state.corrections
+    tips = [problem.chain.tips(m.q, at) for m in measured]
+    mounted = replace(fit, problem=problem, state=Estimate(at, tuple(targets_from_tips(measured, tips))))
+    mounted = replace(mounted, equations=problem.equations(mounted.state))
+    again = problem.fitted(mounted.state, frames_only=True)
+    plain, other = _error(mounted.errors, mounted.turns), _error(again.errors, again.turns)
+    if other.rms > 0.5 * plain.rms:
+        return plain
+    return replace(
+        other, note="The target was mounted again for the test: its place on the robot was fitted there too."
+    )
+
+
+def _error(lengths: Sequence[Array], angles: Sequence[Array]) -> HeldOutError:
+    e, turns = np.concatenate([*lengths]), np.concatenate([np.zeros(0), *angles])
+    angle = float(np.sqrt(np.mean(turns**2))) if turns.size else 0.0
+    return HeldOutError(float(np.sqrt(np.mean(e**2))), float(e.max()), len(e), angle, e)

@@ -1,0 +1,330 @@
+"""Result of a calibration: verdict, corrected robot, groups with intervals, held-out and remaining error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..answers.answer import Answer
+from ..answers.blocks import Block
+from ..core import arguments
+from ..core.doubts import Doubt, verdict_from_doubts
+from ..core.errors import ValueRangeError
+from ..core.tables import csv_table
+from ..core.typing import Array
+from ..core.verdict import Verdict, Word
+from ..robot import Robot
+from .fit import CalibrationFit
+from .groups import ParameterGroup, ParameterGroups, Remaining
+from .held_out import HeldOutError
+
+PREFIX = "calibration-"
+"""Beginning of the doubts' names in the table."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedRobot(Answer):
+    """Arm whose geometry was fitted to measurements: result of :func:`twistwrench.calibration.calibrate`.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> found = tw.calibration.calibrate("ur5", "demo")
+    >>> found
+    OK: the tip is right to 0.098 mm (rms, held out), 3.34 mm before; largest: zero of elbow_joint off by -0.2394 ± 0.0040°.
+    >>> found.rank, found.groups[0], found.robot.nq, len(found.outliers), found.facts()["held out"]
+    (27, 'tip.x - 0.0299 wrist_3_joint.zero', 6, 0, '0.098 mm')
+    >>> found.interval().shape, found.remaining_at(np.zeros((2, 6))).shape, found.tables["Groups"].columns[0][0]
+    ((21, 2), (2,), 'group')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.write(f"{folder}/mine.urdf").name, found.to_csv(f"{folder}/residuals.csv").name
+    ('mine.urdf', 'residuals.csv')
+    """
+
+    call: ClassVar[str] = "calibrate"
+
+    original: Robot
+    """Robot as its file has it."""
+    fit: CalibrationFit
+    """Solution with its linearisation."""
+    before: float
+    """Error [m] (rms) with the file as it is; target and tip fitted."""
+    held_out: HeldOutError
+    """Error of readings that were not used."""
+    doubts: tuple[Doubt, ...]
+    """Reasons against OK, and notes; the most severe first."""
+    file_accuracy: tuple[float, float]
+    """Standard deviations of the file's lengths [m] and axes [rad]."""
+    reference: Array
+    """(500, nq) configurations of :attr:`remaining`."""
+    settings: Mapping[str, Any]
+    """Options of the call."""
+    files: Mapping[str, str]
+    """Files of the question."""
+
+    # ── What was found
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.original.name
+
+    @property
+    def subject(self) -> str:
+        """Robot and number of readings."""
+        kinds = " and ".join(f"{m.count} of kind {m.kind}" for m in self.fit.problem.measured)
+        return f"{self.original.name} · readings: {kinds}"
+
+    @cached_property
+    def robot(self) -> Robot:
+        """Robot with the corrected geometry, at configurations without gear error and sag."""
+        return self.fit.problem.chain.calibrated(self.fit.state.corrections)
+
+    @cached_property
+    def parameter_groups(self) -> ParameterGroups:
+        """Groups of parameters that the measurements determine."""
+        return ParameterGroups(self.fit)
+
+    @cached_property
+    def _listed(self) -> list[ParameterGroup]:
+        return self.parameter_groups.all
+
+    @property
+    def rank(self) -> int:
+        """Number of groups, including the targets' unknowns."""
+        return self.parameter_groups.rank
+
+    @property
+    def theory(self) -> int:
+        """Number of groups that many different readings of these kinds determine."""
+        return self.parameter_groups.theory
+
+    @property
+    def groups(self) -> list[str]:
+        """Names of the groups without the targets' unknowns: ``joint_2.zero + 3.7 joint_3.x``."""
+        return [group.text for group in self._listed]
+
+    @property
+    def values(self) -> Array:
+        """(k,) values of the groups [rad, m]."""
+        return np.array([group.value for group in self._listed])
+
+    @property
+    def standard_deviations(self) -> Array:
+        """(k,) standard deviations of the groups."""
+        return np.array([group.deviation for group in self._listed])
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Intervals of the groups, with Student's quantiles.
+
+        Parameters
+        ----------
+        level : float
+
+        Returns
+        -------
+        bounds : (k, 2) array [rad, m]
+        """
+        half = np.array([group.half_width(level) for group in self._listed])
+        return np.stack([self.values - half, self.values + half], axis=1)
+
+    def _of(self, word: str) -> dict[str, tuple[float, float]]:
+        """Value and half width of each joint's parameter that leads a group."""
+        found = {g.name.rpartition(".")[0]: g for g in self._listed if g.name.endswith(f".{word}")}
+        return {joint: (g.value, g.half_width()) for joint, g in found.items()}
+
+    @property
+    def zeros(self) -> dict[str, tuple[float, float]]:
+        """Offset of each joint's zero, and half its 95 % interval [rad or m]."""
+        return self._of("zero")
+
+    @property
+    def sag(self) -> dict[str, tuple[float, float]]:
+        """Compliance of each joint [rad/(N m)], and half its interval; empty unless assumed."""
+        return self._of("sag")
+
+    @property
+    def gears(self) -> dict[str, tuple[float, float]]:
+        """Error of each gear, as a share, and half its interval; empty unless assumed."""
+        return self._of("gear")
+
+    @property
+    def tip_pose(self) -> Array:
+        """(4, 4) pose of the target on the robot in its last moving link."""
+        return self.fit.state.corrections.tip
+
+    @property
+    def target_pose(self) -> Array:
+        """(4, 4) pose of the robot's base in the tracker's frame, or of the centre in the base; of the first measurement."""
+        return self.fit.state.targets[0].frame()
+
+    @property
+    def outliers(self) -> list[tuple[int, float]]:
+        """Row, from 0, and error [m] of readings that contradict the others and are left out, the largest first."""
+        return [(row, size) for _, row, size in self.fit.outliers]
+
+    @property
+    def residuals(self) -> list[Array]:
+        """(m, r) residuals of each measurement [rad, m]."""
+        return list(self.fit.equations.residuals)
+
+    # ── What remains
+
+    @cached_property
+    def remaining(self) -> Remaining:
+        """Predicted error of the tip over 500 configurations: ``rms``, ``worst`` [m]."""
+        return Remaining(self.fit, self.reference, self.file_accuracy)
+
+    def remaining_at(self, q: ArrayLike) -> Array:
+        """Predicted error of the tip at configurations, the base's rigid motion taken out.
+
+        Parameters
+        ----------
+        q : (n, nq) array_like
+
+        Returns
+        -------
+        error : (n,) array [m], rms
+        """
+        places = np.atleast_2d(arguments.finite(q, "q", self.original.nq))
+        return np.asarray(np.sqrt(self.remaining.squares(places)[0]))
+
+    @property
+    def floor(self) -> float:
+        """Error [m] that is expected of held-out readings: the larger of noise and of what remains."""
+        return max(self.fit.noise, self.remaining.rms)
+
+    @property
+    def needs_nothing(self) -> bool:
+        """True if the file is already as right as the measurements can show."""
+        return self.before <= 2.0 * self.floor
+
+    # ── The answer on every surface
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN if readings contradict the robot, UNSURE if they leave a part unseen, or OK."""
+        return verdict_from_doubts(self.doubts)
+
+    def __repr__(self) -> str:
+        return self.headline
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, error before and after, groups and remarks."""
+        from .result_view import calibration_view
+
+        return calibration_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Held-out and remaining error, and rank.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        from .result_view import millimetres
+
+        return {
+            "held out": millimetres(self.held_out.rms),
+            "before": millimetres(self.before),
+            "remaining": millimetres(self.remaining.rms),
+            "rank": f"{self.rank} of {self.theory}",
+        }
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the robot and of the measurements.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {"ROBOT": self.original.model.source, **self.files}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Data of :meth:`Answer.to_dict`, and all results in SI units.
+
+        Returns
+        -------
+        data : dict, as written by ``--json``
+        """
+        pairs = {name: {j: list(pair) for j, pair in getattr(self, name).items()} for name in ("zeros", "sag", "gears")}
+        groups = [
+            {"name": g.text, "terms": dict(g.terms), "value": g.value, "low": low, "high": high, "unit": g.unit}
+            for g, (low, high) in zip(self._listed, self.interval().tolist(), strict=True)
+        ]
+        return super().to_dict() | {
+            "doubts": [
+                {
+                    "name": d.kind.removeprefix(PREFIX), "joints": list(d.joints), "value": d.value, "unit": d.unit,
+                    "sentence": str(d),
+                }
+                for d in self.doubts
+            ],
+            "before": self.before,
+            "held_out": {
+                "rms": self.held_out.rms, "max": self.held_out.max, "poses": self.held_out.poses, "angle": self.held_out.angle,
+            },
+            "remaining": {"rms": self.remaining.rms, "max": self.remaining.worst},
+            "rank": self.rank,
+            "theory": self.theory,
+            "groups": groups,
+            **pairs,
+            "outliers": [{"row": row, "size": size} for row, size in self.outliers],
+            "tip_pose": self.tip_pose.tolist(),
+            "target_pose": self.target_pose.tolist(),
+            "settings": dict(self.settings),
+        }  # fmt: skip
+
+    def write(self, path: str | Path) -> Path:
+        """Write the robot's URDF or MJCF file with the corrected placements; all other bytes stay.
+
+        Gear errors and sags cannot be stored in these formats; ``to_dict`` has them.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file
+
+        Raises
+        ------
+        ValueRangeError
+            The verdict is LOOK AGAIN, or the file cannot be written.
+        ModelError
+            The robot has no URDF or MJCF file.
+        RobotFileError
+            The written text does not give the same poses to 1e-9 m.
+        """
+        from .result_view import millimetres
+        from .write import write_geometry
+
+        if self.verdict.word is Word.LOOK_AGAIN:
+            raise ValueRangeError(f"nothing is written after {self.verdict}. Correct the measurements.")
+        said = f"tip right to {millimetres(self.held_out.rms)} (rms, held out), {millimetres(self.before)} before"
+        return write_geometry(self.original, self.robot, self.fit.problem.chain.frame, path, said)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write a row for each reading: number, error [m] (and [rad] of poses), and whether it was used.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file
+        """
+        with csv_table(path, ["measurement", "row", "error [m]", "error [rad]", "used"]) as table:
+            for b, (e, W) in enumerate(zip(self.fit.errors, self.fit.weights, strict=True)):
+                turns = self.fit.turns[b] if self.fit.turns[b].size else [None] * len(e)
+                for row, (error, turn, weight) in enumerate(zip(e, turns, W[:, -1], strict=True)):
+                    table.row([b + 1, row, error, turn, int(weight > 0)])
+        return Path(path)

@@ -1,0 +1,220 @@
+"""Calibration of arms whose geometry differs from their file: ranks, derivatives, errors, outliers, written files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibration_worlds import NOISE, World, gantry, planar, rail, scara
+
+import twistwrench as tw
+from twistwrench.calibration.fit import CalibrationProblem
+from twistwrench.calibration.groups import ParameterGroups
+from twistwrench.core.errors import TwistWrenchError
+
+ARMS = {f"{n}R": (lambda n=n: planar(n)) for n in range(2, 8)} | {"scara": scara, "rail": rail, "gantry": gantry}
+ARMS |= {"ur5": tw.robots.ur5, "panda": tw.robots.panda}
+LACKING = {"pose": 0, "position": 3, "distance": 6, "pair": 9}
+"""Number of groups that a kind does not see, of 4 R + 2 P + 6."""
+
+
+def tip_of(robot):
+    return None if robot.tip else "panda_link8"
+
+
+@pytest.mark.parametrize("kind", LACKING)
+@pytest.mark.parametrize("name", ARMS)
+def test_the_rank_is_that_of_theory(name, kind):
+    """4 R + 2 P + 6 with poses, fewer by 3, 6 and 9 with positions, distances and pairs."""
+    robot = ARMS[name]()
+    world = World.drawn(robot, 0, tip=tip_of(robot))
+    turning = sum(world.chain.turning)
+    fit = CalibrationProblem(world.chain, (world.measured(kind, 120),)).fitted()
+    groups = ParameterGroups(fit)
+    assert groups.rank == groups.theory == 4 * turning + 2 * (len(world.chain.turning) - turning) + 6 - LACKING[kind]
+
+
+@pytest.mark.parametrize("kind", ["pose", "position", "distance", "pair", "point", "plane", "sphere"])
+@pytest.mark.parametrize("make", [tw.robots.ur5, rail])
+def test_derivatives_are_differences_of_residuals(make, kind):
+    """Central differences of 1e-6 about a corrected geometry: rounding and curvature are below 1e-7."""
+    world = World.drawn(make(), 1, assume=("sag", "gears"))
+    problem = CalibrationProblem(world.chain, (world.measured(kind, 6),))
+    x = np.random.default_rng(0).normal(size=200)
+    state = problem.start()
+    design = problem.equations(state).design[0]
+    count = design.shape[2]
+    state = problem.moved(state, 1e-3 * x[:count])
+    design = problem.equations(state).design[0]
+    for k in range(count):
+        step = 1e-6 * np.eye(count)[k]
+        ahead, behind = (problem.equations(problem.moved(state, s)).residuals[0] for s in (step, -step))
+        assert np.allclose((ahead - behind) / 2e-6, design[..., k], atol=2e-7 * max(1, np.abs(design[..., k]).max()))
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "bound"), [("position", 30, 0.09e-3), ("pose", 30, 0.08e-3), ("pair", 120, 0.09e-3)]
+)
+def test_the_tip_is_right_after_and_the_prediction_too(kind, count, bound):
+    """The predicted error is within a factor of two of the true one, over all configurations; held-out poses agree."""
+    world = World.drawn(tw.robots.ur5(), 3)
+    found = tw.calibration.calibrate(world.robot, world.measured(kind, count))
+    error = world.error(found)
+    assert error < bound < 1e-3 < found.before
+    assert 0.5 < found.remaining.rms / error < 2.0
+    assert found.verdict.ok and found.held_out.rms < 4 * NOISE
+
+
+def test_zeros_of_known_joints_come_out():
+    """A zero that is off by 1.3° is found within its interval, and named first."""
+    robot = tw.robots.ur5()
+    world = World.drawn(robot, 4, size=(1e-5, 1e-5))
+    m = world.measured("position", 40)
+    q = m.q - np.radians(1.3) * np.eye(6)[2]
+    found = tw.calibration.calibrate(robot, tw.calibration.Measurements(q, positions=m.positions))
+    value, half = found.zeros["elbow_joint"]
+    assert abs(value - np.radians(1.3)) < half + 2e-4 and "zero of elbow_joint off by 1.29" in found.headline
+
+
+def test_outliers_are_named_with_their_size():
+    """Four of forty readings off by 5 mm a coordinate: all are named, no other, and the tip is as right as without."""
+    world = World.drawn(tw.robots.ur5(), 5)
+    m = world.measured("position", 40)
+    m.positions[[3, 11, 25, 30]] += 5e-3
+    found = tw.calibration.calibrate(world.robot, m)
+    assert sorted(row for row, _ in found.outliers) == [3, 11, 25, 30]
+    assert all(abs(size - 8.66e-3) < 0.3e-3 for _, size in found.outliers) and world.error(found) < 0.09e-3
+    assert found.doubts[0].kind == "calibration-outlier" and found.verdict.word == "UNSURE"  # 10 % are too many
+
+
+@pytest.mark.parametrize("kind", ["plane", "point", "sphere"])
+def test_touches_without_a_length_are_never_ok(kind):
+    """Their residual is as small as noise, and the tip is wrong by millimetres: the prediction knows."""
+    world = World.drawn(tw.robots.ur5(), 6)
+    found = tw.calibration.calibrate(world.robot, world.touched(kind, 60))
+    assert found.verdict.word == "UNSURE" and "contains no length" in found.headline
+    assert found.fit.rms < 3 * NOISE and 0.3 < found.remaining.rms / world.error(found) < 3
+
+
+def test_few_readings_are_unsure():
+    world = World.drawn(tw.robots.ur5(), 7)
+    found = tw.calibration.calibrate(world.robot, world.measured("position", 12))
+    assert "calibration-few" in [doubt.kind for doubt in found.doubts] and not found.verdict.ok
+
+
+def test_a_ball_on_the_last_axis_has_two_groups_fewer():
+    world = World.drawn(tw.robots.ur5(), 8, size=(3e-4, 3e-4), ball=tw.se3.pose(np.eye(3), [0, 0, 0.1]))
+    found = tw.calibration.calibrate(world.robot, world.measured("position", 60, noise=1e-5))
+    assert found.rank == found.theory - 2 and "on the axis of wrist_3_joint" in found.headline
+
+
+def test_a_right_file_needs_nothing():
+    world = World.drawn(tw.robots.ur5(), 9, size=(1e-9, 1e-9))
+    found = tw.calibration.calibrate(world.robot, world.measured("position", 40))
+    assert found.verdict.ok and "already right" in found.headline
+
+
+def test_joints_that_sag_are_found():
+    """Compliances of a few tenths of a mrad/(N m), as of small arms, with the sign of gravity."""
+    sags = np.array([0, 3e-4, 2e-4, 1e-4, 0, 0])
+    world = World.drawn(tw.robots.ur5(), 10, assume=["sag"], sags=sags)
+    m = world.measured("position", 60)
+    plain, found = (tw.calibration.calibrate(world.robot, m, assume=assume) for assume in ((), "sag"))
+    assert found.held_out.rms < 4 * NOISE < plain.held_out.rms
+    value, half = found.sag["shoulder_lift_joint"]
+    assert abs(value - 3e-4) < 2 * half < 1e-4
+
+
+# ── Files
+
+
+def test_the_written_file_has_the_calibrated_poses(tmp_path):
+    """Another program reads the same poses: Pinocchio, to 1e-9 m; only placements change."""
+    pin = pytest.importorskip("pinocchio", exc_type=ImportError)
+    found = tw.calibration.calibrate("ur5", "demo")
+    path = found.write(tmp_path / "mine.urdf")
+    model = pin.buildModelFromUrdf(str(path))
+    data = model.createData()
+    for q in found.robot.random_configuration(0, (20,)):
+        pin.framesForwardKinematics(model, data, q)
+        assert np.abs(data.oMf[model.getFrameId("tool0")].homogeneous - found.robot.forward_kinematics(q)).max() < 1e-9
+    before, after = (set(p.read_text().split("\n")) for p in (Path(found.sources()["ROBOT"]), path))
+    assert all("<origin" in line for line in before - after)
+
+
+def test_a_written_mjcf_file_has_the_calibrated_poses(tmp_path):
+    """MuJoCo reads the same poses, to 1e-9 m."""
+    mujoco = pytest.importorskip("mujoco")
+    text = """<mujoco model="arm"><compiler angle="degree"/><worldbody><body name="a" pos="0 0 0.3" euler="0 0 10">
+      <joint name="j1" axis="0 0 1"/><geom size="0.1"/><body name="b" pos="0.3 0 0"><joint name="j2" axis="0 1 0"/><geom size="0.1"/>
+      <body name="c" pos="0.3 0 0" euler="90 0 0"><joint name="j3" axis="0 1 0"/><geom size="0.1"/>
+      <body name="tool" pos="0.1 0.05 0.02"/></body></body></body></worldbody></mujoco>"""
+    source = tmp_path / "arm.xml"
+    source.write_text(text)
+    robot = tw.load(source)
+    world = World.drawn(robot, 11, tip="tool", ball=np.eye(4))
+    found = tw.calibration.calibrate(robot, world.measured("position", 40), tip="tool")
+    path = found.write(tmp_path / "mine.xml")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for q in found.robot.random_configuration(0, (20,)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        assert np.abs(data.body("tool").xpos - found.robot.forward_kinematics(q, frame="tool")[:3, 3]).max() < 1e-9
+
+
+def test_results_are_plain_data(tmp_path):
+    found = tw.calibration.calibrate("ur5", "demo")
+    data = json.loads(found.to_json())
+    assert data["verdict"] == "OK" and data["rank"] == found.rank == 27 and data["doubts"] == []
+    assert data["held_out"]["rms"] == found.held_out.rms and len(data["groups"]) == 21
+    low, high = data["groups"][3]["low"], data["groups"][3]["high"]
+    assert low < data["groups"][3]["value"] < high
+    rows = found.to_csv(tmp_path / "r.csv").read_text().strip().split("\n")
+    assert len(rows) == 41
+
+
+HEAD = "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint"
+ROW = "0.1,0.2,0.3,0.4,0.5,0.6"
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "said"),
+    [
+        ("x,y", "1,2", "no reading in the columns"),
+        ("x,y,z", "1,2,nan", "must be finite"),
+        ("x,y,z,qw,qx,qy,qz", "1,2,3,0,0,0,0", "quaternion does not have the length 1"),
+        ("x,y,z,r11,r12,r13,r21,r22,r23,r31,r32,r33", "1,2,3,1,0,0,0,1,0,0,0,1.1", "matrix is not a rotation"),
+        ("target", "a", "needs the kind of touch"),
+        ("x [kg],y,z", "1,2,3", "the unit 'kg'"),
+        ("distance", "-1", "Distances are above 0"),
+        ("x,y,z", "", "no readings below the header"),
+        ("x,y,z", "1,2,3", "determine nothing"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path, header, row, said):
+    path = tmp_path / "m.csv"
+    path.write_text(f"{HEAD},{header}\n" + (f"{ROW},{row}\n" if row else ""))
+    with pytest.raises(TwistWrenchError, match="(?s)" + said) as error:
+        tw.calibration.calibrate("ur5", path)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_joints_and_wrong_options_are_refused(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text("elbow_joint,x,y,z\n" + "0.1,1,2,3\n" * 5)
+    with pytest.raises(TwistWrenchError, match="no column for"):
+        tw.calibration.calibrate("ur5", path)
+    m = tw.calibration.Measurements(np.zeros((4, 6)), positions=np.ones((4, 3)))
+    for options, said in (
+        ({"assume": "wear"}, "Known: sag, gears"),
+        ({"length": 0.5}, "contain lengths already"),
+        ({"outliers": "drop"}, "outliers"),
+        ({"tip": "nose"}, "nose"),
+    ):
+        with pytest.raises(TwistWrenchError, match=said):
+            tw.calibration.calibrate("ur5", m, **options)
+    with pytest.raises(TwistWrenchError, match=r"robot 'ur5' has 6 coordinates"):
+        tw.calibration.calibrate("ur5", tw.calibration.Measurements(np.zeros((4, 5)), positions=np.ones((4, 3))))
