@@ -67,12 +67,14 @@ __all__ = [
     "derive",
     "differentiate",
     "doctor",
+    "excite",
     "find",
     "from_dh",
     "from_mujoco",
     "from_pinocchio",
     "from_screws",
     "get_threads",
+    "identify",
     "info",
     "load",
     "move",
@@ -107,6 +109,10 @@ if _typing.TYPE_CHECKING:
     from .compiler.runtime.batch_threads import set_threads as set_threads
     from .diagnosis.report import DoctorReport as DoctorReport
     from .diagnosis.report import doctor as doctor
+    from .identification.exciting_trajectory import ExcitingMotion as ExcitingMotion
+    from .identification.exciting_trajectory import excite as excite
+    from .identification.identify import identify as identify
+    from .identification.result import IdentifiedRobot as IdentifiedRobot
     from .mechanics.bodies.inertia import SpatialInertia as SpatialInertia
     from .mechanics.bodies.rigid_body import RigidBody as RigidBody
     from .mechanics.lie import axis as screws
@@ -162,6 +168,8 @@ _MODULES = {
 _NAMES = {
     "Ad": "mechanics.lie.adjoint",
     "Derivation": "symbolic.derivation",
+    "ExcitingMotion": "identification.exciting_trajectory",
+    "IdentifiedRobot": "identification.result",
     "ModelBuilder": "mechanics.model.builder",
     "DoctorReport": "diagnosis.report",
     "LogReport": "reports.log_report",
@@ -187,7 +195,9 @@ _NAMES = {
     "derive": "symbolic.derivation",
     "differentiate": "robot.differentiate",
     "doctor": "diagnosis.report",
+    "excite": "identification.exciting_trajectory",
     "find": "robots.finding",
+    "identify": "identification.identify",
     "info": "reports.info",
     "get_threads": "compiler.runtime.batch_threads",
     "move": "trajectories.move_report",

@@ -99,9 +99,7 @@ def test_few_groups_predict_what_all_of_them_do(free):
 def test_the_command(planar, tmp_path):
     planar.motion.to_csv(tmp_path / "log.csv")
     out = tmp_path / "found.json"
-    said = run(
-        "planar_2r", tmp_path / "log.csv", "--cutoff", 10, "--known", "link2.mass=1 kg", "--essential", "--json", out
-    )
+    said = run("planar_2r", tmp_path / "log.csv", "--cutoff", 10, "--known", "link2.mass=1 kg", "--all", "--json", out)
     assert said.exit_code == 0, said.output
     assert "essential groups" in said.output and "held at known values" in said.output
     found = json.loads(out.read_text())

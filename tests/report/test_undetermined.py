@@ -5,7 +5,6 @@ import json
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.cli.identify import identification_view
 from twistwrench.core.doubts import undetermined_table
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
 from twistwrench.identification.parameters import undetermined
@@ -54,8 +53,8 @@ def test_json_and_report_list_them(tmp_path):
     assert json.loads(found.to_json())["undetermined"] == found.undetermined and set(found.undetermined) < set(
         undetermined_table()
     )
-    blocks = list(identification_view(found))
-    at = blocks.index("Not determined by this log:")
-    assert blocks[at + 1 :] == [f"• {sentence}" for sentence in found.undetermined.values()]
+    sentences = found.to_dict()["sentences"]
+    at = sentences.index("Not determined by this log:")
+    assert sentences[at + 1 :] == [f"• {sentence}" for sentence in found.undetermined.values()]
     page = found.report(tmp_path / "report.html").read_text("utf-8")
     assert "Not determined by this log" in page and found.undetermined["clock-rate"] in page

@@ -2,43 +2,32 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from .. import identification
-from ..answers.blocks import Block, Headline, Line, Table, numbers, words
-from ..answers.page import MarkedJoint
-from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
-from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
-from ..core.typing import Array
-from ..core.verdict import ExitCode, Verdict, Word
+from ..core.verdict import ExitCode, Word
 from ..formats.actuators import read_log_side
-from ..identification.parameters import PARAMETER_UNITS, group_units
+from ..identification.exciting_trajectory import excite
+from ..identification.identify import identify, log_paths
+from ..identification.parameters import PARAMETER_UNITS
 from ..identification.payload import motor_side
-from ..identification.pictures import identification_pictures
-from ..identification.report import bodies_view, identification_view
+from ..identification.result import IdentifiedRobot
 from ..identification.write import OF_COUPLED_MOTORS
-from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import with_couplings
-from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
-from ..reports.checked_motions import expanded_paths
 from ..robot import Robot
-from ..robots.finding import bundled_file
 from . import shared
 from .main import Given, note, option
 from .report import REPORT, write_report
 from .shared import RobotOptions, robot_command
-from .terminal import progress_bar, show
+from .terminal import progress_bar, show_answer
 
 _AUTO = "auto"
 _ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
@@ -78,7 +67,6 @@ def parse_friction(text: str) -> tuple[str, ...]:
         default="irls",
     ),
     NO_MOTOR_INERTIA,
-    option("--essential", "Print the smallest set of parameter groups that predicts as well as all."),
     option(
         "--known NAME=VALUE",
         "Fix a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2 (SI units); may be repeated.",
@@ -119,43 +107,30 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     The first word is the verdict. Exit code: 0 for OK; 1 for UNSURE and LOOK AGAIN. After LOOK AGAIN only --json is written,
     unless --force is given. Several files of one log are written a.csv+b.csv.
     """
-    given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
+    given.logs, given.tests = (tuple(map(str, log_paths(logs, options.source))) for logs in (given.logs, given.tests))
     inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
     if given.add is not None:
         raise ValueRangeError(f"--add and --information are gone: give all logs at once. {_ALL_LOGS}")
     outputs = given.check_files({**inputs, **options.files})
-    fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
     check_payload(given.payload_only, outputs)
     given.columns = shared.parse_columns(given.columns, [*given.logs, *given.tests])
+    fitting = _fitting(given)
     robot, side = _robot(options, given)
-    robot = identification.without_links(robot, given.without)
-    with progress_bar("identifying") as progress:
-        found = _identified(robot, options, given, {**fitting, "motor_side": side, "progress": progress})
-    notes = write_robot(found, given, strength, options)
-    blocks = list(identification_view(found, essential=given.essential))
-    show(*blocks)
+    gain = shared.current_gains(given.gain, robot.model, options.drives, of_side=True)
+    with progress_bar("identifying") as progress, workers_of(given.workers, given.scheduler) as team:
+        found = identify(
+            robot, given.logs, test=given.tests, motor_side=side, gain=gain, degrees=options.degrees, client=team.client,
+            progress=progress, **fitting,
+        )  # fmt: skip
+    notes = write_robot(found, given, options)
+    show_answer(found)
     write_results(found, given, notes)
     if given.report is not None:
-        from ..viz.pictures import robot_picture
-
-        files = {**inputs, **options.files}
-        joints = {name: share for name, share in found.held_out.joints.items() if math.isfinite(share)}
-        worst = max(joints, key=lambda name: joints[name], default=None)
-        marked = MarkedJoint(worst, f"{worst}, the largest share left unexplained") if worst else None
-        still = robot_picture(found.original, None, marked, found.original.name)
-        pictures = [still, *identification_pictures(found)]
-        settings = [("fit", f"{found.settings}; weights {found.method}")]
         write_report(
-            given,
-            "identify",
-            found.original.name,
-            blocks,
-            files=files,
-            details=list(bodies_view(found)),
-            pictures=pictures,
-            robot=found.original,
-            used=settings,
-        )
+            given, "identify", found.subject, list(found.blocks()), files={**inputs, **options.files},
+            facts=found.facts().items(), pictures=found.pictures(), robot=found.original,
+            used=[("fit", f"{found.settings}; weights {found.method}")],
+        )  # fmt: skip
     return found.verdict.exit_code
 
 
@@ -167,30 +142,10 @@ def _fitting(given: Given) -> dict[str, Any]:
         "motor_inertia": not given.no_motor_inertia,
         "cutoff": _number(given.cutoff, "--cutoff"),
         "shift": _number(given.shift, "--shift"),
-        **given.pick("method", "payload_only", "stribeck_speed", "assume"),
+        "keep_close": _number(given.keep_close, "--keep-close"),
+        **given.pick("method", "payload_only", "stribeck_speed", "assume", "without"),
+        **given.pick("columns", "rate", "topic", "episode"),
     }
-
-
-def _identified(
-    robot: Robot, options: RobotOptions, given: Given, fitting: dict[str, Any]
-) -> identification.IdentifiedRobot:
-    """Fit to the logs, which this process or the workers read."""
-    reading: dict[str, Any] = {
-        "columns": given.columns,
-        "gain": shared.current_gains(given.gain, robot.model, options.drives, of_side=True),
-        "degrees": options.degrees,
-        **given.pick("rate", "topic", "episode"),
-    }
-    with workers_of(given.workers, given.scheduler) as team:
-        return identification.identify(robot, given.logs, test=given.tests, client=team.client, **fitting, **reading)
-
-
-def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Expand folders and patterns to files, sorted by name, and ``demo`` to the bundled log."""
-    found: list[str] = []
-    for text in paths:
-        found += expanded_paths(bundled_file(text, options.source, "_log.csv", "log"))
-    return tuple(found)
 
 
 def _robot(options: RobotOptions, given: Given) -> tuple[Robot, Any]:
@@ -267,27 +222,21 @@ def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
 # ── Files
 
 
-def write_robot(
-    found: identification.IdentifiedRobot, given: Given, strength: float | None, options: RobotOptions
-) -> list[str] | None:
+def write_robot(found: IdentifiedRobot, given: Given, options: RobotOptions) -> list[str] | None:
     """Write the robot file and its actuators, and return notes; None if LOOK AGAIN prevents writing."""
     if found.verdict.word is Word.LOOK_AGAIN and not given.force:
         return None
     if given.out is None and given.out_actuators is None:
         return []
-    if strength is not None:
-        found.__dict__["consistent"] = found.consistent_at(strength)
     before = None if options.drives is None else options.drives.entries
     names = ["+".join(Path(part).name for part in log.split("+")) for log in given.logs]
     return list(found.write(given.out, given.out_actuators, given=before, logs=names, force=given.force))
 
 
-def write_results(found: identification.IdentifiedRobot, given: Given, notes: list[str] | None) -> None:
+def write_results(found: IdentifiedRobot, given: Given, notes: list[str] | None) -> None:
     """Write all other files and print their paths; after LOOK AGAIN only JSON and pictures."""
-    if given.json is not None:
-        given.results = found.to_json(essential=given.essential)
     if given.plot is not None:
-        shared.show_written(found.plot(given.plot))
+        shared.show_written(found.plot(path=given.plot))
     if notes is None:
         if any((given.out, given.out_actuators, given.csv)):
             click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
@@ -295,15 +244,8 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
     for each in notes:
         note(each)
     shared.show_written(given.out, given.out_actuators)
-    low, high = found.interval().T
-    columns = {
-        "group": found.groups,
-        "unit": found.units,
-        "value": found.values,
-        "deviation": found.standard_deviations,
-    }
-    shared.write_csv(given.csv, columns | {"low": low, "high": high, "file": found.prior.mean})
-    shared.show_written(given.csv)
+    if given.csv is not None:
+        shared.show_written(found.to_csv(given.csv))
 
 
 # ── ``excite``: a motion whose log tells most
@@ -351,83 +293,14 @@ def excite_command(options: RobotOptions, given: Given) -> ExitCode:
     given.check_files({"--srdf": given.srdf, **options.files})
     robot = options.load()
     with progress_bar("looking for a motion") as progress:
-        found = identification.exciting_trajectory(
-            robot,
-            given.duration,
-            given.harmonics,
-            clear_of_itself=not given.ignore_self,
-            motor_inertia=not given.no_motor_inertia,
-            friction=parse_friction(given.friction),
-            progress=progress,
-            **given.pick("share", "acceleration", "floor", "criterion", "noise", "seed", "restarts", "step"),
-        )
-    clearance = shared.clearance_along(given, robot, [(found.motion.time, found.motion.q)])
-    answer = found.verdict if clearance is None else found.verdict.joined(clearance.verdict)
-    closest = [] if clearance is None else clearance.lines
-    show(*excitation_view(found, answer, closest, degrees=options.degrees))
+        found = excite(
+            robot, given.duration, given.harmonics, clear_of_itself=not given.ignore_self,
+            motor_inertia=not given.no_motor_inertia, friction=parse_friction(given.friction), degrees=options.degrees,
+            progress=progress, **given.pick(
+                "share", "acceleration", "floor", "criterion", "noise", "seed", "restarts", "step", "clearance", "srdf"
+            ),
+        )  # fmt: skip
+    show_answer(found)
     if given.csv is not None:
-        click.echo(f"wrote {found.to_csv(given.csv, degrees=options.degrees)}")
-    return answer.exit_code
-
-
-def excitation_view(
-    found: identification.ExcitingMotion, answer: Verdict, closest: Sequence[str], *, degrees: bool
-) -> Iterator[Block]:
-    """Verdict, closest links, heading, one row per joint, and one row per group."""
-    yield from _excitation_verdict(found, answer)
-    yield from closest
-    yield ""
-    yield Line(
-        (found.robot.name, Style.STRONG),
-        f"  ·  {number(found.duration)} s, {found.series.harmonics} harmonics, at rest at both ends  ·  condition "
-        f"{number(found.condition)}  ·  log det {number(found.log_det)}  ·  median deviation "
-        f"{number(np.median(found.predicted_deviations), 2)}",
-    )
-    group, share = found.worst
-    yield f"worst deviation: {percent(share, 2)} of the prior's, of {group}"
-    yield _excited_joints(found, degrees=degrees)
-    base = found.information.base
-    units = [unit.replace("^2", "²") for unit in group_units(found.groups, found.robot.model)]
-    of_groups = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
-    yield Table(
-        f"{base.count} groups of parameters, and how sure a log of the motion makes them",
-        words("group", found.groups),
-        words("unit", units, fold=False),
-        of_groups("file", base.project(base.unknown.file_values)),
-        of_groups("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
-        numbers("of prior", found.shares_of_prior, lambda share: percent(share, 2)),
-    )
-
-
-def _excitation_verdict(found: identification.ExcitingMotion, answer: Verdict) -> Iterator[Block]:
-    """Verdict with the least distances or its reasons, one per line."""
-    what = {"itself": "of capsules around links from each other", "floor": "from the floor"}
-    least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
-    distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
-    first, *others = answer.reasons or (distances,)
-    yield Headline(answer.word, f"{first}.")
-    yield from (f"  - {reason}." for reason in others)
-    if answer.reasons and least:
-        yield f"{distances[0].upper()}{distances[1:]}."
-
-
-def _excited_joints(found: identification.ExcitingMotion, *, degrees: bool) -> Table:
-    robot, peaks = found.robot, found.peaks
-    turning = Coordinates.from_model(robot.model).angular_velocity
-    factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
-
-    def shares(part: str, limits: Array) -> list[float | None]:
-        return [v / m if math.isfinite(m) and m > 0 else None for v, m in zip(peaks[part], limits, strict=True)]
-
-    return Table(
-        "",
-        words("joint", robot.model.velocity_names, fold=False),
-        numbers("from", peaks["lower"] * factor, unit=place),
-        numbers("to", peaks["upper"] * factor, unit=place, headed=False),
-        numbers("peak", peaks["velocity"] * factor, unit=speed),
-        numbers("share", shares("velocity", robot.limits.velocity), percent_of_limit),
-        numbers("peak", peaks["acceleration"] * factor, unit=rate),
-        numbers("peak", peaks["torque"], unit=torque),
-        numbers("share", shares("torque", robot.limits.effort), percent_of_limit),
-    )
+        shared.show_written(found.to_csv(given.csv))
+    return found.verdict.exit_code

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.errors import ValueRangeError
 from ..core.estimation.least_squares import (
     Information,
     NormalEquations,
@@ -28,7 +29,7 @@ from ..core.estimation.least_squares import (
     squares_of,
     sum_of,
 )
-from ..core.numbers import number
+from ..core.numbers import number, printed
 from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
@@ -46,6 +47,7 @@ _THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
 """Lower bounds of a prior body: share of its own second moments, share of the robot's mass, share of its reach as radius."""
 _SMALL_DRIVE = 1e-3
 _ROUNDING = 1e-13  # ratio of the eigenvalues of a pseudo-inertia below which it has no Cholesky factor
+_FILE = 25.0  # largest weight of the prior in covariances: deviations of 20 % from the file
 _HOLD = 1e6  # weight of known values, in units of the residuals, per plausible size
 
 
@@ -160,6 +162,21 @@ class PositiveProblem:
             found.append(PositiveFit(strength, self._values(J, x), cost, steps, above))
             last = strength
         return found
+
+    def covariance(self, fit: PositiveFit, C: Array) -> Array:
+        """(p, p) covariance of the parameters at a minimum, for groups with the covariance C (r, r).
+
+        With P the inverse of the prior's Hessian, for a file that is right to 20 % at least, and A the groups by the
+        coordinates of a step: P - P A' (A P A' + C)^-1 A P, in coordinates of a step.
+        """
+        J = np.einsum("nk,kij->nij", fit.values[self._bodies], _TO_PSEUDO)
+        T = self._tangents(np.linalg.cholesky(J), fit.values)
+        P = np.where(np.arange(T.shape[1]) < T.shape[1] - len(self._free), 1.0 / min(fit.strength, _FILE), 1.0)
+        A = self.base.grouping @ T
+        S = (A * P) @ A.T + C
+        size = np.sqrt(S.diagonal())
+        known = np.linalg.solve(S / np.outer(size, size), (A * P) / size[:, None])
+        return np.asarray(T @ (np.diag(P) - (A * P).T @ (known / size[:, None])) @ T.T)
 
     def _values(self, J: Array, x: Array) -> Array:
         values = x.copy()
@@ -366,6 +383,14 @@ class ConsistentRobot:
                 laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
         armature = np.array([inertia.get(joint, 0.0) for joint in model.velocity_names])
         return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))
+
+
+def check_strength(strength: float | None) -> None:
+    """Raise ValueRangeError if a weight of the prior is not one of the available weights."""
+    if strength is not None and not STRENGTHS[-1] <= strength <= STRENGTHS[0]:
+        raise ValueRangeError(
+            f"a strength of {strength!r} is not offered. Give one from {printed(STRENGTHS[-1])} to {printed(STRENGTHS[0])}."
+        )
 
 
 def consistent_robot(

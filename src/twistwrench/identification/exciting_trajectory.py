@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.answer import Answer
+from ..answers.blocks import Block
 from ..core import arguments
 from ..core.blas_threads import one_blas_thread
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from ..core.numbers import number, printed
+from ..core.numbers import number, percent, printed
 from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import Verdict
@@ -22,9 +25,10 @@ from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_of
 from ..motion.motion import Motion
-from ..robot import Robot
+from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
 from ..shapes.capsules import CapsuleDistances, LinkCapsules
+from ..statics.clearance import PathClearance
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
 from .trajectory_search import (
     CRITERIA,
@@ -39,12 +43,17 @@ from .trajectory_search import (
     typical_sizes,
 )
 
+if TYPE_CHECKING:
+    from ..answers.page import Picture, Viewer
+
 _JUDGED = 2001  # minimum number of instants of the final check
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExcitingMotion:
-    """Exciting motion of one robot, at rest at both ends, with the expected accuracy of an identification.
+class ExcitingMotion(Answer):
+    """Exciting motion of one robot, at rest at both ends: result of :func:`twistwrench.excite`.
+
+    It has the accuracy that an identification by a log of the motion is expected to reach.
 
     Attributes
     ----------
@@ -54,7 +63,20 @@ class ExcitingMotion:
     constraints : TrajectoryConstraints, kept by the motion, including the used share of the robot's limits
     information : MotionInformation, objective of the search
     step : float, between samples of :attr:`motion` [s]
+    clearance : PathClearance or None, least distance between links, if it was asked for
+    degrees : bool, True if angles of the report are in degrees
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> found = tw.excite("planar_2r", 4.0, 1, acceleration=3.0, restarts=1)
+    >>> found.verdict.ok, found.facts()["duration"], list(found.sources()), str(next(found.blocks()).word)
+    (False, '4 s', ['ROBOT'], 'UNSURE')
+    >>> [picture.title for picture in found.pictures()]  # doctest: +SKIP
+    ['Motion and limits']
     """
+
+    call: ClassVar[str] = "excite"
 
     robot: Robot
     series: WindowedFourierSeries
@@ -62,12 +84,18 @@ class ExcitingMotion:
     constraints: TrajectoryConstraints
     information: MotionInformation
     step: float
+    clearance: PathClearance | None = None
+    degrees: bool = False
 
-    def __repr__(self) -> str:
-        return (
-            f"<ExcitingMotion of {self.robot.name!r}: {number(self.duration)} s, {self.series.harmonics} harmonics, "
-            f"condition {number(self.condition)}>"
-        )
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot.name
+
+    @property
+    def brief(self) -> str:
+        """Duration, harmonics and condition."""
+        return f"{number(self.duration)} s, {self.series.harmonics} harmonics, condition {number(self.condition)}"
 
     @property
     def bounds(self) -> Limits:
@@ -152,7 +180,10 @@ class ExcitingMotion:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OK only if clearances were checked with the shapes of the robot file; otherwise UNSURE."""
+        """OK only if clearances were checked with the shapes of the robot file; otherwise UNSURE.
+
+        COLLISION or OVER LIMIT by the least distance between links, if it was asked for.
+        """
         capsules, unsure = self.constraints.capsules.capsules, list[str]()
         if capsules.assumed and (self.clearances or self.unwatched):
             count, most = len(capsules.assumed), number(1000.0 * capsules.thickness)
@@ -164,14 +195,91 @@ class ExcitingMotion:
         unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
         near = [(name.replace("floor", "the floor"), 1000.0 * x) for name, x in self.clearances.items() if x <= 0.0]
         unsure += [f"it comes to {number(mm)} mm from {name}" for name, mm in near]
-        return Verdict.from_reasons(unsure=unsure)
+        own = Verdict.from_reasons(unsure=unsure)
+        return own if self.clearance is None else own.joined(self.clearance.verdict)
 
-    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
+    # ── The answer on every surface
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, least distances, a row for each joint, and what a log of the motion determines."""
+        from .views.exciting_motion import excitation_view
+
+        return excitation_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Duration, harmonics and the worst group.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        group, share = self.worst
+        return {
+            "duration": f"{number(self.duration)} s",
+            "harmonics": str(self.series.harmonics),
+            "worst group": f"{group}, {percent(share, 2)} of the prior's deviation",
+        }
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the robot.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {"ROBOT": self.robot.model.source}
+
+    def pictures(self) -> Iterable[Picture]:
+        """Picture of the motion; none if matplotlib is not installed.
+
+        Returns
+        -------
+        pictures : iterable of Picture
+        """
+        from .pictures import excitation_plots, pictures_of_plots
+
+        return pictures_of_plots(excitation_plots(self))
+
+    def viewer(self) -> Viewer | None:
+        """Robot that follows the motion.
+
+        Returns
+        -------
+        viewer : Viewer
+        """
+        from ..reports.drawn_motion import motion_of
+        from ..viz.page import viewer_page
+
+        return viewer_page(self.robot, motion=motion_of(self.robot, self.motion), embed=True)
+
+    def plot(self, kind: str | Path | None = None, path: str | Path | None = None) -> Any:
+        """Draw velocities and torques of the motion relative to their limits.
+
+        Parameters
+        ----------
+        kind : "motion", or a file name
+        path : str or Path, optional, file to write (.png, .pdf, .svg)
+
+        Returns
+        -------
+        figure : matplotlib figure, or Path of the written file
+
+        Raises
+        ------
+        MissingExtraError
+            matplotlib is not installed.
+        """
+        from ..viz.answers import plot_one_of
+        from .pictures import excitation_plots
+
+        return plot_one_of(excitation_plots(self), self, kind, path)
+
+    def to_csv(self, path: str | Path, *, degrees: bool | None = None) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads.
 
         Parameters
         ----------
-        degrees : bool, angles in degrees
+        degrees : bool, optional, angles in degrees; default: as in the report
 
         Raises
         ------
@@ -186,7 +294,7 @@ class ExcitingMotion:
         ...     print(found.to_csv(f"{folder}/motion.csv").read_text().splitlines()[0])
         time,hinge,hinge.vel,hinge.acc
         """
-        return self.motion.to_csv(path, degrees=degrees)
+        return self.motion.to_csv(path, degrees=self.degrees if degrees is None else degrees)
 
 
 # ── Exciting trajectories: motions that determine the base parameters best within all limits
@@ -196,7 +304,7 @@ _MOST_HARMONICS = 50
 
 
 def exciting_trajectory(
-    robot: Robot,
+    robot: Robot | str | Path,
     duration: float = 20.0,
     harmonics: int = 5,
     *,
@@ -215,13 +323,16 @@ def exciting_trajectory(
     seed: int = 0,
     restarts: int = 3,
     step: float = 0.01,
+    clearance: float | None = None,
+    srdf: str | Path | None = None,
+    degrees: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> ExcitingMotion:
     """Exciting motion: a Fourier series at rest at both ends whose log determines the base parameters best.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, path of a robot file, or name of a known robot
         As for :func:`identify`: without actuators, every joint of one degree of freedom.
     duration : float, T, the period of the first harmonic [s]
     harmonics : int, N
@@ -244,6 +355,10 @@ def exciting_trajectory(
     seed : int, seed of the random initial motions
     restarts : int, number of searches; only the best is refined
     step : float, step between samples of the motion [s]
+    clearance : float, optional, also check that links keep this distance [m]
+    srdf : path, optional, file of pairs of links that are left out of ``clearance``
+    degrees : bool, angles of the report and of its CSV file are in degrees
+    progress : callable, optional, called with the completed share
 
     Raises
     ------
@@ -267,7 +382,8 @@ def exciting_trajectory(
     >>> found.motion.violations(tw.trajectories.bounds_of(arm, velocity=2.0, acceleration=8.0, effort=60.0))
     ()
     """
-    require_robot(robot, "exciting_trajectory")
+    robot = require_robot(load(robot) if isinstance(robot, str | Path) else robot, "exciting_trajectory")
+    _check_clearances(clear, clearance, srdf)
     refuse_couplings(robot.model, "exciting_trajectory")
     unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
     rng = arguments.generator(seed, "seed")
@@ -287,24 +403,53 @@ def exciting_trajectory(
     prior = base.weak_sizes(unknown.scales(torque, typical[1], typical[2]))
     information = MotionInformation(base, deviations, speed, series.duration, prior, criterion)
     constraints = TrajectoryConstraints(robot, bounds, speed, _capsules(robot, floor, clear_of_itself), clear)
-    if clear is not None and not callable(clear):
-        raise ValueRangeError(
-            f"clear is {arguments.shown(clear)}: give a function that maps configurations to distances."
-        )
     search = MotionSearch(series, information, constraints, typical, middle)
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
     if step > series.duration / 20:
         raise ValueRangeError(
             f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
         )
+    best = _best_coefficients(search, times, rng, progress, share)
+    found = ExcitingMotion(robot, series, best, constraints, information, step, degrees=degrees)
+    if clearance is None:
+        return found
+    states = [(found.motion.time, found.motion.q)]
+    return replace(found, clearance=PathClearance.along(robot, states, clearance, srdf))
+
+
+excite = exciting_trajectory
+"""Function of the command ``excite``, with the command's name."""
+
+
+def _check_clearances(clear: Clear | None, clearance: float | None, srdf: str | Path | None) -> None:
+    """Raise ValueRangeError for distances that cannot be checked."""
+    if clear is not None and not callable(clear):
+        raise ValueRangeError(
+            f"clear is {arguments.shown(clear)}: give a function that maps configurations to distances."
+        )
+    if clearance is None and srdf is not None:
+        raise ValueRangeError(
+            "srdf=… leaves out pairs of links for clearance=…, and that is not given. Add clearance=…."
+        )
+
+
+def _best_coefficients(
+    search: MotionSearch,
+    restarts: int,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None,
+    share: float,
+) -> Array:
+    """Coefficients of the best motion; raises ValueRangeError if none keeps all limits."""
     with one_blas_thread():  # matrices of tens of rows: further threads only wait
-        best = search.best(times, rng, progress or (lambda _share: None))
+        best = search.best(restarts, rng, progress or (lambda _share: None))
     if best is None:
         raise ValueRangeError(
-            f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "
-            "above the floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
+            f"no motion of {search.constraints.robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} "
+            "of its torques, above the floor and clear of things, near any of many random configurations. Give a larger share "
+            "or a lower floor."
         )
-    return ExcitingMotion(robot, series, search.coefficients(best), constraints, information, step)
+    return search.coefficients(best)
 
 
 def _capsules(robot: Robot, floor: float | None, clear_of_itself: bool) -> CapsuleDistances:

@@ -19,17 +19,20 @@ from ..core.estimation.sampling import moves
 from ..core.third_party import Failure, Workers
 from ..core.typing import Array
 from ..motion.motion import Motion
-from ..robot import Robot
+from ..reports.checked_motions import expanded_paths
+from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
+from ..robots.finding import bundled_file
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .cause_fit import log_fit
+from .consistent import check_strength
 from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
 from .fit_doubts import LEFT_OUT, FittedLog, doubts_of, sorted_doubts
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed, uncoupled
 from .payload import MotorSide, unknown_of
-from .result import IdentifiedRobot
+from .result import IdentifiedRobot, without_links
 from .rows import MOST_ROWS, ROW_RATE, SteadySamples, gap_notes
 
 METHODS = ("irls", "wls", "ols")
@@ -37,7 +40,7 @@ _DEAD = 0.8  # share of rows with one constant torque, from which a measured tor
 
 
 def identify(
-    robot: Robot,
+    robot: Robot | str | Path,
     logs: Log | Sequence[Log],
     *,
     test: Log | Sequence[Log] = (),
@@ -52,6 +55,8 @@ def identify(
     payload_only: str | None = None,
     stribeck_speed: float = STRIBECK_SPEED,
     assume: str | Sequence[str] = (),
+    without: Sequence[str] = (),
+    keep_close: float | None = None,
     columns: Mapping[str, str] | None = None,
     rate: float | None = None,
     degrees: bool = False,
@@ -65,9 +70,9 @@ def identify(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, path of a robot file, or name of a known robot
         Robot without actuators. Groups that the logs do not determine keep the values of its file.
-    logs : Motion, path, or sequence of them
+    logs : Motion, path, folder, pattern of paths, or sequence of them; "demo": the log bundled with a robot
         Logs with torques, on a fixed base.
     test : Motion, path, or sequence of them, optional
         Test logs that are not used for the fit. Without test logs, each fifth of the time is predicted from the others,
@@ -89,6 +94,8 @@ def identify(
         ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``,
         ``both-signs``, ``degrees`` and ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and
         ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``; ``time-scale``.
+    without : sequence of str, links that the robot of the logs lacks, as for :func:`without_links`
+    keep_close : float, optional, weight γ of the prior of physically consistent bodies; None: chosen by cross-validation
     columns, rate, degrees, gain, topic, episode : options for reading files, as for
         :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the logs; results do not depend on it, to the bit
@@ -97,6 +104,7 @@ def identify(
     Returns
     -------
     found : IdentifiedRobot
+        ``found.verdict``, ``found.robot``, ``found.parameters``, ``found.write(path)``.
 
     Raises
     ------
@@ -120,11 +128,17 @@ def identify(
     >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
     >>> motion = tw.Motion(t, q, robot=arm)
     >>> log = tw.Motion(t, q, tau=motion.torques() + 0.2 * np.sign(motion.dq), robot=arm)
-    >>> found = tw.identification.identify(arm, log, motor_inertia=False)
+    >>> found = tw.identify(arm, log, motor_inertia=False)
     >>> found.held_out.all < 0.05, found.base.count
     (True, 12)
+    >>> print(tw.identify("planar_2r", "demo").headline)
+    OK: predicts torques to 1.74 % (worst joint joint1, 1.77 %), in 5-fold cross-validation over time.
     """
-    require_robot(robot, "identify")
+    loaded = require_robot(load(robot) if isinstance(robot, str | Path) else robot, "identify")
+    bundled = str(robot) if isinstance(robot, str | Path) else loaded.name
+    robot = without_links(loaded, without)
+    check_strength(keep_close)
+    logs, test = log_paths(logs, bundled), log_paths(test, bundled)
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
     asked, wanted = fit_options(cutoff, friction_speed, shift), wanted_causes(assume, robot.model.velocity_names)
@@ -145,7 +159,20 @@ def identify(
         for source, one in zip((*sources, *tests), read, strict=True)
         if isinstance(one, Failure)
     ]
-    return _identified(unknown, robot, trained, tested, asked, method, tell, payload_only, wanted, lost)
+    found = _identified(unknown, robot, trained, tested, asked, method, tell, payload_only, wanted, lost)
+    files = tuple(str(log) for log in (*logs, *test) if isinstance(log, str | Path))
+    return replace(found, strength=keep_close, logs=files)
+
+
+def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
+    """Logs, with the files of folders and patterns, sorted by name, and ``demo`` as the log bundled with a robot."""
+    found = list[Log]()
+    for log in (given,) if isinstance(given, Motion | str | Path) else given:
+        if isinstance(log, str | Path):
+            found += expanded_paths(bundled_file(str(log), robot, "_log.csv", "log"))
+        else:
+            found.append(log)
+    return found
 
 
 def log_sources(

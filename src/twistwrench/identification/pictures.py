@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ..answers.page import Picture
+from ..answers.page import MarkedJoint, Picture
 from ..core.numbers import number, percent
 from ..mechanics.joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates
 from ..viz import style
+from ..viz.pictures import Plot, drawn, robot_picture
 from ..viz.plots.diagnosis import VIEWS, draw_inertias
+from ..viz.plots.motion import plot_motion
 
 if TYPE_CHECKING:
+    from .exciting_trajectory import ExcitingMotion
     from .result import IdentifiedRobot
 
 _BAND, _FAR = 1.96, 4.0
@@ -122,7 +126,22 @@ _ABREAST = 4
 _PURPOSE = "Drawing the identification"
 
 
-def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
+def identification_plots(found: IdentifiedRobot) -> Mapping[str, Plot]:
+    """Kinds of plots of an identification."""
+    return {"identification": lambda path: plot_identification(found, path)}
+
+
+def excitation_plots(found: ExcitingMotion) -> Mapping[str, Plot]:
+    """Kinds of plots of an exciting motion."""
+    return {"motion": lambda path: plot_motion(found.motion, path, found.bounds, friction=True)}
+
+
+def pictures_of_plots(plots: Mapping[str, Plot]) -> Iterable[Picture]:
+    """Each plot as a picture of a page; none if matplotlib is not installed."""
+    return [] if find_spec("matplotlib") is None else [drawn(kind, plot) for kind, plot in plots.items()]
+
+
+def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
     """Draw measured and predicted torques of held-out rows, groups with intervals, and the weight of the prior."""
     names = found.held_out.names
     height = 2.1 * len(names) + 4.6
@@ -137,7 +156,17 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
 
 
 def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
-    """Pictures of the report: torques, residuals, friction, groups, the weight of the prior, and bodies."""
+    """Pictures of the report: robot, torques, residuals, friction, groups, the weight of the prior, and bodies."""
+    if find_spec("matplotlib") is None:
+        return []
+    worst = found.worst
+    marked = None if worst is None else MarkedJoint(worst[0], f"{worst[0]}, the largest share left unexplained")
+    still = robot_picture(found.original, None, marked, found.original.name)
+    return [still, *_plots_of_report(found)]
+
+
+def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
+    """Torques, residuals, friction, groups, the weight of the prior, and bodies."""
     names, count = found.held_out.names, len(found.base.unknown.bodies)
     friction = len(frictional(found))
     height = 2.3 * style.panel_grid(max(friction, 1), _ABREAST)[0]

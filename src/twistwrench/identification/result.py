@@ -2,41 +2,49 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from ..answers.answer import Answer
+from ..answers.blocks import Block
 from ..core.doubts import Doubt, verdict_from_doubts
-from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.errors import UnknownNameError
 from ..core.estimation.covariance import GroupCovariance
 from ..core.estimation.cross_validation import HeldOut
 from ..core.estimation.least_squares import NormalEquations, Prior
-from ..core.files import as_path, replacing
+from ..core.files import as_path
 from ..core.glossary import complete
-from ..core.numbers import percent, printed
+from ..core.numbers import percent
+from ..core.tables import csv_table
 from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.model import BASE
 from ..robot import Robot
-from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
+from .body_changes import BodyChanges, body_changes
+from .consistent import ConsistentRobot, ModelResiduals, check_strength, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
 from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
+
+if TYPE_CHECKING:
+    from ..answers.page import Picture
 
 _POOR = 0.3  # relative deviation from which a group is poorly determined
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IdentifiedRobot:
+class IdentifiedRobot(Answer):
     """Identified robot: groups of parameters that the logs determine, with their uncertainty.
+
+    Result of :func:`twistwrench.identify`.
 
     Attributes
     ----------
@@ -54,6 +62,8 @@ class IdentifiedRobot:
     sizes : (p,) array, largest plausible sizes of the unknown parameters
     payload_frame : str or None, frame of the payload if only a payload was identified
     notes : tuple of str, on omitted rows and pauses of the logs
+    strength : float or None, weight γ of the prior of :attr:`consistent`; None: chosen by cross-validation
+    logs : tuple of str, paths of the logs and of the test logs that were read from files
 
     Examples
     --------
@@ -64,14 +74,19 @@ class IdentifiedRobot:
     >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm))
     >>> found.interval().shape, found.consistent_at(1.0).inertias[0].defects()
     ((13, 2), [])
-    >>> found.to_dict()["base_parameters"], found.to_json()[0]
-    (13, '{')
+    >>> found.to_dict()["base_parameters"], found.brief, list(found.facts()), len(list(found.blocks())) > 5
+    (13, '0.192 %', ['unexplained', 'worst joint', 'groups'], True)
+    >>> list(found.sources()), [picture.title for picture in found.pictures()][1]
+    (['ROBOT'], 'Torques of rows held out')
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     notes = found.write(f"{folder}/new.urdf", f"{folder}/new.yaml")
     ...     picture, page = found.plot(f"{folder}/fit.svg"), found.report(f"{folder}/report.html")
-    ...     tw.load(f"{folder}/new.urdf").nv, picture.name, page.read_text()[:15]
-    (2, 'fit.svg', '<!doctype html>')
+    ...     table = found.to_csv(f"{folder}/groups.csv").read_text().partition(",")[0]
+    ...     tw.load(f"{folder}/new.urdf").nv, picture.name, page.read_text()[:15], table
+    (2, 'fit.svg', '<!doctype html>', 'group')
     """
+
+    call: ClassVar[str] = "identify"
 
     original: Robot
     base: BaseParameters
@@ -87,23 +102,21 @@ class IdentifiedRobot:
     sizes: Array
     payload_frame: str | None = None
     notes: tuple[str, ...] = ()
+    strength: float | None = None
+    logs: tuple[str, ...] = ()
     _fifths: tuple[NormalEquations, ...] = ()
     """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
 
-    def __repr__(self) -> str:
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.original.name
+
+    @property
+    def brief(self) -> str:
+        """Share of the torques left unexplained in rows held out, and assumed causes."""
         assumed = f", assuming {listed(self.settings.assumed, 3)}" if self.settings.assumed else ""
-        return (
-            f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {percent(self.held_out.all, 3)} held out "
-            f"({self.held_out.kind}), {self.verdict.word}{assumed}>"
-        )
-
-    def _repr_html_(self) -> str:
-        from ..core.tables import html_table
-
-        left = percent(self.held_out.all, 3)
-        title = f"{self.verdict}: {self.original.name}, {left} of the torques unexplained in rows held out"
-        rows = ((name, percent(x, 3)) for name, x in self.held_out.joints.items())
-        return html_table(title, ("joint", "unexplained"), rows)
+        return f"{percent(self.held_out.all, 3)}{assumed}"
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -123,7 +136,35 @@ class IdentifiedRobot:
     @cached_property
     def consistent(self) -> ConsistentRobot:
         """Robot with physically consistent bodies, as near to the file's as held-out predictions allow."""
-        return self.consistent_at(None)
+        return self.consistent_at(self.strength)
+
+    @cached_property
+    def body_changes(self) -> BodyChanges:
+        """Masses and centres of mass against the file's, with deviations, and a tool that the robot may carry."""
+        return body_changes(self)
+
+    @property
+    def worst(self) -> tuple[str, float] | None:
+        """Joint with the largest unexplained share of its torque in rows held out, and that share; None without torques."""
+        known = {name: share for name, share in self.held_out.joints.items() if math.isfinite(share)}
+        name = max(known, key=lambda joint: known[joint], default=None)
+        return None if name is None else (name, known[name])
+
+    @property
+    def free_count(self) -> int:
+        """Number of groups that were not held at known values."""
+        return int((~self.base.held).sum())
+
+    @property
+    def offsets(self) -> Mapping[str, float]:
+        """Offset of the torque of each joint that has a group of its own; 0 if 0 is inside its interval."""
+        names = [f"{joint}.offset" for joint in self.original.model.velocity_names]
+        low, high = self.interval().T
+        at = {name: self.groups.index(name) for name in names if name in self.groups}
+        return {
+            name.removesuffix(".offset"): 0.0 if low[k] <= 0.0 <= high[k] else float(self.values[k])
+            for name, k in at.items()
+        }
 
     def consistent_at(self, strength: float | None) -> ConsistentRobot:
         """Consistent robot for a given weight of the prior.
@@ -141,12 +182,7 @@ class IdentifiedRobot:
         ValueRangeError
             The strength is not one of the available weights.
         """
-        from .consistent import STRENGTHS
-
-        if strength is not None and not STRENGTHS[-1] <= strength <= STRENGTHS[0]:
-            raise ValueRangeError(
-                f"a strength of {strength!r} is not offered. Give one from {printed(STRENGTHS[-1])} to {printed(STRENGTHS[0])}."
-            )
+        check_strength(strength)
         fifths = [fifth.together() for fifth in self._fifths]
         return consistent_robot(self.base, self.values, self.sizes, fifths, self.prior, strength)
 
@@ -259,16 +295,89 @@ class IdentifiedRobot:
 
         return write_identified(self, path, actuators, given, logs, force=force)
 
-    def plot(self, path: str | Path) -> Path:
+    def report(self, path: str | Path) -> Path:
+        """Write the page of :meth:`to_html`.
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        ValueRangeError
+            The file cannot be written.
+        """
+        return self.to_html(path)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write groups with values, deviations, 95 % intervals and the values of the file as a table, in SI units.
+
+        Returns
+        -------
+        path : Path of the file written
+        """
+        low, high = self.interval().T
+        columns = {
+            "group": self.groups,
+            "unit": self.units,
+            "value": self.values,
+            "deviation": self.standard_deviations,
+        }
+        columns |= {"low": low, "high": high, "file": self.prior.mean}
+        with csv_table(path, columns) as table:
+            for row in zip(*columns.values(), strict=True):
+                table.row(row)
+        return as_path(path)
+
+    # ── The answer on every surface
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, doubts, bodies and joints against the file; groups and settings in the full form."""
+        from .views.identified_robot import identification_view
+
+        return identification_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Unexplained share of the torques, the joint with the largest share, and the number of groups.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        worst = {} if self.worst is None else {"worst joint": f"{self.worst[0]}, {percent(self.worst[1], 3)}"}
+        return {"unexplained": percent(self.held_out.all, 3), **worst, "groups": str(self.free_count)}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the robot and of the logs.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {"ROBOT": self.original.model.source, **{f"LOG {path}": path for path in self.logs}}
+
+    def pictures(self) -> Iterable[Picture]:
+        """Robot, torques, residuals, friction, groups, and bodies; none if matplotlib is not installed.
+
+        Returns
+        -------
+        pictures : iterable of Picture
+        """
+        from .pictures import identification_pictures
+
+        return identification_pictures(self)
+
+    def plot(self, kind: str | Path | None = None, path: str | Path | None = None) -> Any:
         """Plot measured and predicted torques of held-out rows, groups with intervals, and residuals by γ.
 
         Parameters
         ----------
-        path : str or Path; the suffix determines the format (.png, .pdf, .svg)
+        kind : "identification", or a file name
+        path : str or Path, optional; the suffix determines the format (.png, .pdf, .svg)
 
         Returns
         -------
-        path : Path of the file written
+        figure : matplotlib figure, or Path of the file written
 
         Raises
         ------
@@ -277,41 +386,13 @@ class IdentifiedRobot:
         ValueRangeError
             The file cannot be written.
         """
-        from .pictures import plot_identification
+        from ..viz.answers import plot_one_of
+        from .pictures import identification_plots
 
-        return plot_identification(self, path)
+        return plot_one_of(identification_plots(self), self, kind, path)
 
-    def report(self, path: str | Path) -> Path:
-        """Write a report as one HTML page: verdict, doubts, residuals, plots and all groups.
-
-        Returns
-        -------
-        path : Path of the file written
-
-        Raises
-        ------
-        MissingExtraError
-            Matplotlib is missing.
-        ValueRangeError
-            The file cannot be written.
-        """
-        from ..answers.page import ReportPage
-        from .pictures import identification_pictures
-        from .report import bodies_view, identification_view
-
-        target, blocks = as_path(path), list(identification_view(self))
-        pictures, details = identification_pictures(self), list(bodies_view(self))
-        page = ReportPage("identify", self.original.name, blocks, details=details, pictures=pictures).html()
-        with replacing(target) as scratch:
-            scratch.write_text(page, encoding="utf-8")
-        return target
-
-    def to_dict(self, *, essential: bool = False) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Dictionary of plain data in SI units, as written by ``--json``.
-
-        Parameters
-        ----------
-        essential : bool, include the essential groups
 
         Returns
         -------
@@ -319,16 +400,14 @@ class IdentifiedRobot:
         """
         names = self.original.model.velocity_names
         speeds = dict(zip(names, self.settings.friction_speed.tolist(), strict=True))
-        return {
-            "robot": self.original.name,
-            "verdict": str(self.verdict.word),
+        own = {
             "doubts": [doubt.to_dict() for doubt in self.doubts],
             "notes": list(self.notes),
             "assumed": [asdict(one) for one in self.settings.assumed],
             "undetermined": self.undetermined,
             "base_parameters": self.base.count,
-            "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": _known(self.held_out.joints)},
-            "training": {"all": self.trained.all, "joints": _known(self.trained.joints)},
+            "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": self.held_out.joints},
+            "training": {"all": self.trained.all, "joints": self.trained.joints},
             "settings": {
                 "method": self.method,
                 "cutoff": self.settings.cutoff,
@@ -348,29 +427,20 @@ class IdentifiedRobot:
             },
             "poorly_determined": list(self.poorly_determined),
             "held": {self.groups[k]: float(self.values[k]) for k in np.flatnonzero(self.base.held)},
-            "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True))
-            if essential
-            else None,
+            "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True)),
+            "bodies": self.body_changes.to_list(),
             "payload": None if self.payload is None else self.payload.to_dict(),
         }
-
-    def to_json(self, *, essential: bool = False) -> str:
-        """Return :meth:`to_dict` as JSON text.
-
-        Parameters
-        ----------
-        essential : bool, as for :meth:`to_dict`
-
-        Returns
-        -------
-        text : str
-        """
-        return json.dumps(self.to_dict(essential=essential), indent=2, ensure_ascii=False) + "\n"
+        return {**super().to_dict(), **_known(own)}
 
 
-def _known(values: Mapping[str, float]) -> dict[str, float | None]:
+def _known(data: Any) -> Any:
     """Replace numbers that JSON cannot represent by None."""
-    return {name: value if math.isfinite(value) else None for name, value in values.items()}
+    if isinstance(data, dict):
+        return {name: _known(value) for name, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_known(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 # ── Robot without some of its links

@@ -67,7 +67,11 @@ def _of_size(viewer: Viewer) -> Viewer | None:
 
 def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
     """Draw a kind of plot of an answer into a file, or as a figure without one; a file alone gets the usual kind."""
-    known = plots_of(answer)
+    return plot_one_of(plots_of(answer), answer, kind, path)
+
+
+def plot_one_of(known: Mapping[str, Plot], answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
+    """Draw one of these plots of an answer into a file, or as a figure without one."""
     if not known:
         raise ValueRangeError(f"a {type(answer).__name__} has no picture. Its tables: {', '.join(answer.tables)}.")
     if path is None and kind is not None and (not isinstance(kind, str) or Path(kind).suffix):

@@ -1,0 +1,1 @@
+"""Reports of identifications and of exciting motions, in blocks."""

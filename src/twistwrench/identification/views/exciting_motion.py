@@ -1,0 +1,110 @@
+"""Report of an exciting motion, in blocks: verdict, distances, a row for each joint, and what a log of it determines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...answers.blocks import Block, Headline, Level, Line, More, Table, numbers, words
+from ...core.colours import Style
+from ...core.numbers import number, percent, percent_of_limit
+from ...core.typing import Array
+from ...mechanics.joints.units import heading_unit
+from ...motion.coordinates import Coordinates
+from ..parameters import group_units
+
+if TYPE_CHECKING:
+    from ..exciting_trajectory import ExcitingMotion
+
+_MOST_ROWS = 12
+_WELL, _NOT_AT_ALL = 0.1, 0.99
+"""Deviations of a well and of a not determined group, as shares of its largest plausible size."""
+
+
+def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
+    """Verdict, closest links, heading, one row per joint, what a log determines, and one row per group."""
+    yield from _verdict(found)
+    if found.clearance is not None:
+        yield from found.clearance.lines
+    yield ""
+    yield Line(
+        (found.robot.name, Style.STRONG),
+        f"  ·  {number(found.duration)} s, {found.series.harmonics} harmonics, at rest at both ends",
+    )
+    yield Line(
+        f"condition {number(found.condition)}  ·  log det {number(found.log_det)}  ·  median deviation "
+        f"{number(np.median(found.predicted_deviations), 2)}",
+        level=Level.ALL,
+    )
+    yield _joints(found)
+    yield from _information(found)
+    yield More(f"{found.information.base.count} groups of parameters with their deviations")
+    yield _groups(found)
+
+
+def _verdict(found: ExcitingMotion) -> Iterator[Block]:
+    """Verdict with the least distances or its reasons, one per line."""
+    what = {"itself": "of capsules around links from each other", "floor": "from the floor"}
+    least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
+    distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
+    first, *others = found.verdict.reasons or (distances,)
+    yield Headline(found.verdict.word, f"{first}.")
+    yield from (f"  - {reason}." for reason in others)
+    if found.verdict.reasons and least:
+        yield f"{distances[0].upper()}{distances[1:]}."
+
+
+def _joints(found: ExcitingMotion) -> Table:
+    robot, peaks, degrees = found.robot, found.peaks, found.degrees
+    turning = Coordinates.from_model(robot.model).angular_velocity
+    factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
+    place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
+
+    def shares(part: str, limits: Array) -> list[float | None]:
+        return [v / m if math.isfinite(m) and m > 0 else None for v, m in zip(peaks[part], limits, strict=True)]
+
+    of_velocity, of_torque = shares("velocity", robot.limits.velocity), shares("torque", robot.limits.effort)
+    return Table(
+        "",
+        words("joint", robot.model.velocity_names, fold=False),
+        numbers("from", peaks["lower"] * factor, unit=place),
+        numbers("to", peaks["upper"] * factor, unit=place, headed=False),
+        numbers("peak", peaks["velocity"] * factor, unit=speed),
+        numbers("share", of_velocity, percent_of_limit),
+        numbers("peak", peaks["acceleration"] * factor, unit=rate),
+        numbers("peak", peaks["torque"], unit=torque),
+        numbers("share", of_torque, percent_of_limit),
+        most=_MOST_ROWS,
+        by=[max(a or 0.0, b or 0.0) for a, b in zip(of_velocity, of_torque, strict=True)],
+    )
+
+
+def _information(found: ExcitingMotion) -> Iterator[Line]:
+    """Number of groups that a log of the motion determines well, and the worst of them."""
+    shares, (group, share) = found.shares_of_prior, found.worst
+    how = "not at all" if share > _NOT_AT_ALL else f"to {percent(share, 2)} of it"
+    yield Line(
+        f"A log of it determines {int((shares < _WELL).sum())} of {len(shares)} groups to better than 10 % of their plausible "
+        f"size; worst: {group} ({how})."
+    )
+    if share > _WELL:
+        yield Line("→ A longer duration, or several logs of the motion, determine more.")
+
+
+def _groups(found: ExcitingMotion) -> Table:
+    base = found.information.base
+    units = [unit.replace("^2", "²") for unit in group_units(found.groups, found.robot.model)]
+    of_groups = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
+    return Table(
+        f"{base.count} groups of parameters, and how sure a log of the motion makes them",
+        words("group", found.groups),
+        words("unit", units, fold=False),
+        of_groups("file", base.project(base.unknown.file_values)),
+        of_groups("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
+        numbers("of prior", found.shares_of_prior, lambda share: percent(share, 2)),
+        level=Level.ALL,
+    )
