@@ -2,47 +2,70 @@
 
 from __future__ import annotations
 
-import json
+import json as json_
 from functools import partial
 
 import click
 
+from ..core.files import check_outputs, refuse_existing
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
 from ..reports.checked_motions import expanded_paths
 from ..reports.log_report import LogReport, check_log
-from .main import Given, command
-from .shared import CHOICE, JSON, worker_options
+from .main import plain_command
+from .shared import CHOICE, JSON, worker_options, write_text
+from .skin import ALL, OVERWRITE
 from .terminal import progress_bar, show
 
 
-@command(
+@plain_command(
     "log",
-    CHOICE,
-    JSON,
-    worker_options,
     click.argument("files", metavar="FILE...", nargs=-1, required=True),
-    examples_=("log log.csv", "log 'monday/*.csv' --json logs.json"),
+    CHOICE,
+    worker_options,
+    JSON,
+    OVERWRITE,
+    ALL,
+    examples=("log log.csv", "log 'monday/*.csv' --json logs.json"),
 )
-def log_command(given: Given) -> ExitCode:
+def log_command(
+    files: tuple[str, ...],
+    topic: str | None,
+    episode: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    json: str | None,
+    overwrite: bool,
+    whole_report: bool,  # noqa: ARG001  read by :func:`.terminal.show`
+) -> ExitCode:
     """Check the columns of a log: rates, gaps, repeated stamps, and range, grid and noise of each column.
 
     FILE may be a folder, or a pattern in quotes. Several files of one log are written a.csv+b.csv. Files that cannot be read
     are reported last, with exit code 2.
     """
     failed: list[tuple[str, str]] = []
-    paths = [path for text in given.files for path in expanded_paths(text)]
+    paths = [path for text in files for path in expanded_paths(text)]
+    if json is not None and json != "-":
+        check_outputs({"--json": json}, {f"FILE {path}": path for path in paths})
+        refuse_existing(json, overwrite=overwrite)
     found: list[LogReport] = []
-    with progress_bar(f"{len(paths)} files") as progress, workers_of(given.workers, given.scheduler) as team:
-        read = partial(check_log, **given.pick("topic", "episode"))
+    with progress_bar(f"{len(paths)} files") as progress, workers_of(workers, scheduler) as team:
+        read = partial(check_log, topic=topic, episode=episode)
         for path, result in zip(paths, team.results(read, paths, progress), strict=True):
             if isinstance(result, Failure):
                 failed.append((path, result.reason))
             else:
                 found.append(result)
-    if given.json is not None:
-        given.results = json.dumps([report.to_dict() for report in found], indent=2) + "\n"
-    show(*(block for report in found for block in report.blocks()))
+    if json == "-":
+        click.echo(_data(found))
+    else:
+        show(*(block for report in found for block in report.blocks()))
+        if json is not None:
+            write_text(json, f"{_data(found)}\n")
     for path, reason in failed:
         click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE
+
+
+def _data(found: list[LogReport]) -> str:
+    return json_.dumps([report.to_dict() for report in found], indent=2)

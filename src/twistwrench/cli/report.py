@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
-from urllib.parse import quote
 
 from ..answers.answer import Answer
 from ..answers.blocks import Block
 from ..answers.data import report_data
-from ..answers.page import Picture, ReportPage, Viewer, answer_page, provenance, versions, without_folders
+from ..answers.page import Picture, ReportPage, answer_page, provenance, versions, without_folders
 from ..core.files import replacing
 from ..core.version import __version__
 from ..reports.robot_summary import limits_table
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
 REPORT = option_group(
     option("--report OUT.html", "Write a report as one self-contained page."),
     option("--full-paths", "Show full paths of files in --report."),
-)
-PAGE = option(
-    "--html OUT.html", "Write a page that shows the result in a browser; --report in the same folder links to it."
 )
 
 
@@ -93,7 +89,6 @@ def write_report(
     limits: Limits | None = None,
     degrees: bool = False,
     used: Iterable[tuple[str, str]] = (),
-    viewer: Viewer | None = None,
 ) -> None:
     """Write the page of --report if there is one.
 
@@ -121,7 +116,6 @@ def write_report(
         ],
         tables=[] if robot is None or limits is None else [limits_table(robot.model, limits, degrees=degrees)],
         shorten=shorten,
-        viewer=viewer,
     )
     with replacing(given.report) as scratch:
         scratch.write_text(page.html(), encoding="utf-8")
@@ -139,18 +133,6 @@ def write_json(given: Given, code: int | None) -> None:
         data |= {"notes": [*data["notes"], *notes], "version": __version__}
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
     write_text(given.json or "", text)
-
-
-def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> str:
-    """Write the page of --html if requested; returns its address with the ``state`` for a report beside it, else empty."""
-    if given.html is None:
-        return ""
-    from ..viz.page import write_page
-
-    path = write_page(robot, given.html, **shown)
-    show_written(path)
-    beside = given.report is not None and Path(given.report).resolve().parent == path.resolve().parent
-    return f"{quote(path.name)}{state}" if beside else ""
 
 
 def _moving(robot: Robot | None) -> Iterator[tuple[str, str]]:

@@ -553,10 +553,12 @@ def current_gains(
     return {name: 1.0 if name.removesuffix(".current") in applied else gain for name, gain in found.items()}
 
 
-def clearance_along(given: Given, robot: Robot, samples: Iterable[tuple[Array, Array]] | None) -> PathClearance | None:
+def clearance_along(
+    clearance: float | None, srdf: str | None, robot: Robot, samples: Iterable[tuple[Array, Array]] | None
+) -> PathClearance | None:
     """Clearance along a motion, given in chunks of times and configurations, if --clearance is given."""
-    if given.clearance is None:
-        if given.srdf is not None:
+    if clearance is None:
+        if srdf is not None:
             raise ValueRangeError(
                 "--srdf leaves out pairs of links for --clearance, and that is not given. Add --clearance."
             )
@@ -565,7 +567,7 @@ def clearance_along(given: Given, robot: Robot, samples: Iterable[tuple[Array, A
         raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")
     from ..statics.clearance import PathClearance
 
-    return PathClearance.along(robot, samples, given.clearance, given.srdf)
+    return PathClearance.along(robot, samples, clearance, srdf)
 
 
 def clearance_verdict(clearance: PathClearance | None) -> list[Block]:

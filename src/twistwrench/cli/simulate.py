@@ -2,37 +2,80 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeAlias
 
-from ..answers.blocks import Headline
+from ..answers.answer import Answer
+from ..answers.blocks import Block, Headline
 from ..core.arguments import parse_numbers
 from ..core.errors import SimulationError, ValueRangeError
-from ..core.verdict import ExitCode, Word
+from ..core.verdict import Verdict, Word
 from ..motion.coordinates import configuration_of, degrees_hint, parse_rates
+from ..motion.load_case import LoadCase, parse_payload, parse_wrenches
 from ..motion.model_doubts import friction_words
 from ..robot import Robot
 from ..simulation.contact import Plane
+from ..simulation.result import SimulationResult
 from . import shared
-from .main import Given, note, noted_if_failed, option, with_option_names
-from .report import REPORT, write_report
-from .shared import RobotOptions, robot_command
-from .terminal import progress_bar, show, show_answer
+from .main import noted_if_failed, option, with_option_names
+from .report import Report
+from .shared import RobotOptions
+from .skin import Asked, File, Outputs, command_of, picture_file, table_file
+from .terminal import progress_bar
 
 _CONTACT = "1e5,0.3,0.5"
 
 
-@robot_command(
+@dataclass(frozen=True, eq=False, repr=False)
+class RefusedSimulation(Answer):
+    """Simulation that was not begun, since its loads contradict themselves."""
+
+    call: ClassVar[str] = "simulate"
+
+    robot: str
+    contradictions: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN."""
+        return Verdict(Word.LOOK_AGAIN, self.contradictions)
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.robot
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict."""
+        yield Headline(Word.LOOK_AGAIN, f"{'; '.join(self.contradictions)}.")
+
+
+Simulated: TypeAlias = SimulationResult | RefusedSimulation
+
+
+def _is_simulated(answer: Simulated) -> bool:
+    return isinstance(answer, SimulationResult)
+
+
+def _is_cut_off(answer: Simulated) -> bool:
+    return isinstance(answer, SimulationResult) and answer.interrupted
+
+
+def _result(answer: Simulated) -> SimulationResult:
+    assert isinstance(answer, SimulationResult)
+    return answer
+
+
+def _used(answer: Simulated) -> list[tuple[str, str]]:
+    if not isinstance(answer, SimulationResult) or answer.simulated is None:
+        return []
+    return [("method", f"{answer.method}, {friction_words(answer.simulated.model, counted=answer.friction)}")]
+
+
+@command_of(
     "simulate",
-    option("--duration SECONDS", "Duration of the motion.", default=1.0),
-    option("--step SECONDS", "Time between two states.", default=1e-3),
-    option(
-        "--method NAME",
-        "Integrator: dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.",
-        default="dopri5",
-    ),
+    Robot.simulate,
     shared.AT,
     option(
         "--velocity JOINT=VALUE",
@@ -55,72 +98,92 @@ _CONTACT = "1e5,0.3,0.5"
         "--contact k,c,mu",
         f"Stiffness [N/m^1.5], dissipation [s/m] and friction of --ground.  [default: {_CONTACT}]",
     ),
-    option("--rtol", "Relative tolerance of a dopri5 step.", default=1e-8),
-    option("--every N", "Keep every N-th state.", default=1),
-    shared.csv_option("Write the motion, which torques and view read"),
-    shared.JSON,
-    option("--npz OUT.npz", "Write all arrays in NumPy format."),
-    option("--plot OUT.png", "Draw joints, energies and drift."),
-    REPORT,
+    shared.DEGREES,
+    files=(
+        table_file(
+            lambda answer, path: _result(answer).to_csv(path, degrees=_result(answer).degrees),
+            "Write the motion, which torques and view read",
+            exists=_is_simulated,
+            keeps=_is_cut_off,
+        ),
+        File(
+            "--npz OUT.npz",
+            "Write all arrays in NumPy format.",
+            lambda answer, path: _result(answer).to_npz(path),
+            exists=_is_simulated,
+            keeps=_is_cut_off,
+        ),
+        picture_file("Draw joints, energies and drift.", exists=_is_simulated, keeps=_is_cut_off),
+    ),
+    report=Report(
+        robot=lambda answer: _result(answer).simulated if _is_simulated(answer) else None,
+        limits=lambda answer: (
+            answer.simulated.limits if isinstance(answer, SimulationResult) and answer.simulated else None
+        ),
+        in_degrees=lambda answer: isinstance(answer, SimulationResult) and answer.degrees,
+        used=_used,
+    ),
     examples=("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
+    left_out=(
+        *("q0", "dq0", "tau", "wrench_on_robot", "friction", "limits", "contacts"),
+        *("controller", "creep", "events", "atol", "max_step"),
+    ),
 )
-def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
+def simulate_command(
+    robot: RobotOptions,
+    asked: Asked,
+    outputs: Outputs[Simulated],
+    at: tuple[str, ...],
+    velocity: tuple[str, ...],
+    torque: tuple[str, ...],
+    payloads: tuple[str, ...],
+    wrenches: tuple[str, ...],
+    no_friction: bool,
+    clearance: float | None,
+    srdf: str | None,
+    stop_at_limits: bool,
+    touch: tuple[str, ...],
+    ground: float | None,
+    contact: str | None,
+) -> Simulated:
     """Simulate a motion, and report states, energy drift and events.
 
     DONE: no limit is judged unless torques are given (--torque), and no distance without --clearance. Exit code: 1 if
     given torques pass a limit, if the motion ended before its duration, at a limit with --stop-at-limits or because
     integration failed, or if links come too near (--clearance). The motion until then is printed and written.
     """
-    given.check_files({"--srdf": given.srdf, **options.files})
-    load = shared.load_case(options.load(), options, given)
+    loads = tuple(parse_payload(text, robot.tip) for text in payloads)
+    load = LoadCase(robot.load(), loads, parse_wrenches(wrenches), friction=not no_friction)
     if load.contradictions:
-        show(Headline(Word.LOOK_AGAIN, f"{'; '.join(load.contradictions)}."))
-        return ExitCode.NO
-    loaded, friction = load.with_load, load.friction
-    result: Any
-    failure: BaseException | None = None
-    q0 = configuration_of(loaded, given.at, what="--at", degrees=options.degrees)
+        return RefusedSimulation(load.robot.name, tuple(load.contradictions))
+    loaded, degrees = load.with_load, robot.degrees
+    q0 = configuration_of(loaded, at, what="--at", degrees=degrees)
+    dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
+    tau = parse_rates(loaded, torque, "--torque", degrees=False) if torque else None
+    planes = _planes(loaded, touch, ground, contact)
     hints = [*filter(None, [degrees_hint(loaded, q0)]), *load.unit_hints]
-    dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
-    settings: dict[str, Any] = {
-        **given.pick("method", "rtol", "every"),
-        "tau": parse_rates(loaded, given.torque, "--torque", degrees=False) if given.torque else None,
-        "wrench_on_robot": load.wrenches or None,
-        "friction": friction and loaded.model.friction.any,
-        "limits": "stop" if given.stop_at_limits else None,
-        "contacts": _planes(loaded, given.touch, given.ground, given.contact),
-    }
+    interrupted = False
+    result: Any
     try:
-        with noted_if_failed(hints), progress_bar(f"{loaded.name}: {given.method}") as progress:
-            result = loaded.simulate(q0, dq0, given.duration, given.step, **settings, progress=progress)
+        with noted_if_failed(hints), progress_bar(f"{loaded.name}: {asked.get('method', 'dopri5')}") as progress:
+            result = loaded.simulate(
+                q0, dq0, tau=tau, wrench_on_robot=load.wrenches or None, friction=load.friction and loaded.model.friction.any,
+                limits="stop" if stop_at_limits else None, contacts=planes, progress=progress, **asked,
+            )  # fmt: skip
     except SimulationError as problem:
         if problem.result is None:
             raise
-        result, failure = problem.result, problem
+        result, interrupted = problem.result, True
     except KeyboardInterrupt as interrupt:
-        result, failure = getattr(interrupt, "result", None), interrupt
+        result, interrupted = getattr(interrupt, "result", None), True
+        outputs.interrupt = interrupt
         if result is None:
             raise
-    words = with_option_names(result.stopped)
-    result = replace(result, friction=friction, degrees=options.degrees)
-    clearance = shared.clearance_along(given, loaded, [(result.times, result.q)])
-    answer = replace(result, stopped=words, remarks=(*result.remarks, *hints), clearance=clearance)
-    show_answer(answer)
-    to_csv = partial(result.to_csv, degrees=options.degrees)
-    for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
-        if path is not None and failure is not None and Path(path).is_file():
-            note(f"{path} is kept as it was: the motion is not complete. Name another file for it.")
-        elif path is not None:
-            shared.show_written(write(path))
-    used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
-    write_report(
-        given, "simulate", answer.subject, list(answer.blocks()), files=options.files, facts=answer.facts().items(),
-        pictures=answer.pictures() if given.report is not None else (), robot=loaded, limits=loaded.limits,
-        degrees=options.degrees, used=used,
+    apart = shared.clearance_along(clearance, srdf, loaded, [(result.times, result.q)])
+    return replace(
+        result, friction=load.friction, degrees=degrees, stopped=with_option_names(result.stopped),
+        remarks=(*result.remarks, *hints), clearance=apart, interrupted=interrupted,
     )  # fmt: skip
-    if isinstance(failure, KeyboardInterrupt):
-        raise failure
-    return answer.verdict.exit_code
 
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:

@@ -10,7 +10,7 @@ import inspect
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -128,6 +128,7 @@ DEMO = "demo"
 _REPEATED = {"multiple": True}
 _KINDS = {
     "str": Kind("NAME"),
+    "MethodName": Kind("NAME"),
     "int": Kind("N", settings={"type": int}),
     "float": Kind("VALUE", settings={"type": float}),
     "Seconds": Kind("SECONDS", settings={"type": Seconds()}),
@@ -163,6 +164,7 @@ class Spelling:
 
 
 SPELLINGS = {
+    "dt": Spelling("--step SECONDS"),
     "start": Spelling("--from v,v,…|JOINT=VALUE"),
     "add_masses": Spelling("--masses-included", {"": False}),
     "shared_supply": Spelling("--regeneration", {"shared": True, "none": False}),
@@ -173,9 +175,9 @@ SPELLINGS = {
 class Question:
     """Function of a command, and its parameters as options."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], left_out: Collection[str] = ()) -> None:
         self.function = function
-        self.parameters = parameters_of(function)
+        self.parameters = {name: one for name, one in parameters_of(function).items() if name not in left_out}
 
     @property
     def options(self) -> list[FunctionParameter]:
@@ -263,6 +265,8 @@ class File(Generic[A]):
     """Note if the answer has no such file."""
     comment: Callable[[A], str] = lambda _answer: ""
     """Continuation of the line that names the written file."""
+    keeps: Callable[[A], bool] = lambda _answer: False
+    """True for an answer that does not replace an existing file."""
     require: Callable[[], object] = lambda: None
     """Raises if a package for the file is not installed, before a long run."""
 
@@ -283,19 +287,32 @@ class File(Generic[A]):
 
 
 def table_file(
-    write: Callable[[A, str], object], text: str, *, exists: Callable[[A], bool] = lambda _answer: True
+    write: Callable[[A, str], object],
+    text: str,
+    *,
+    exists: Callable[[A], bool] = lambda _answer: True,
+    keeps: Callable[[A], bool] = lambda _answer: False,
 ) -> File[A]:
     """File of ``--csv``."""
-    return File("--csv OUT.csv", f"{text}; '-' prints it in place of the report.", write, exists=exists)
+    help_ = f"{text}; '-' prints it in place of the report."
+    return File("--csv OUT.csv", help_, write, exists=exists, keeps=keeps)
 
 
-def picture_file(text: str, *, exists: Callable[[A], bool] = lambda _answer: True, missing: str = "") -> File[A]:
+def picture_file(
+    text: str,
+    *,
+    exists: Callable[[A], bool] = lambda _answer: True,
+    keeps: Callable[[A], bool] = lambda _answer: False,
+    missing: str = "",
+) -> File[A]:
     """File of ``--plot``, the answer's usual picture."""
 
     def write(answer: A, path: str) -> object:
         return answer.plot(path=path)
 
-    return File("--plot OUT.png", text, write, is_picture=True, is_data=False, exists=exists, missing=missing)
+    return File(
+        "--plot OUT.png", text, write, is_picture=True, is_data=False, exists=exists, keeps=keeps, missing=missing
+    )
 
 
 _JSON: File[Any] = File(
@@ -303,6 +320,8 @@ _JSON: File[Any] = File(
     "Write the results as JSON; '-' prints them in place of the report.",
     write_answer_json,
 )
+OVERWRITE = option("--overwrite", "Replace files of data that exist.")
+ALL = option("--all", "Print all rows and notes.", "whole_report")
 _FULL_PATHS = option("--full-paths", "Show full paths of files in --report.", "full_paths")
 _REPORT = option("--report OUT.html", "Write a report as one self-contained page.", "file_report")
 
@@ -315,6 +334,8 @@ class Outputs(Generic[A]):
     report: str | None
     full_paths: bool
     inputs: Mapping[str, str | Path | None]
+    interrupt: KeyboardInterrupt | None = None
+    """Ctrl-C during the work, raised again after the answer so far is written."""
 
     def check(self, *, overwrite: bool) -> None:
         """Raise, before a long run, if a file cannot be written, or would replace an input or another output."""
@@ -355,7 +376,9 @@ class Outputs(Generic[A]):
     def write(self, answer: A) -> None:
         """Write the files, and print a line for each."""
         for file, path in self.files.items():
-            if path != "-" and file.exists(answer):
+            if path != "-" and file.keeps(answer) and Path(path).is_file():
+                note(f"{path} is kept as it was: the motion is not complete. Name another file for it.")
+            elif path != "-" and file.exists(answer):
                 file.write(answer, path)
                 show_written(f"{path}{file.comment(answer)}", to_error=self.printed is not None)
             elif path != "-" and file.missing:
@@ -396,15 +419,17 @@ def command_of(
     examples: Sequence[str],
     description: str = "",
     with_robot: bool = True,
+    left_out: Collection[str] = (),
 ) -> Callable[[Callable[..., Answer]], click.Command]:
     """Command whose options are the parameters of a function of the library, from a body that calls it.
 
     The body takes those of these arguments that it names: ``robot``, its options, unless the function reads the file itself;
     ``log``, the motion's; ``outputs``; options by their names; and ``asked``, all other options that are given, by parameter.
+    Parameters that are ``left_out`` are functions, or spelled by ``own`` options.
     """
 
     def decorate(body: Callable[..., Any]) -> click.Command:
-        call = Call(Question(function), body, (*files, _JSON), report, own, with_robot)
+        call = Call(Question(function, left_out), body, (*files, _JSON), report, own, with_robot)
 
         def run(**given: Any) -> None:
             with plain_errors():
@@ -456,8 +481,7 @@ class Call(Generic[A]):
             yield from (_REPORT, _FULL_PATHS)
         if "degrees" in self.question.parameters:
             yield DEGREES
-        yield option("--overwrite", "Replace files of data that exist.")
-        yield option("--all", "Print all rows and notes.", "whole_report")
+        yield from (OVERWRITE, ALL)
 
     def answer(self, given: Mapping[str, Any]) -> int:
         """Answer the question, print the report, write the files; returns the exit code."""
@@ -478,6 +502,8 @@ class Call(Generic[A]):
         arguments = {**given, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
         found = self.body(**{each: arguments[each] for each in self.wanted})
         self._show(found, outputs)
+        if outputs.interrupt is not None:
+            raise outputs.interrupt
         return found.verdict.exit_code
 
     def _outputs(self, given: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:

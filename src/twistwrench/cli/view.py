@@ -108,7 +108,7 @@ def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
         if unused := [f"--{name.replace('_', '-')}" for name in about if getattr(given, name) not in (None, False, ())]:
             raise ValueRangeError(f"{unused[0]} is about a motion, and none is given. Add --trajectory.")
         loaded = load_case(options.load(), options, given)
-        clearance_along(given, loaded.robot, None)
+        clearance_along(given.clearance, given.srdf, loaded.robot, None)
         return loaded.with_load, loaded.wrenches, None
     asked: Asked = {name: getattr(given, name) for name in ("limits", "smooth", "clearance", "srdf")}
     asked |= {"payload": given.payloads, "wrench_on_robot": parse_wrenches(given.wrenches)}

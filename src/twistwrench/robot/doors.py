@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core.arguments import taking_the_arguments_of
 from ..core.glossary import complete
-from ..core.typing import Array
+from ..core.typing import Array, Seconds
 from .arguments import Wrenches
 
 if TYPE_CHECKING:
@@ -110,8 +110,8 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         self,
         q0: ArrayLike | None = None,
         dq0: ArrayLike | None = None,
-        duration: float = 1.0,
-        dt: float = 1e-3,
+        duration: Seconds = 1.0,
+        dt: Seconds = 1e-3,
         *,
         method: MethodName | None = None,
         tau: ArrayLike | Law | None = None,
@@ -139,11 +139,13 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         q0 : (nq,) array_like, optional, initial configuration; None: neutral
             For a closed robot a configuration with closed loops; None: one near neutral.
         dq0 : (nv,) array_like, optional, initial velocities [rad/s, m/s]; None: at rest
-        duration : float [s]
-        dt : float, interval between returned states [s]
-        method : str, optional, the integrator; None: ``"dopri5"``, for a closed robot ``"rk4"``
-            ``"dopri5"``, which adapts its steps to ``rtol`` and ``atol``; ``"rk4"``, ``"semi_implicit"``, ``"euler"``,
-            and for open robots the variational ``"midpoint"``, ``"variational"``, ``"variational6"``: steps of ``dt``.
+        duration : float
+            Duration of the motion [s].
+        dt : float
+            Time between two states [s].
+        method : str, optional
+            Integrator: dopri5, which adapts its steps, the default; rk4, the default of closed robots, semi_implicit, euler,
+            and for open robots the variational midpoint, variational and variational6, in steps of ``dt``.
         tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
         controller : function of (t, q, dq), optional, evaluated once per ``dt``, with torques held in between
             (zero-order hold)
@@ -153,7 +155,11 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         contacts : ``tw.simulation.Plane`` and ``JointStops``, one or several
         limits : "stop" or None; ``"stop"`` ends the simulation when a joint reaches a limit
         events : ``tw.simulation.Event`` or function of (t, q, dq), one or several
-        rtol, atol : float, tolerances of dopri5
+        rtol : float
+            Relative tolerance of a dopri5 step.
+        atol : float, absolute tolerance of a dopri5 step
+        every : int
+            Keep every N-th state.
         max_step : float, optional, largest step of dopri5 [s]
         progress : callable, optional, receives the completed fraction, 0 to 1
 

@@ -108,6 +108,8 @@ class SimulationResult(Answer):
     """True if joint friction was counted."""
     clearance: MotionClearance | None = None
     """Least distance between links along the motion, if it was judged."""
+    interrupted: bool = False
+    """True if a step, a controller or a user ended the run."""
     degrees: bool = False
     """True if the report has angles in degrees."""
     energy: Array = field(init=False)

@@ -1,0 +1,133 @@
+"""Options of a command are the parameters of its function: same names, defaults and help, from one declaration."""
+
+from __future__ import annotations
+
+import inspect
+
+import click
+import pytest
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+from twistwrench.cli.shared import RobotOptions
+from twistwrench.cli.skin import SPELLINGS, parameters_of
+from twistwrench.diagnosis import doctor
+from twistwrench.symbolic import derive
+from twistwrench.testing.verify import verify
+
+ASKED = {
+    "torques": tw.check,
+    "payload": tw.payload,
+    "size": tw.size_drives,
+    "move": tw.move,
+    "doctor": doctor,
+    "info": tw.info,
+    "verify": verify,
+    "derive": derive,
+    "simulate": tw.Robot.simulate,
+}
+NOT_TYPED = {
+    "every": {"robot", "self", "motion", "progress"},
+    "size": {"draws"},
+    "doctor": {"max_bodies"},
+    "simulate": {"controller", "creep", "events", "atol", "max_step"},
+}
+"""Parameters that are no options: arguments, functions, arrays of arrays, and settings of programs."""
+OTHER = {
+    "simulate": {
+        "q0": "--at", "dq0": "--velocity", "tau": "--torque", "limits": "--stop-at-limits", "contacts": "--touch",
+        "wrench_on_robot": "--wrench-on-robot", "friction": "--no-friction",
+    },
+}  # fmt: skip
+"""Options that read what the shell types into arrays of the joints."""
+
+
+def options_of(name):
+    command = main.get_command(click.Context(main), name)
+    return {option: p for p in command.params if isinstance(p, click.Option) for option in p.opts}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_every_parameter_of_the_function_is_an_option(name):
+    options = options_of(name)
+    for parameter in parameters_of(ASKED[name]).values():
+        if parameter.name in NOT_TYPED["every"] | NOT_TYPED.get(name, set()):
+            continue
+        spelled = OTHER.get(name, {}).get(parameter.name)
+        spelling = SPELLINGS.get(parameter.name)
+        spelled = spelled or (spelling.form.partition(" ")[0] if spelling else parameter.flag)
+        flags = {spelled} if parameter.default is not True else {spelled, f"--no-{parameter.flag[2:]}"}
+        assert flags & options.keys(), (name, parameter.name)
+
+
+@pytest.mark.parametrize("name", sorted(ASKED.keys() - {"simulate"}))
+def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
+    """Beside them there are the few that a row names, since only a shell has them."""
+    of_robot = set(RobotOptions.__dataclass_fields__) | {
+        "lock_missing",
+        "trajectory",
+        "whole_report",
+        "overwrite",
+        "full_paths",
+    }
+    of_shell = {"torques": {"workers", "scheduler", "kind", "joints"}}.get(name, set())
+    for option in options_of(name).values():
+        known = {*parameters_of(ASKED[name]), *of_robot, *of_shell, "fixed_base", "xacro", "columns", "gain"}
+        assert option.name in known or option.name.startswith("file_"), (name, option.name)
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_the_help_is_written_once_in_the_docstring(name):
+    for parameter in parameters_of(ASKED[name]).values():
+        option = options_of(name).get(parameter.flag)
+        if (
+            option is not None
+            and option.name == parameter.name
+            and parameter.name not in RobotOptions.__dataclass_fields__
+        ):
+            words = parameter.text.rstrip(".")
+            assert (words and option.help.startswith(words)) or name == "simulate" or parameter.name in LOG, parameter
+
+
+LOG = {"columns", "gain", "rate", "topic", "episode", "plan"}
+"""Options of the log, whose text forms the shell explains."""
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_an_option_that_is_left_out_leaves_the_default_of_the_function(name):
+    for parameter in parameters_of(ASKED[name]).values():
+        option = options_of(name).get(parameter.flag)
+        if (
+            option is not None
+            and option.name == parameter.name
+            and option.name not in RobotOptions.__dataclass_fields__
+        ):
+            assert option.default in (None, False, ()) or type(option.default).__name__ == "Sentinel", parameter.name
+            if isinstance(parameter.default, float | int) and parameter.default not in (True, False):
+                assert f"[default: {parameter.default}]" in option.help, parameter.name
+
+
+def test_few_options_are_spelled_otherwise_than_their_parameters():
+    assert len(SPELLINGS) + len({*OTHER["simulate"].values()}) <= 12
+    every = {name for function in ASKED.values() for name in inspect.signature(function).parameters}
+    assert SPELLINGS.keys() <= every
+
+
+def test_a_value_of_the_shell_is_the_value_of_the_function(tmp_path):
+    """Of each kind of option: texts, numbers with units, vectors, loads, choices, flags and files."""
+    from click.testing import CliRunner
+
+    out = tmp_path / "a.json"
+    words = "move ur5 --by 0,0,0.1 --from elbow_joint=60 --payload 2,0,0,0.1@tool0 --scaling cubic --duration 1500ms --degrees"
+    done = CliRunner().invoke(main, [*words.split(), "--no-friction", "--clearance", "--json", str(out)])
+    answer = tw.move(
+        "ur5", by=[0, 0, 0.1], start={"elbow_joint": 60}, payload="2,0,0,0.1@tool0", scaling="cubic", duration=1.5, degrees=True,
+        friction=False, clearance=0.0,
+    )  # fmt: skip
+    import json
+
+    shown, data = json.loads(out.read_text()), answer.to_dict()
+    assert done.exit_code == int(answer.verdict.exit_code)
+    assert {key: shown[key] for key in ("verdict", "reasons", "facts", "tables")} == {
+        key: data[key] for key in ("verdict", "reasons", "facts", "tables")
+    }
