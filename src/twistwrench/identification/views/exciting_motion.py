@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from ..exciting_trajectory import ExcitingMotion
 
 _MOST_ROWS = 12
-_WELL, _NOT_AT_ALL = 0.1, 0.99
-"""Deviations of a well and of a not determined group, as shares of its largest plausible size."""
+_MOST_REASONS = 4
+_WELL, _ROUNDING = 0.1, 1e-9
+"""Deviation of a well determined group as a share of its value, and values that are 0, as a share of the plausible size."""
 
 
 def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
@@ -53,7 +54,10 @@ def _verdict(found: ExcitingMotion) -> Iterator[Block]:
     distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
     first, *others = found.verdict.reasons or (distances,)
     yield Headline(found.verdict.word, f"{first}.")
-    yield from (f"  - {reason}." for reason in others)
+    for k, reason in enumerate(others):
+        yield Line(f"  - {reason}.", level=Level.SHORT if k < _MOST_REASONS else Level.ALL)
+    if len(others) > _MOST_REASONS:
+        yield More(f"{len(others) - _MOST_REASONS} more reasons")
     if found.verdict.reasons and least:
         yield f"{distances[0].upper()}{distances[1:]}."
 
@@ -84,14 +88,22 @@ def _joints(found: ExcitingMotion) -> Table:
 
 
 def _information(found: ExcitingMotion) -> Iterator[Line]:
-    """Number of groups that a log of the motion determines well, and the worst of them."""
-    shares, (group, share) = found.shares_of_prior, found.worst
-    how = "not at all" if share > _NOT_AT_ALL else f"to {percent(share, 2)} of it"
+    """Number of groups that a log of the motion determines well, compared with the file's values, and the worst of them."""
+    base = found.information.base
+    values = np.abs(base.project(base.unknown.file_values))
+    known = values > _ROUNDING * found.information.prior
+    shares = np.where(known, found.predicted_deviations / np.where(known, values, 1.0), 0.0)
+    count = int(known.sum())
+    if not count:
+        return
+    worst = int(shares.argmax())
+    how = "not at all" if shares[worst] > 1.0 else f"to {percent(shares[worst], 2)}"
+    beside = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
     yield Line(
-        f"A log of it determines {int((shares < _WELL).sum())} of {len(shares)} groups to better than 10 % of their plausible "
-        f"size; worst: {group} ({how})."
+        f"A log of it determines {int((shares[known] < _WELL).sum())} of {count} groups to better than 10 % of the file's value"
+        f"{beside}. Worst: {found.groups[worst]} ({how})."
     )
-    if share > _WELL:
+    if shares[worst] > _WELL:
         yield Line("→ A longer duration, or several logs of the motion, determine more.")
 
 

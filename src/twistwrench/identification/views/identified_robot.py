@@ -52,7 +52,8 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
         yield _bodies(changes, level, rows)
     yield _joints(found, rows)
     if changes is not None and level is Level.SHORT:
-        yield Line(("●: a change that the log shows for certain (two standard deviations).", Style.QUIET))
+        poor = f"{len(found.poorly_determined)} of {found.free_count} groups are poorly determined"
+        yield Line((f"● is certain (two standard deviations); {poor}.", Style.QUIET))
     if "gain-of-all" in found.undetermined:
         yield Line(
             "→ Weigh a payload, or hold one known mass: if all torques are wrong by one factor, this log cannot show it."

@@ -1,0 +1,238 @@
+"""``tw.identify`` and ``tw.excite`` give the answers of their commands, on every surface; short forms fit on a screen."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import warnings
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from identification_logs import fourier_states
+from places import SHARED
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+
+DEMO = tw.robots.path_of("planar_2r").with_name("planar_2r_demo_log.csv")
+PENDULUM = """
+<robot name="double_pendulum">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0 0 -0.21"/><mass value="0.8"/>
+    <inertia ixx="0.0182" ixy="0" ixz="0" iyy="0.0182" iyz="0" izz="0.001"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0 0 -0.185"/><mass value="0.6"/>
+    <inertia ixx="0.0034" ixy="0" ixz="0" iyy="0.0034" iyz="0" izz="0.0006"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.3"/>
+    <axis xyz="0 1 0"/></joint>
+</robot>
+"""
+RUNS = {
+    "demo": ({}, []),
+    "known value": ({"known": {"link2.m": 1.0}}, ["--known", "link2.m=1 kg"]),
+    "payload": ({"payload_only": "link2"}, ["--payload-only", "link2"]),
+    "no friction": ({"friction": (), "motor_inertia": False}, ["--friction-model", "none", "--no-motor-inertia"]),
+    "strength": ({"keep_close": 1.0, "method": "wls"}, ["--keep-close", "1", "--weights", "wls"]),
+    "test log": ({"test": DEMO, "cutoff": 10.0, "shift": 0.0}, ["--test", DEMO, "--cutoff", 10, "--shift", 0]),
+    "cause": ({"assume": "load-friction", "cutoff": 10.0}, ["--assume", "load-friction", "--cutoff", 10]),
+}
+"""Arguments of ``tw.identify``, and words of the command."""
+MOTIONS = {
+    "plain": ("planar_2r", {"acceleration": 3.0}, ["--acceleration", 3]),
+    "degrees": ("planar_2r", {"acceleration": 3.0, "degrees": True}, ["--acceleration", 3, "--degrees"]),
+    "clearance": (
+        "planar_2r", {"acceleration": 3.0, "clearance": 0.01, "clear_of_itself": False},
+        ["--acceleration", 3, "--clearance", 0.01, "--ignore-self"],
+    ),
+    "deviations": (
+        "pendulum", {"acceleration": 5.0, "criterion": "deviations", "friction": ("viscous",)},
+        ["--acceleration", 5, "--criterion", "deviations", "--friction-model", "viscous"],
+    ),
+}  # fmt: skip
+SEARCH = {"duration": 4.0, "harmonics": 1, "restarts": 1}
+SEARCH_WORDS = ["--duration", 4, "--harmonics", 1, "--restarts", 1]
+
+
+def run(folder, *words, every=True):
+    """Result of a command in 80 columns, and what it writes as JSON."""
+    told = [*map(str, words), "--json", str(folder / "told.json"), "--overwrite", *(["--all"] if every else [])]
+    result = CliRunner().invoke(main, told, env={"COLUMNS": "80"})
+    assert result.exit_code in (0, 1), result.output
+    return result, json.loads((folder / "told.json").read_text("utf-8"))
+
+
+def agree(answer, result, printed):
+    data = json.loads(answer.to_json())
+    assert answer.verdict.exit_code == result.exit_code == data["exit_code"]
+    for key in data.keys() - {"notes"}:
+        assert data[key] == printed[key], key
+    assert data["notes"] == [note for note in printed["notes"] if note in data["notes"]]
+    assert printed["sentences"] and printed["tables"]
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_identify_and_its_command_give_the_same_answer(name, tmp_path):
+    arguments, words = RUNS[name]
+    agree(tw.identify("planar_2r", "demo", **arguments), *run(tmp_path, "identify", "planar_2r", "demo", *words))
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_excite_and_its_command_give_the_same_answer(name, tmp_path):
+    robot, arguments, words = MOTIONS[name]
+    answer = tw.excite(robot, **SEARCH, **arguments)
+    agree(answer, *run(tmp_path, "excite", robot, *SEARCH_WORDS, *words))
+
+
+needs_logs = pytest.mark.skipif(not (SHARED / "logs").is_dir(), reason="the shared logs are not here")
+
+
+@needs_logs
+@pytest.mark.parametrize("stamp", ["060143", "063536"])
+def test_answers_on_real_logs_of_a_double_pendulum_agree(stamp, tmp_path):
+    robot = tmp_path / "pendulum.urdf"
+    robot.write_text(PENDULUM)
+    log = SHARED / "logs" / "dfki_double_pendulum" / f"20220812-{stamp}-PM_measured.csv"
+    agree(tw.identify(robot, log, cutoff=5.0), *run(tmp_path, "identify", robot, log, "--cutoff", 5))
+
+
+@needs_logs
+def test_answers_on_a_log_that_is_refused_agree(tmp_path):
+    folder = SHARED / "logs" / "dfki_simple_pendulum"
+    robot, log = folder / "dfki_simple_pendulum.urdf", folder / "sysid_pd_measured.csv"
+    answer = tw.identify(robot, log)
+    assert answer.verdict.word == "LOOK AGAIN" and "measured [kg]" not in str(answer)
+    agree(answer, *run(tmp_path, "identify", robot, log))
+
+
+# ── Short forms
+
+
+@pytest.mark.parametrize("words", [
+    ["identify", "planar_2r", "demo"],
+    ["identify", "planar_2r", "demo", "--payload-only", "link2"],
+    ["excite", "planar_2r", "--acceleration", 3, *SEARCH_WORDS],
+])  # fmt: skip
+def test_short_reports_fit_on_a_screen(words, tmp_path):
+    short, _ = run(tmp_path, *words, every=False)
+    every, _ = run(tmp_path, *words)
+    assert len(short.stdout.splitlines()) <= 45 and max(map(len, short.stdout.splitlines())) <= 80
+    assert "--all" in short.stdout and len(every.stdout.splitlines()) > len(short.stdout.splitlines())
+
+
+def carried(robot, mass, com, *, seed, rate=100.0):
+    """Log of a robot that carries a mass at its last link, with friction and noise."""
+    rng = np.random.default_rng(seed)
+    last = robot.model.bodies[-1].link
+    real = robot.with_payload(tw.SpatialInertia.from_com(mass, com), last) if mass else robot
+    t, q, dq, ddq = fourier_states(robot, 20.0, rate, rng)
+    tau = real.inverse_dynamics(q, dq, ddq) + 0.6 * np.tanh(dq / 0.02) + 0.9 * dq
+    tau = tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
+    return tw.Motion(t, q, tau=tau, robot=robot)
+
+
+@pytest.mark.parametrize("mass", [0.8, 0.0])
+def test_a_tool_is_asked_about_with_its_mass(mass):
+    """0.8 kg more, or nothing. The mass is that of a fit of the one body."""
+    robot = tw.robots.ur5()
+    answer = tw.identify(robot, carried(robot, mass, (0, 0.02, 0.08), seed=1), motor_inertia=False)
+    tool = answer.body_changes.tool
+    if not mass:
+        assert tool is None and "tool" not in str(answer)
+        assert not answer.body_changes.is_heavier.any() and not answer.body_changes.is_moved.any()
+        return
+    assert tool.link == "wrist_3_link" and abs(tool.mass - mass) < 0.02
+    assert "wrist_3_link weighs 0.8 kg more than in the file: is a tool mounted?" in str(answer)
+    sure = dict(zip(answer.body_changes.links, answer.body_changes.is_heavier, strict=True))
+    assert [link for link, is_sure in sure.items() if is_sure] in ([], ["wrist_3_link"])
+
+
+def test_a_robot_that_lacks_a_tool_is_asked_about():
+    robot = tw.robots.ur5()
+    loaded = robot.with_payload(tw.SpatialInertia.from_com(1.5, (0, 0, 0.08)), robot.model.bodies[-1].link)
+    log = carried(robot, 0.0, (0, 0, 0), seed=2)
+    answer = tw.identify(loaded, tw.Motion(log.time, log.q, tau=log.tau, robot=loaded), motor_inertia=False)
+    assert abs(answer.body_changes.tool.mass + 1.5) < 0.03
+    assert "less than in the file: does the robot lack a tool?" in str(answer)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (SHARED / "robots").is_dir(), reason="the shared robots are not here")
+@pytest.mark.parametrize(("mass", "com", "seed"), [(0.8, (0, 0, -0.08), 0), (0.8, (0.05, 0, 0.1), 1)])
+def test_a_tool_of_a_seven_axis_arm_is_nearer_by_one_body_than_by_all(mass, com, seed, tmp_path):
+    path = SHARED / "robots" / "kinova_gen3_2f85.urdf"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        names = tw.load(path).model.velocity_names
+        robot = tw.load(path, lock=dict.fromkeys(names[7:], 0.0))
+    answer = tw.identify(robot, carried(robot, mass, com, seed=seed))
+    changes = answer.body_changes
+    assert abs(changes.tool.mass - mass) < 0.02
+    assert abs(changes.tool.mass - mass) < abs(changes.masses[-1] - changes.before[-1] - mass)
+    text = str(answer)
+    assert len(text.splitlines()) <= 45 and max(map(len, text.splitlines())) <= 80
+    page = answer.to_html(tmp_path / "report.html").read_text("utf-8")
+    assert (
+        str(answer.free_count) in page and len(answer.tables[f"{answer.free_count} groups of parameters"].rows()) > 50
+    )
+
+
+def test_many_doubts_leave_room_on_the_screen():
+    """A log with several faults, of a robot with six joints."""
+    robot = tw.robots.ur5()
+    log = carried(robot, 0.0, (0, 0, 0), seed=3)
+    tau = log.tau * [1, 1, -1, 1, 1.5, 1] + 5.0 * np.sin(3.0 * log.time)[:, None]
+    answer = tw.identify(robot, tw.Motion(log.time, log.q, tau=tau, robot=robot))
+    assert answer.verdict.word != "OK" and len(str(answer).splitlines()) <= 45
+
+
+# ── Surfaces
+
+
+def test_every_surface_has_the_word_and_the_sentence(tmp_path):
+    for answer in (tw.identify("planar_2r", "demo"), tw.excite("planar_2r", acceleration=3.0, **SEARCH)):
+        assert re.sub(r"\s+", " ", str(answer)).startswith(answer.headline)
+        page = answer.to_html(tmp_path / f"{answer.call}.html").read_text("utf-8")
+        sentence = answer.headline.partition(": ")[2]
+        for text in (page, answer._repr_html_()):
+            assert sentence in html.unescape(re.sub(r"<[^>]+>", "", text))
+        assert len(answer._repr_html_()) < 120_000 and "<script" not in answer._repr_html_()
+        data = json.loads(answer.to_json(tmp_path / f"{answer.call}.json").read_text("utf-8"))
+        assert data["verdict"] == answer.verdict.word and len(data["tables"]) == len(answer.tables)
+        assert answer.plot(path=tmp_path / f"{answer.call}.svg").is_file()
+        assert repr(answer).startswith(f"<{type(answer).__name__} of planar_2r: {answer.verdict.word}, ")
+        with pytest.raises(TypeError, match=r"verdict\.ok"):
+            bool(answer)
+
+
+def test_marks_are_those_of_the_data():
+    """A cell with ● is a change of two standard deviations; numbers in tables have all digits."""
+    answer = tw.identify("planar_2r", "demo")
+    changes, lines = answer.body_changes, str(answer).splitlines()
+    for one in changes.to_list():
+        line = next(line for line in lines if line.split()[:1] == [one["link"]])
+        assert ("● " in line) == (one["mass_changed"] or one["com_changed"])
+        assert one["mass_changed"] == (abs(one["mass"] - one["file_mass"]) > 2 * one["deviation"])
+    assert answer.tables["link"].to_dict()["measured"][:-1] == changes.masses.tolist()
+
+
+# ── Bad input
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda: tw.identify("planar_2r", "none.csv"), "none.csv"),
+    (lambda: tw.identify("planar_2r", "demo", keep_close=1e9), "not offered"),
+    (lambda: tw.identify("planar_2r", "demo", without=["hand"]), "link that moves"),
+    (lambda: tw.identify("ur5", "demo"), "no log is bundled with 'ur5'"),
+    (lambda: tw.identify("planar_2r", []), "there is no log"),
+    (lambda: tw.identify("no_such_robot", "demo"), "no_such_robot"),
+    (lambda: tw.identify(3, "demo"), "give a tw.Robot"),
+    (lambda: tw.excite("planar_2r"), "nothing limits"),
+    (lambda: tw.excite("planar_2r", acceleration=3.0, srdf="pairs.srdf"), "Add clearance"),
+    (lambda: tw.excite(3), "give a tw.Robot"),
+])  # fmt: skip
+def test_bad_input_is_one_error(call, said):
+    with pytest.raises(tw.TwistWrenchError, match=re.escape(said)) as caught:
+        call()
+    assert "\n" not in str(caught.value)
