@@ -236,3 +236,11 @@ def test_bad_input_is_one_error(call, said):
     with pytest.raises(tw.TwistWrenchError, match=re.escape(said)) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_a_gain_of_all_torques_is_no_tool():
+    """A change of the last link of a planar arm explains such a log as well, and so does one factor of all bodies."""
+    arm, t = tw.robots.planar_2r(), np.arange(0, 10, 0.01)
+    q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    tau = 1.2 * tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
+    assert tw.identify(arm, tw.Motion(t, q, tau=tau, robot=arm)).body_changes.tool is None

@@ -189,8 +189,26 @@ class _Fit:
         return LoneChange(link, float(values[free[m]] - start[free[m]]), deviation, math.sqrt(left / y), values)
 
     @property
+    def held_out_with_gain(self) -> float:
+        """|τ - τ̂| / |τ| of held-out fifths, if one factor of all bodies and the drives alone differ from the file."""
+        base, unknown = self.found.base, self.found.base.unknown
+        of_bodies = unknown.of_bodies >= 0
+        drives = np.flatnonzero(~of_bodies & ~unknown.held)
+        others = base.project(np.where(of_bodies | unknown.held, unknown.file_values, 0.0))
+        gain = base.project(np.where(of_bodies & ~unknown.held, unknown.file_values, 0.0))
+        K = np.column_stack([gain, base.grouping[:, drives]])
+        solver = Prior(np.zeros(1 + len(drives)), np.append(1.0, self.found.sizes[drives]))
+        left = 0.0
+        for part, (N, c, _) in left_out(self.parts):
+            left += squares_of(part, others + K @ solver.solve(K.T @ N @ K, K.T @ (c - N @ others)))
+        return math.sqrt(left / sum_of(self.parts)[2])
+
+    @property
     def tool(self) -> LoneChange | None:
-        """Change of a last body that explains nearly all that the file does not; None without one."""
+        """Change of a last body that explains nearly all that the file does not; None without one.
+
+        None also if one factor of all bodies explains as much: no log tells it from a gain of the torques.
+        """
         found, unknown = self.found, self.found.base.unknown
         bodies, of_file = unknown.model.bodies, found.consistent.of_file**2
         excess = of_file - found.consistent.held_out**2
@@ -198,6 +216,8 @@ class _Fit:
         ends = [i for i in unknown.bodies if i not in carriers and f"{bodies[i].link}.m" not in unknown.known]
         change = min((self.lone_change(bodies[i].link) for i in ends), key=lambda one: one.held_out, default=None)
         if change is None or of_file - change.held_out**2 < _EXCESS_SHARE * excess:
+            return None
+        if of_file - self.held_out_with_gain**2 >= _EXCESS_SHARE * excess:
             return None
         moving = sum(float(bodies[i].inertia.mass) for i in unknown.bodies)
         large = abs(change.mass) > _TOOL_SHARE * moving and abs(change.mass) > _TOOL * change.deviation
