@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from html import unescape
+from html import escape, unescape
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,8 @@ _LIVE = re.compile(r"^<!-- live: (\S+), (.+) -->$", re.MULTILINE)
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
 _FORMULA = re.compile(r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</(?:span|div)>', re.DOTALL)
 """LaTeX as Arithmatex marks it: \\(inline\\) and \\[displayed\\]."""
+_HIGHLIGHTED = re.compile(r'<div class="((?:language-console )?highlight)">(?=(.*?)</div>)', re.DOTALL)
+"""A block of code, which may be commands and what they print."""
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
 _SHIM = "https://unpkg.com/iframe-worker/shim"
 _GROUPS: dict[str, tuple[str, str, str]] = {
@@ -106,7 +108,10 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Replace formulas by MathML, and roles of docstrings, :meth:`~twistwrench.Robot.add`, by the names they show."""
+    """Replace formulas by MathML, and roles of docstrings, :meth:`~twistwrench.Robot.add`, by the names they show.
+
+    The copy button of a block of commands copies them without prompts and output.
+    """
     from latex2mathml.converter import convert
 
     def shown(found: re.Match[str]) -> str:
@@ -116,7 +121,21 @@ def on_page_content(html: str, **_: Any) -> str:
     def formula(found: re.Match[str]) -> str:
         return convert(unescape(found[2]), display="inline" if found[1] == "(" else "block")
 
-    return _FORMULA.sub(formula, _ROLE.sub(shown, html))
+    def console(found: re.Match[str]) -> str:
+        commands = _commands_of(found[2])
+        return f'<div class="{found[1]}" data-copy="{escape(commands)}">' if commands else found[0]
+
+    return _FORMULA.sub(formula, _ROLE.sub(shown, _HIGHLIGHTED.sub(console, html)))
+
+
+def _commands_of(block: str) -> str:
+    """Commands of a highlighted block, one a line; a line that ends with a backslash goes on."""
+    commands, goes_on = [], False
+    for line in unescape(re.sub(r"<[^>]+>", "", block)).splitlines():
+        if goes_on or line.startswith("$ "):
+            commands.append(line if goes_on else line.removeprefix("$ "))
+            goes_on = line.endswith("\\")
+    return "\n".join(commands)
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:

@@ -229,3 +229,16 @@ def test_guides_hold_pages_that_compute(site):
             "OK: all limits kept. Closest"
         )
         assert page.complaints == []
+
+
+def test_copy_buttons_copy_commands_without_prompts_and_output(site):
+    """The block of the home page with one command, and all others: as many lines as prompts and continued lines."""
+    text = (site / "index.html").read_text("utf-8")
+    copied = html.unescape(re.search(r'class="[^"]*highlight" data-copy="([^"]*)"', text)[1])
+    assert copied == "twistwrench torques ur5 --trajectory demo --payload 10 --plot torques.png"
+    for page in site.glob("*.html"):
+        for block in re.findall(r'<div class="[^"]*highlight"([^>]*)>(.*?)</div>', page.read_text("utf-8"), re.DOTALL):
+            lines = html.unescape(re.sub("<[^>]+>", "", block[1])).splitlines()
+            prompts = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+            copied = html.unescape("".join(re.findall(r'data-copy="([^"]*)"', block[0]))).splitlines()
+            assert [line for line in copied if line in prompts] == prompts, page.name

@@ -126,6 +126,68 @@ def contrast(a, b):
     return (high + 0.05) / (low + 0.05)
 
 
+NOTCHES = 10
+
+
+@pytest.fixture
+def frame(page, folder, motion):
+    """A page with the motion's page in a frame at its top, and room to scroll."""
+    write_page(motion.load.robot, folder / "guest.html", motion=motion, embed=True, control="payload")
+    host = folder / "host.html"
+    host.write_text(
+        "<!doctype html><body style='margin:0;height:4000px'>"
+        "<iframe id='guest' src='guest.html' style='width:900px;height:480px;border:0;display:block'></iframe>"
+    )
+    page.complaints.clear()
+    page.open(host.as_uri())
+    page.wait("!!document.getElementById('guest').contentDocument || true")
+    return page
+
+
+def scrolled(page, x, y, **keys):
+    """How far the page scrolls in ten notches of the wheel at a place [px]."""
+    page.run("scrollTo(0, 0)")
+    before = page.run("scrollY")
+    for _ in range(NOTCHES):
+        page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=40, **keys)
+    page.run("new Promise((done) => setTimeout(done, 300))")
+    return page.run("scrollY") - before
+
+
+def test_the_wheel_over_an_embedded_page_scrolls_the_page_around_it(frame):
+    beside, over = scrolled(frame, 1100, 240), scrolled(frame, 450, 240)
+    assert over == beside == NOTCHES * 40
+    assert frame.complaints == []
+
+
+def test_an_embedded_page_zooms_with_ctrl_and_stays_above_the_floor(at):
+    page = at(900, 520, embed=True)
+    wheel = """(ctrl) => { const event = new WheelEvent("wheel", { deltaY: 100, ctrlKey: ctrl, bubbles: true, cancelable: true });
+        const before = viewer.stage.distance; viewer.stage.canvas.dispatchEvent(event);
+        return [event.defaultPrevented, viewer.stage.distance > before, document.getElementById("hint").hidden]; }"""
+    assert page.run(f"({wheel})(true)") == [True, True, True]
+    assert page.run(f"({wheel})(false)") == [False, False, False]  # and it says how to zoom
+    assert page.run("document.getElementById('hint').textContent").endswith("+ scroll to zoom")
+    page.wait("document.getElementById('hint').hidden", 3)
+    assert page.run("getComputedStyle(viewer.stage.canvas).touchAction") == "pan-y"
+    page.drag((300, 300), (300, 200), (300, 5))
+    assert page.run("viewer.stage.elevation") == 0.02
+    assert page.run("viewer.stage.camera().eye[2] > viewer.robot.floor")
+    page = at(1280, 800)
+    assert page.run(f"({wheel})(false)") == [True, True, True]
+    assert page.run("getComputedStyle(viewer.stage.canvas).touchAction") == "none"
+    assert page.complaints == []
+
+
+def test_no_control_adds_to_the_history(at):
+    page = at(900, 520, embed=True)
+    before = page.run("history.length")
+    for x in (6, 7, 8, 9, 10):
+        page.run(f"""(() => {{ const slider = document.getElementById("payload"); slider.value = {x};
+            slider.dispatchEvent(new Event("input")); slider.dispatchEvent(new Event("change")); }})()""")
+    assert page.run("[history.length, location.hash]") == [before, "#load=10"]
+
+
 def test_the_shell_writes_embedded_pages_and_refuses_controls_that_are_not_there(tmp_path):
     out = tmp_path / "a.html"
     done = run("view", "ur5", "--trajectory", "demo", "--payload", "5", "--html", out, "--embed", "--control", "speed")

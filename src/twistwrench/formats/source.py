@@ -178,7 +178,7 @@ def _places(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] |
     scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
     around = _folders_around(robot_file)
     if scheme is not None:
-        name, _, rest = unquote(uri[len(scheme) :]).partition("/")
+        name, _, rest = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
         inside = Path(os.path.normpath(rest))
         if name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
             return

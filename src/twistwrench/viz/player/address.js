@@ -1,6 +1,9 @@
 // What is seen, in the page's address: #q=…&load=5&push=0,0,-60&speed=1&t=1.808&camera=…&layers=…
 "use strict";
 
+const STEPS = 100; // that can be undone
+const STEP = 1000; // ms, within which presses of keys are one step
+
 const brief = (x) => Number(x.toPrecision(6));
 
 // The part of the address behind #, of what differs from the state that the page opens with.
@@ -33,8 +36,11 @@ class Address {
     this.first = this.state;
     this.words = ["embed", "full"].filter((word) => location.hash.slice(1).split("&").includes(word)); // kept in front
     if (location.hash.length > 1) this.open();
-    for (const event of ["popstate", "hashchange"]) addEventListener(event, () => this.open());
-    const { canvas } = viewer.stage; // a change of the view replaces the entry of the history
+    Object.assign(this, { present: this.hash, past: [], undone: [], byKey: false, last: -Infinity });
+    addEventListener("hashchange", () => { this.open(); this.note(true); });
+    addEventListener("pointerdown", () => { this.byKey = false; }, true);
+    addEventListener("keydown", (event) => this.key(event), true);
+    const { canvas } = viewer.stage; // a change of the view is no step of its own
     for (const event of ["pointerup", "keyup", "dblclick"]) canvas.addEventListener(event, () => { this.note(viewer.grasp.moved); viewer.grasp.moved = false; });
     canvas.addEventListener("wheel", () => { clearTimeout(this.later); this.later = setTimeout(() => this.note(false), 300); }, { passive: true });
   }
@@ -51,10 +57,39 @@ class Address {
 
   get hash() { return [...this.words, written(this.state, this.first)].filter(Boolean).join("&"); }
 
-  note(release) { // a release is one step of the browser's back button; all else changes the step that is there
-    const hash = `#${this.hash}`;
-    if (this.opening || location.hash === hash || (hash === "#" && !location.hash)) return;
-    try { history[release ? "pushState" : "replaceState"](null, "", hash); } catch { this.off = true; } // in a frame without an address
+  note(release) { // a release is a step that can be undone, keys pressed within a second are one; all else changes the step that is there
+    const hash = this.hash, now = performance.now();
+    if (this.opening || this.present === hash) return;
+    if (release && !(this.byKey && now - this.last < STEP)) {
+      this.past = [...this.past, this.present].slice(-STEPS);
+      this.undone = [];
+    }
+    if (release) this.last = this.byKey ? now : -Infinity;
+    this.keep(hash);
+  }
+
+  keep(hash) { // the browser's back button leaves the page, so its history is not written
+    this.present = hash;
+    if (location.hash.slice(1) === hash) return;
+    try { history.replaceState(null, "", `#${hash}`); } catch { this.off = true; } // in a frame without an address
+  }
+
+  key(event) {
+    const typing = event.target.tagName === "TEXTAREA" || (event.target.tagName === "INPUT" && event.target.type !== "range");
+    this.byKey = !typing;
+    if (typing || event.altKey || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
+    event.preventDefault();
+    if (event.shiftKey) this.step(this.undone, this.past);
+    else this.step(this.past, this.undone);
+  }
+
+  step(from, to) { // one back, or forth
+    if (!from.length) return;
+    to.push(this.present);
+    const hash = from.pop();
+    this.last = -Infinity;
+    this.show(read(hash, this.viewer.robot, this.first));
+    this.keep(hash);
   }
 
   open() { this.show(read(location.hash, this.viewer.robot, this.first)); }
@@ -69,7 +104,7 @@ class Address {
     viewer.loaded();
     if (q) viewer.setCoordinates(viewer.closed(q.slice()));
     else if (motion) viewer.seek(motion.given(t));
-    Object.assign(stage, { azimuth: camera[0], elevation: camera[1], distance: camera[2], target: camera.slice(3) });
+    Object.assign(stage, { azimuth: camera[0], elevation: Math.max(stage.lowest, camera[1]), distance: camera[2], target: camera.slice(3) });
     robot.switches.forEach(([key]) => viewer.panel.show(key, layers.includes(key)));
     viewer.panel.load.tell();
     viewer.panel.update();

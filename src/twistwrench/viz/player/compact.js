@@ -8,6 +8,9 @@ class Compact {
     this.embedded = words.includes("embed") || (Boolean(robot.embed) && !words.includes("full"));
     this.wanted = !words.includes("full");
     this.link = document.getElementById("open-full");
+    this.hint = document.getElementById("hint");
+    this.hint.textContent = `${/Mac|iPhone|iPad/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`;
+    viewer.stage.hint = () => this.tell();
     this.homes = []; // where parts of the panel belong
     const decide = () => this.set(this.embedded || (this.wanted && narrow.matches && !robot.book));
     narrow.addEventListener("change", decide);
@@ -26,6 +29,7 @@ class Compact {
     const main = document.querySelector("main");
     main.classList.toggle("compact", on);
     main.classList.toggle("embedded", on && this.embedded);
+    this.viewer.stage.visit(this.embedded || window.parent !== window);
     this.homes.reverse().forEach(([part, parent, next]) => parent.insertBefore(part, next));
     this.homes = [];
     if (on) {
@@ -38,6 +42,12 @@ class Compact {
     } else this.link.textContent = "One control";
     this.viewer.panel.cover();
     this.viewer.changes += 1;
+  }
+
+  tell() { // for a moment, how to zoom in a page within another
+    this.hint.hidden = false;
+    clearTimeout(this.told);
+    this.told = setTimeout(() => { this.hint.hidden = true; }, 1500);
   }
 
   leave(event) { // a page within another opens in a window of its own; a small one shows its panel

@@ -55,7 +55,7 @@ class LoadPanel {
       typed.value = `${plain(get())} ${unit_}`;
       tell();
       this.viewer.loaded();
-      this.viewer.settled(false);
+      this.viewer.settled();
     });
     tell();
     this.sliders[id] = { tell, set };

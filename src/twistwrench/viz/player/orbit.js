@@ -6,6 +6,9 @@ class Orbit {
     Object.assign(this, { canvas, size, target: [0, 0, 0], covered: { right: 0, top: 0, bottom: 0 } });
     this.home = { azimuth: -0.9, elevation: 0.35, distance: 2.05 * size };
     Object.assign(this, this.home);
+    this.guest = false; // within another page, whose wheel and finger scroll
+    this.floor = -Infinity; // height of the floor, which the camera of a guest stays above
+    this.hint = () => {}; // tells how to zoom
     this.grasp = null; // takes (x, y) of a press, and how far off it may be: null, or a function of (dx, dy) that moves what was pressed on
     this.steer();
   }
@@ -38,16 +41,26 @@ class Orbit {
     return [((x / w + 1) / 2) * this.canvas.clientWidth, ((1 - y / w) / 2) * this.canvas.clientHeight];
   }
 
+  get lowest() { return this.guest ? 0.02 : -1.2; } // elevation [rad]
+
+  // Within another page: its wheel and vertical swipes scroll that page, two fingers turn the view.
+  visit(guest) {
+    this.guest = guest;
+    this.canvas.style.touchAction = guest ? "pan-y" : "none";
+    this.elevation = Math.max(this.lowest, this.elevation);
+  }
+
   steer() { // drag orbits, with the right button or two fingers it shifts; the wheel and pinching zoom
     const canvas = this.canvas, fingers = new Map();
     let held = null;
     const orbit = (dx, dy) => {
       this.azimuth -= 0.008 * dx;
-      this.elevation = Math.min(1.55, Math.max(-1.2, this.elevation + 0.008 * dy));
+      this.elevation = Math.min(1.55, Math.max(this.lowest, this.elevation + 0.008 * dy));
     };
     const shift = (dx, dy) => {
       const { right, up } = this.camera(), scale = (0.62 * this.distance) / canvas.clientHeight;
       this.target = add(this.target, add(times(-scale * dx, right), times(scale * dy, up)));
+      if (this.guest) this.target[2] = Math.max(this.floor, this.target[2]);
     };
     const zoom = (factor) => { this.distance = Math.min(40 * this.size, Math.max(0.05 * this.size, this.distance * factor)); };
     canvas.addEventListener("pointerdown", (event) => {
@@ -65,13 +78,20 @@ class Orbit {
         const other = [...fingers].find(([id]) => id !== event.pointerId)[1];
         const far = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1;
         zoom(far(before) / far([event.clientX, event.clientY]));
-        shift(dx / 2, dy / 2);
+        (this.guest ? orbit : shift)(dx / 2, dy / 2);
       } else if (event.buttons & 2 || event.buttons & 4 || event.shiftKey) shift(dx, dy);
       else orbit(dx, dy);
       fingers.set(event.pointerId, [event.clientX, event.clientY]);
     });
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
-    canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(0.0012 * event.deltaY)); }, { passive: false });
+    canvas.addEventListener("touchstart", (event) => { // what was taken hold of, and two fingers, are not for the page around
+      if (event.cancelable && (held || event.touches.length > 1)) event.preventDefault();
+    }, { passive: false });
+    canvas.addEventListener("wheel", (event) => {
+      if (this.guest && !event.ctrlKey && !event.metaKey) return this.hint();
+      event.preventDefault();
+      zoom(Math.exp(0.0012 * event.deltaY));
+    }, { passive: false });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     const keys = {
       ArrowLeft: () => orbit(-12, 0), ArrowRight: () => orbit(12, 0), ArrowUp: () => orbit(0, -12), ArrowDown: () => orbit(0, 12),

@@ -26,6 +26,7 @@ class Viewer {
     this.stage = stageOn(document.getElementById("stage"), robot.size);
     this.stage.target = robot.target.slice();
     this.stage.home.target = robot.target.slice();
+    this.stage.floor = robot.floor;
     this.made = new Map();
     const surfaces = robot.surfaces.map(({ vertices, faces, low, step }) => {
       const grid = array(vertices), positions = new Float32Array(grid.length);
@@ -162,9 +163,9 @@ class Viewer {
     this.refresh();
   }
 
-  settled(release = true) { // a slider was let go, or a value typed
+  settled() { // a slider was let go, or a value typed
     this.panel.tell();
-    this.address?.note(release);
+    this.address?.note(true);
   }
 
   get over() { // torques whose joints are red: over the whole motion, or where the robot is held
