@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from calibration_worlds import NOISE, World, gantry, planar, rail, scara
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
 from twistwrench.calibration.fit import CalibrationProblem
 from twistwrench.calibration.groups import ParameterGroups
+from twistwrench.cli.main import main
 from twistwrench.core.errors import TwistWrenchError
 
 ARMS = {f"{n}R": (lambda n=n: planar(n)) for n in range(2, 8)} | {"scara": scara, "rail": rail, "gantry": gantry}
@@ -218,3 +222,87 @@ def test_missing_joints_and_wrong_options_are_refused(tmp_path):
             tw.calibration.calibrate("ur5", m, **options)
     with pytest.raises(TwistWrenchError, match=r"robot 'ur5' has 6 coordinates"):
         tw.calibration.calibrate("ur5", tw.calibration.Measurements(np.zeros((4, 5)), positions=np.ones((4, 3))))
+
+
+# ── Readings taken otherwise
+
+
+def _faults(m):
+    """Readings with a fault, by the doubt that has to name it."""
+    q, n = m.q, m.q.shape[1]
+    order = [0, 2, 1, *range(3, n)]
+    ahead = m.taken(np.arange(1, len(m)))
+    yield "unit", replace(m, positions=1e3 * m.positions)
+    yield "degrees", replace(m, q=np.degrees(q))
+    yield "exchanged", replace(m, q=q[:, order])
+    yield "sign", replace(m, q=q * np.where(np.arange(n) == n - 1, -1, 1))
+    yield "zero", replace(m, q=q + np.pi / 2 * np.eye(n)[2])
+    yield "left-handed", replace(m, positions=m.positions * [1, -1, 1])
+    yield "row-shift", replace(ahead, q=q[:-1])
+    yield "scale", replace(m, positions=1.02 * m.positions)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur5", "6R"])
+def test_a_fault_of_the_readings_is_named_first(name):
+    """Each fault by its name, as LOOK AGAIN; a scale of 2 % as UNSURE, since the file may be wrong instead."""
+    world = World.drawn(ARMS[name](), 13)
+    clean = world.measured("position", 40)
+    assert not tw.calibration.calibrate(world.robot, clean).doubts
+    for fault, m in _faults(clean):
+        found = tw.calibration.calibrate(world.robot, m)
+        assert found.doubts[0].kind == f"calibration-{fault}", fault
+        assert found.verdict.word == ("UNSURE" if fault == "scale" else "LOOK AGAIN")
+
+
+@pytest.mark.parametrize(("fault", "change"), [
+    ("inverse", lambda m: tw.se3.inverse(m.poses)),
+    ("quaternion-order", lambda m: tw.se3.pose(
+        Rotation.from_quat(np.roll(Rotation.from_matrix(m.rotations).as_quat(), -1, 1)).as_matrix(), m.points)),
+    ("angle-order", lambda m: tw.se3.pose(
+        Rotation.from_euler("xyz", Rotation.from_matrix(m.rotations).as_euler("XYZ")).as_matrix(), m.points)),
+])  # fmt: skip
+def test_a_convention_of_poses_is_named(fault, change):
+    world = World.drawn(tw.robots.ur5(), 14)
+    m = world.measured("pose", 30)
+    found = tw.calibration.calibrate(world.robot, replace(m, poses=change(m)))
+    assert found.doubts[0].kind == f"calibration-{fault}" and found.verdict.word == "LOOK AGAIN"
+    with pytest.raises(TwistWrenchError, match="nothing is written"):
+        found.write("nowhere.urdf")
+
+
+def test_the_controllers_own_poses_are_no_measurement():
+    """Readings that equal the file's kinematics are not measured."""
+    robot = tw.robots.ur5()
+    q = robot.random_configuration(0, (30,))
+    m = tw.calibration.Measurements(q, poses=robot.forward_kinematics(q))
+    assert "own kinematics" in tw.calibration.calibrate(robot, m).headline
+
+
+def test_another_robots_readings_are_not_explained():
+    world = World.drawn(planar(6), 15)
+    found = tw.calibration.calibrate("ur5", world.measured("position", 40))
+    assert found.doubts[0].kind == "calibration-wrong-robot"
+
+
+def test_copied_rows_are_named():
+    m = World.drawn(tw.robots.ur5(), 16).measured("position", 40)
+    found = tw.calibration.calibrate("ur5", m.taken(np.r_[np.arange(40), 5]))
+    assert "40 of 5" in found.headline
+
+
+def test_the_command_is_the_function(tmp_path):
+    """First line, tables and data of the command are those of the function; the file is written."""
+    out, data = tmp_path / "mine.urdf", tmp_path / "found.json"
+    done = CliRunner().invoke(
+        main, ["calibrate", "ur5", "demo", "--out", str(out), "--json", str(data), "--plot", str(tmp_path / "p.svg")]
+    )
+    found = tw.calibration.calibrate("ur5", "demo")
+    assert done.exit_code == 0 and " ".join(done.output.split()).startswith(found.headline)
+    written = json.loads(data.read_text())
+    assert {key: written[key] for key in ("verdict", "groups", "held_out", "remaining")} == {
+        key: json.loads(found.to_json())[key] for key in ("verdict", "groups", "held_out", "remaining")
+    }  # fmt: skip
+    assert np.allclose(
+        tw.load(out).forward_kinematics(np.ones(6)), found.robot.forward_kinematics(np.ones(6)), atol=1e-9
+    )

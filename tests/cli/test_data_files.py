@@ -21,6 +21,7 @@ COMMANDS = {
     "excite": "excite planar_2r --acceleration 5 --duration 4 --harmonics 2 --restarts 1 --step 0.1",
     "move": "move planar_2r --to 0.5,0.5 --duration 1 --step 0.1",
     "simulate": "simulate planar_2r --duration 0.05",
+    "calibrate": "calibrate ur5 demo",
     "compensate": "sensor compensate demo --sensor demo",
     "sensor identify": "sensor identify demo",
     "poses": "sensor poses --count 3",

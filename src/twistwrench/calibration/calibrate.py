@@ -83,7 +83,8 @@ def calibrate(
     (True, True)
     """
     arguments.choice(outliers, "outliers", ("trim", "keep"))
-    accuracy = tuple(arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2).tolist())
+    length_accuracy, axis_accuracy = (arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2))
+    accuracy = length_accuracy, axis_accuracy
     arm = robot if isinstance(robot, Robot) else load(robot)
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
 
@@ -108,7 +109,9 @@ def calibrate(
     }  # fmt: skip
     files = {"MEASUREMENTS": str(measurements)} if isinstance(measurements, str | Path) else {}
     reference = arm.random_configuration(seed, CONFIGURATIONS)
-    found = CalibratedRobot(arm, fit, before, held_out, (), accuracy, reference, settings, files)  # type: ignore[arg-type]
+    found = CalibratedRobot(
+        arm, fit, before, np.concatenate(plain.errors), held_out, (), accuracy, reference, settings, files
+    )
     return replace(found, doubts=tuple(doubts_of(found)))
 
 

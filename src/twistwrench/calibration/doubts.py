@@ -13,6 +13,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.lie import so3
 from .held_out import configuration_labels
+from .readings_otherwise import effect_doubts, reading_doubts, scale_doubts
 from .result_view import millimetres
 
 if TYPE_CHECKING:
@@ -33,7 +34,11 @@ _COPIED = 1e-9
 
 def doubts_of(found: CalibratedRobot) -> list[Doubt]:
     """All doubts, the most severe first."""
-    every = [*_columns(found), *_unseen(found), *_left(found)]
+    readings = [*_columns(found), *reading_doubts(found)]
+    if any(one.refuses for one in readings):
+        return [one for one in readings if one.refuses]
+    offered = [*effect_doubts(found), *scale_doubts(found)]
+    every = [*readings, *offered, *_unseen(found), *([] if offered else _left(found))]
     return sorted(every, key=lambda one: _SEVEREST_FIRST[one.level])
 
 

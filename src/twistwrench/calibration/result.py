@@ -55,6 +55,8 @@ class CalibratedRobot(Answer):
     """Solution with its linearisation."""
     before: float
     """Error [m] (rms) with the file as it is; target and tip fitted."""
+    errors_before: Array
+    """(readings,) sizes [m] of the residuals with the file as it is."""
     held_out: HeldOutError
     """Error of readings that were not used."""
     doubts: tuple[Doubt, ...]

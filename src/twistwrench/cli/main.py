@@ -616,6 +616,7 @@ _GROUPS = {
         "log": _Entry("log", "Check the columns of a log: rates, gaps, noise."),
         "excite": _Entry("identify", "Plan the motion to record for identify."),
         "identify": _Entry("identify", "Estimate masses, inertias and friction from logs."),
+        "calibrate": _Entry("calibration.calibrate", "Fit the geometry of an arm to measured positions."),
         "sensor": _Entry("sensor", "Calibrate a six-axis sensor, and compensate the tool."),
     },
     "Move and show": {

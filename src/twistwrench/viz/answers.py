@@ -15,6 +15,7 @@ import numpy as np
 from ..answers.answer import Answer
 from ..answers.blocks import mark_style
 from ..answers.page import LARGEST_VIEWER, MarkedJoint, Picture, Viewer
+from ..calibration.result import CalibratedRobot
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import as_path, picture_path
@@ -32,6 +33,7 @@ from ..trajectories.move_report import MoveReport
 from ..trajectories.move_view import worst_moment as worst_planned_moment
 from . import page, style
 from .pictures import Plot, drawn, robot_picture
+from .plots.calibration import plot_calibration
 from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
@@ -102,6 +104,14 @@ def _(answer: SimulationResult) -> Iterable[Picture]:
         return []
     pictures = [] if answer.simulated is None else [robot_picture(answer.simulated, *worst_moment_of(answer))]
     return [*pictures, drawn("Joints, energies and drift", partial(plot_simulation, answer))]
+
+
+# ── Calibrated robots
+
+
+@plots_of.register
+def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
+    return {"calibration": partial(plot_calibration, answer)}
 
 
 # ── Findings on a robot file

@@ -1,0 +1,268 @@
+"""Readings taken otherwise: units, order and sign of columns, conventions. Each alternative is fitted again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..core.doubts import Doubt, doubt
+from ..core.errors import TwistWrenchError
+from ..core.numbers import number
+from ..core.typing import Array
+from ..formats.urdf import rpy_of_rotation
+from ..mechanics.lie import quaternion, se3, so3
+from .fit import CalibrationFit, CalibrationProblem
+from .groups import Remaining
+from .held_out import cross_validated
+from .measurements import Measurements, rotations_from_roll
+from .result_view import millimetres
+
+if TYPE_CHECKING:
+    from .result import CalibratedRobot
+
+_LARGE, _TURNED, _SHARE = 1e-3, 20e-3, 0.2
+"""Residual [m], [rad], and as a share of the error before, from which readings are taken otherwise."""
+_MANY_OUTLIERS = 0.05
+_HALF = 0.5
+"""Largest misfit of a named alternative, as a share of that of the readings as given."""
+_ALIKE = 1.5
+"""Ratio of misfits up to which alternatives are equal, and the more usual one is named."""
+_LEVER = 0.3
+"""Length [m] by which angles count in the misfit."""
+_BEST = 3
+_NOTHING_FITS = 10e-3
+"""Misfit [m] of all readings above which the robot itself is doubted."""
+_SCALE_SIZE, _SCALE_DEVIATIONS = 5e-3, 3.0
+_GAIN = 0.8
+"""Held-out error with sag or gears over the error without, below which they are offered."""
+_EXACT = 5e-6
+"""Error [m] before, below which readings are the file's own kinematics."""
+
+
+class Alternative(NamedTuple):
+    """Readings taken otherwise."""
+
+    kind: str
+    joints: tuple[str, ...]
+    change: Callable[[Measurements], Measurements]
+    value: float | None = None
+    unit: str = ""
+    words: str = ""
+
+
+def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
+    """Doubts of readings that fit much better if taken otherwise; of readings that no alternative explains."""
+    fit = found.fit
+    if found.before < _EXACT and all(m.kind in ("pose", "position") for m in fit.problem.measured):
+        return [doubt("calibration-own-kinematics", before=number(1e6 * found.before, 2))]
+    turn = max((float(np.sqrt(np.mean(t**2))) for t in fit.turns if t.size), default=0.0)
+    many = len(fit.outliers) > _MANY_OUTLIERS * sum(m.count for m in fit.problem.measured)
+    explained = fit.rms < _SHARE * found.before or found.needs_nothing
+    if fit.rms < _LARGE and turn < _TURNED and explained and not many:
+        return []
+    plain = _misfit(replace(fit.problem, keep_outliers=True).fitted())
+    best = _best(fit.problem, plain)
+    if best is not None:
+        one, misfit = best
+        return [
+            doubt(
+                f"calibration-{one.kind}", one.joints, words=one.words, plain=millimetres(plain), misfit=millimetres(misfit),
+                found={"value": one.value, "unit": one.unit},
+            )
+        ]  # fmt: skip
+    if plain > _NOTHING_FITS:
+        return [doubt("calibration-wrong-robot", misfit=millimetres(plain), found={"value": plain, "unit": "m"})]
+    return []
+
+
+def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
+    """Alternative that more than halves the misfit: the three best of targets and tip alone are fitted in full."""
+    first = [(_tried(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
+    best = sorted(first, key=lambda entry: entry[:2])[:_BEST]
+    full = [_tried(problem, one, frames_only=False) for _, _, one in best]
+    alike = [k for k, misfit in enumerate(full) if misfit <= _ALIKE * min(full)]
+    if not min(full) < _HALF * plain:
+        return None
+    usual = [
+        k for k in alike if best[k][0] <= _ALIKE * best[alike[0]][0]
+    ]  # targets and tip alone tell zeros of 90° and 180°
+    chosen = min(usual, key=lambda k: best[k][1])
+    return best[chosen][2], full[chosen]
+
+
+def _tried(problem: CalibrationProblem, one: Alternative, *, frames_only: bool) -> float:
+    """Misfit with an alternative; infinite if it cannot be fitted."""
+    try:
+        measured = tuple(map(one.change, problem.measured))
+        return _misfit(replace(problem, measured=measured, keep_outliers=True).fitted(frames_only=frames_only))
+    except (TwistWrenchError, np.linalg.LinAlgError):
+        return math.inf
+
+
+def _misfit(fit: CalibrationFit) -> float:
+    """Upper quartile of the residuals [m], with angles times 0.3 m: outliers do not matter."""
+    sizes = [np.hypot(e, _LEVER * turn) if turn.size else e for e, turn in zip(fit.errors, fit.turns, strict=True)]
+    return float(np.quantile(np.concatenate(sizes), 0.75))
+
+
+# ── Alternatives
+
+
+def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
+    """All readings taken otherwise, the most usual first."""
+    chain, kinds = problem.chain, {m.kind for m in problem.measured}
+    joints, columns = chain.joints, chain.columns
+    turning = [k for k, turns in zip(columns, chain.turning, strict=True) if turns]
+    if kinds & {"pose", "position", "distance", "pair"}:
+        for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches")):
+            yield Alternative("unit", (), partial(_scaled, factor=factor), factor, "", unit)
+    for factor, words in ((math.radians(1.0), "degrees"), (math.degrees(1.0), "rad")):
+        yield Alternative("degrees", (), partial(_q_times, columns=turning, factor=factor), factor, "", words)
+    for (a, i), (b, j) in combinations(zip(joints, columns, strict=True), 2):
+        yield Alternative("exchanged", (a, b), partial(_exchanged, i=i, j=j))
+    for joint, k in zip(joints, columns, strict=True):
+        yield Alternative("sign", (joint,), partial(_q_times, columns=[k], factor=-1.0))
+    for joint, k in zip(joints, columns, strict=True):
+        for degrees in (90.0, -90.0, 180.0) if k in turning else ():
+            yield Alternative(
+                "zero", (joint,), partial(_q_plus, k=k, offset=math.radians(degrees)), degrees, "°", number(degrees)
+            )
+    if kinds & {"pose", "position"}:
+        yield Alternative("left-handed", (), _mirrored)
+    for rows, words in ((1, "late"), (-1, "early")):
+        yield Alternative("row-shift", (), partial(_shifted, rows=rows), float(rows), "rows", words)
+    if "pose" in kinds:
+        yield Alternative("inverse", (), partial(_turned, change=se3.inverse))
+        for places, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):
+            yield Alternative(
+                "quaternion-order", (), partial(_turned, change=partial(_rolled, places=places)), None, "", words
+            )
+        for words, read in _ANGLES.items():
+            yield Alternative("angle-order", (), partial(_turned, change=read), None, "", words)
+
+
+def _scaled(m: Measurements, factor: float) -> Measurements:
+    poses = None if m.poses is None else np.asarray(se3.pose(m.rotations, factor * m.points))
+    positions = None if m.positions is None else factor * m.positions
+    return replace(m, poses=poses, positions=positions, distances=None if m.distances is None else factor * m.sizes)
+
+
+def _q_times(m: Measurements, columns: list[int], factor: float) -> Measurements:
+    q = m.q.copy()
+    q[:, columns] *= factor
+    return replace(m, q=q)
+
+
+def _q_plus(m: Measurements, k: int, offset: float) -> Measurements:
+    return replace(m, q=m.q + offset * np.eye(m.q.shape[1])[k])
+
+
+def _exchanged(m: Measurements, i: int, j: int) -> Measurements:
+    q = m.q.copy()
+    q[:, [i, j]] = q[:, [j, i]]
+    return replace(m, q=q)
+
+
+def _shifted(m: Measurements, rows: int) -> Measurements:
+    if m.pairs is not None or m.kind not in ("pose", "position", "distance"):
+        return m
+    ahead, behind = m.taken(np.arange(1, len(m))), m.taken(np.arange(len(m) - 1))
+    return replace(behind, q=ahead.q) if rows > 0 else replace(ahead, q=behind.q)
+
+
+def _mirrored(m: Measurements) -> Measurements:
+    M = np.diag([1.0, 1.0, -1.0])
+    if m.poses is not None:
+        return replace(m, poses=np.asarray(se3.pose(M @ m.rotations @ M, m.points @ M)))
+    return m if m.positions is None else replace(m, positions=m.points @ M)
+
+
+def _turned(m: Measurements, change: Callable[[Array], Array]) -> Measurements:
+    return m if m.poses is None else replace(m, poses=np.asarray(change(m.poses)))
+
+
+def _rolled(T: Array, places: int) -> Array:
+    quat = np.stack([quaternion.from_matrix(R) for R in T[:, :3, :3]])
+    return np.asarray(se3.pose(quaternion.rotation(np.roll(quat, places, axis=1)), T[:, :3, 3]))
+
+
+def _read_again(T: Array, angles: Callable[[Array], Array], rotations: Callable[[Array], Array]) -> Array:
+    return np.asarray(se3.pose(rotations(np.stack([angles(R) for R in T[:, :3, :3]])), T[:, :3, 3]))
+
+
+def _moving_axes(angles: Array) -> Array:
+    """Rx(roll) Ry(pitch) Rz(yaw)."""
+    return np.swapaxes(rotations_from_roll(-angles), 1, 2)
+
+
+def _swapped(angles: Array) -> Array:
+    return rotations_from_roll(angles[:, ::-1])
+
+
+_ANGLES: dict[str, Callable[[Array], Array]] = {
+    "moving axes x, y, z": partial(_read_again, angles=rpy_of_rotation, rotations=_moving_axes),
+    "the order yaw, pitch, roll": partial(_read_again, angles=rpy_of_rotation, rotations=_swapped),
+    "a rotation vector": partial(_read_again, angles=rpy_of_rotation, rotations=so3.exp),
+    "roll, pitch, yaw": partial(_read_again, angles=so3.log, rotations=rotations_from_roll),
+}
+"""Orientations read by other conventions."""
+
+
+# ── Scale, sag and gears
+
+
+def scale_doubts(found: CalibratedRobot) -> Iterator[Doubt]:
+    """Scale of the readings against the file's lengths, which are held at their accuracy."""
+    fit = found.fit
+    if any(m.kind not in ("pose", "position", "distance", "pair") for m in fit.problem.measured):
+        return
+    A, y = fit.weighted
+    parts = []
+    for m, W in zip(fit.problem.measured, fit.weights, strict=True):
+        column = np.zeros(W.shape)
+        column[:, m.angle_rows :] = -(m.points if len(m.points) else m.sizes[:, None])
+        parts.append((column * W).ravel())
+    column = np.concatenate(parts)
+    p = len(fit.problem.chain.parameters)
+    wide = Remaining(fit, found.reference, found.file_accuracy).wide
+    prior = np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]
+    B = np.concatenate([np.c_[A, column], prior])
+    at = np.concatenate([fit.problem.chain.values(fit.state.corrections), np.zeros(len(wide) - p)])
+    x = np.linalg.lstsq(B, -np.concatenate([y, at / wide]), rcond=None)[0]
+    deviation = float(np.sqrt(np.linalg.inv(B.T @ B)[-1, -1]))
+    scale = float(1.0 / (1.0 + x[-1]))
+    if abs(x[-1]) > max(_SCALE_DEVIATIONS * deviation, _SCALE_SIZE):
+        yield doubt(
+            "calibration-scale", scale=f"{number(scale, 4)} ± {number(2.0 * deviation, 1)}",
+            found={"value": scale, "interval": (scale - 2.0 * deviation, scale + 2.0 * deviation)},
+        )  # fmt: skip
+
+
+def effect_doubts(found: CalibratedRobot) -> Iterator[Doubt]:
+    """Sag and gear errors that lower the held-out error by a fifth."""
+    problem, chain = found.fit.problem, found.fit.problem.chain
+    rows = sum(int((W[:, -1] > 0).sum()) * W.shape[1] for W in found.fit.weights)
+    plain = cross_validated(found.fit, int(found.settings["seed"])).rms
+    for effect in ("sag", "gears"):
+        if effect in chain.assume or rows < 2 * (found.rank + len(chain.joints)):
+            continue
+        with_effect = replace(problem, chain=replace(chain, assume=(*chain.assume, effect)))
+        try:
+            fit = with_effect.fitted()
+        except (TwistWrenchError, np.linalg.LinAlgError):
+            continue
+        rms = cross_validated(fit, int(found.settings["seed"])).rms
+        if rms < _GAIN * plain:
+            yield doubt(
+                f"calibration-{effect}",
+                plain=millimetres(plain),
+                rms=millimetres(rms),
+                found={"value": rms, "unit": "m"},
+            )
+            return

@@ -1,0 +1,109 @@
+"""The command ``twistwrench calibrate``: geometry of an arm from measurements, written back into its file."""
+
+from __future__ import annotations
+
+import re
+
+import click
+
+from ...calibration import CalibratedRobot, calibrate
+from ...core.errors import ValueRangeError
+from ...core.verdict import ExitCode, Word
+from .. import shared
+from ..main import Given, note, option
+from ..report import REPORT, write_report
+from ..shared import RobotOptions, robot_command
+from ..terminal import show_answer
+
+_UNITS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
+_QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
+
+
+def _sizes(text: str | None, flag: str) -> tuple[float, ...] | None:
+    """Numbers with units, such as 1mm,0.1deg, in m and rad."""
+    if text is None:
+        return None
+    found = list[float]()
+    for part in text.split(","):
+        match = _QUANTITY.fullmatch(part)
+        try:
+            found.append(float(match[1]) * _UNITS[match[2]] if match else float("nan"))
+        except (ValueError, KeyError):
+            found.append(float("nan"))
+    if not 1 <= len(found) <= 2 or not all(x > 0 for x in found):
+        raise ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
+    return tuple(found)
+
+
+@robot_command(
+    "calibrate",
+    click.argument("measurements", metavar="MEASUREMENTS...", nargs=-1, required=True),
+    option(
+        "--kind", "Kind of the readings. [default: by the columns; touches need it]",
+        choices=("pose", "position", "distance", "pair", "point", "plane", "sphere"),
+    ),
+    option(
+        "--assume CAUSE", "Estimate this cause too: sag under gravity, or errors of gears; may be repeated.",
+        choices=("sag", "gears"), multiple=True,
+    ),
+    option("--test LOG", "Log to predict, not to fit; may be repeated. [default: six folds]", "tests", multiple=True),
+    option("--length", "Known length of touches [m].", type=float),
+    option("--noise M[,RAD]", "Standard deviation of a reading: 0.05mm, or 0.05mm,0.01deg. [default: estimated]"),
+    option("--file-accuracy M,RAD", "Standard deviations of lengths and axes in the robot's file.", default="1mm,2mrad"),
+    option("--keep-outliers", "Use readings that contradict the others, too."),
+    option("--out OUT", "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN."),
+    shared.csv_option("Write the residuals, one row per reading"),
+    shared.JSON,
+    option("--plot OUT.png", "Draw errors before and after, and groups with intervals."),
+    REPORT,
+    examples=("calibrate ur5 demo", "calibrate ur5 demo --out mine.urdf"),
+    robot_first=True,
+)  # fmt: skip
+def calibrate_command(options: RobotOptions, given: Given) -> ExitCode:
+    """Fit zeros, axes, lengths, tip and target of an arm to measurements of its tip, with intervals and held-out error.
+
+    MEASUREMENTS are CSV files with the joints' positions and x,y,z (perhaps with qw,qx,qy,qz, or rx,ry,rz, or
+    roll,pitch,yaw), or distance, or touches; 'demo' is bundled. Exit code: 1 for UNSURE and LOOK AGAIN.
+    """
+    files = {
+        f"MEASUREMENTS {path}": path for path in (*given.measurements, *given.tests) if path != "demo"
+    } | options.files
+    given.check_files(files)
+    noise, accuracy = _sizes(given.noise, "--noise"), _sizes(given.file_accuracy, "--file-accuracy") or ()
+    if len(accuracy) != 2:
+        raise ValueRangeError(
+            f"--file-accuracy {given.file_accuracy!r} is not a length and an angle. Write for example 1mm,2mrad."
+        )
+    found = calibrate(
+        options.load(), list(given.measurements), kind=given.kind, tip=options.tip, assume=given.assume,
+        test=list(given.tests) or None, length=given.length,
+        noise=None if noise is None else noise[0] if len(noise) == 1 else (noise[0], noise[1]),
+        file_accuracy=(accuracy[0], accuracy[1]), outliers="keep" if given.keep_outliers else "trim", degrees=options.degrees,
+    )  # fmt: skip
+    show_answer(found)
+    written = _write(found, given)
+    if given.csv is not None:
+        found.to_csv(given.csv)
+    if given.plot is not None:
+        found.plot(path=given.plot)
+    shared.show_written(written, given.csv, given.plot)
+    if given.report is not None:
+        write_report(
+            given, "calibrate", found.subject, list(found.blocks()), files=files, facts=found.facts().items(),
+            pictures=found.pictures(), robot=found.robot, degrees=options.degrees,
+        )  # fmt: skip
+    return found.verdict.exit_code
+
+
+def _write(found: CalibratedRobot, given: Given) -> str | None:
+    """Write the robot's file unless the answer is against it; returns its path."""
+    if given.out is None:
+        return None
+    if found.verdict.word is Word.LOOK_AGAIN:
+        note(f"{given.out} is not written, since the measurements contradict the robot.")
+        return None
+    if found.verdict.ok and found.needs_nothing:
+        note(f"{given.out} is not written, since the file is already right.")
+        return None
+    found.write(given.out)
+    return str(given.out)

@@ -1,0 +1,99 @@
+"""Plots of a calibration: error of each reading before and after, map of the remaining error, zeros with intervals."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...calibration.result import CalibratedRobot
+from ...core.numbers import number
+from .. import style
+
+_MILLI = 1e3
+
+
+def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
+    """Plot errors before and after by reading, the error that remains over the reach, and zeros with intervals.
+
+    Parameters
+    ----------
+    found : CalibratedRobot
+    path : str or Path, file to write
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tw.calibration.calibrate("ur5", "demo").plot(f"{folder}/calibration.svg").name
+    'calibration.svg'
+    """
+    with style.figure(10.5, 7.0, f"{found.robot_name} · calibration of {found.fit.problem.chain.frame}") as drawn:
+        axes: Any = drawn.subplots(2, 2)
+        _draw_errors(axes[0, 0], found)
+        _draw_remaining(axes[0, 1], found)
+        _draw_zeros(axes[1, 0], found)
+        _draw_residuals(axes[1, 1], found)
+        style.save(drawn, path)
+
+
+def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
+    """Bars sorted by the error before; crosses are readings that were left out."""
+    order = np.argsort(-found.errors_before)
+    after = np.concatenate(found.fit.errors)[order]
+    used = np.concatenate([W[:, -1] > 0 for W in found.fit.weights])[order]
+    places = np.arange(len(order))
+    axis.bar(places, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
+    axis.bar(places, _MILLI * after, color=style.POINTED, label="after")
+    axis.plot(places[~used], _MILLI * after[~used], "x", color="black", label="left out", linestyle="none")
+    axis.set_yscale("log")
+    axis.yaxis.set_major_formatter(lambda x, _: number(x))
+    axis.set_xlabel("reading, sorted")
+    axis.set_ylabel("error [mm]")
+    axis.legend()
+    style.titles(axis, "Errors of readings")
+
+
+def _draw_remaining(axis: Any, found: CalibratedRobot) -> None:
+    """Predicted error at the tip's places, side view."""
+    p = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
+    shown = axis.scatter(
+        np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=_MILLI * found.remaining_at(found.reference), s=12, cmap="viridis"
+    )
+    axis.figure.colorbar(shown, ax=axis, label="predicted to remain [mm]")
+    axis.set_xlabel("distance from the z axis [m]")
+    axis.set_ylabel("z [m]")
+    style.titles(axis, "What remains")
+
+
+def _draw_zeros(axis: Any, found: CalibratedRobot) -> None:
+    """Zeros in degrees or mm, with their intervals."""
+    chain = found.fit.problem.chain
+    for place, (joint, (value, half)) in enumerate(found.zeros.items()):
+        factor = math.degrees(1.0) if chain.turning[chain.joints.index(joint)] else _MILLI
+        axis.errorbar(factor * value, place, xerr=factor * half, fmt="o", color=style.POINTED)
+    axis.set_yticks(range(len(found.zeros)), list(found.zeros))
+    axis.axvline(0.0, color=style.QUIET, linewidth=0.8)
+    axis.set_xlabel("zero [°, mm of sliding joints], 95 %")
+    style.titles(axis, "Zeros")
+
+
+def _draw_residuals(axis: Any, found: CalibratedRobot) -> None:
+    """Residuals × 1000 as arrows at the tip, seen from above; sizes for kinds without directions."""
+    e, m = found.residuals[0], found.fit.problem.measured[0]
+    if m.rows_each - m.angle_rows < 3:
+        axis.hist(_MILLI * e[:, -1], color=style.POINTED)
+        axis.set_xlabel("residual [mm]")
+        style.titles(axis, "Residuals")
+        return
+    away = e[:, m.angle_rows :] @ found.target_pose[:3, :3]  # in the base
+    p = found.fit.problem.chain.tips(m.q, found.fit.state.corrections)[:, :3, 3]
+    axis.quiver(
+        p[:, 0], p[:, 1], _MILLI * away[:, 0], _MILLI * away[:, 1], angles="xy", scale_units="xy", scale=1.0, width=3e-3
+    )
+    axis.set_aspect("equal")
+    axis.set_xlabel("x [m]")
+    axis.set_ylabel("y [m]; arrows: residuals × 1000")
+    style.titles(axis, "Residuals from above")
