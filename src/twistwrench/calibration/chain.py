@@ -19,7 +19,7 @@ import numpy as np
 from ..core.errors import ModelError, ValueRangeError
 from ..core.text import listed
 from ..core.typing import Array
-from ..mechanics.lie import se3
+from ..mechanics.lie import se3, so3
 from ..mechanics.lie.adjoint import Ad
 from ..mechanics.model.model import BASE
 from ..robot import Robot
@@ -176,11 +176,12 @@ class TipChain:
         return sizes
 
     def values(self, at: Corrections) -> Array:
-        """Parameters (p,) of corrections; those of the tip are its twist from the file's pose."""
+        """Parameters (p,) of corrections; those of the tip are turn and shift from the file's pose."""
         parts = [at.twists.ravel()]
         parts += [at.gears] if "gears" in self.assume else []
         parts += [at.sags] if "sag" in self.assume else []
-        return np.concatenate([*parts, se3.log(se3.inverse(self.start.tip) @ at.tip)])
+        off = np.asarray(se3.inverse(self.start.tip)) @ at.tip
+        return np.concatenate([*parts, np.asarray(so3.log(off[:3, :3])), off[:3, 3]])
 
     def moved(self, at: Corrections, x: Array) -> Corrections:
         """Corrections after a step x (p,), composed as e^[d] e^[δ]."""
@@ -236,6 +237,4 @@ class TipChain:
 
 def point_columns(T: Array, columns: Array) -> Array:
     """Velocities (N, 3, p) of the origins of T (N, 4, 4) for twists (N, 6, p) in the base frame: v - p × ω."""
-    from ..mechanics.lie import so3
-
     return np.asarray(columns[:, 3:] - so3.hat(T[:, :3, 3]) @ columns[:, :3])
