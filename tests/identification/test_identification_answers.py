@@ -6,6 +6,7 @@ import html
 import json
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -176,6 +177,22 @@ def test_a_tool_of_a_seven_axis_arm_is_nearer_by_one_body_than_by_all(mass, com,
     assert (
         str(answer.free_count) in page and len(answer.tables[f"{answer.free_count} groups of parameters"].rows()) > 50
     )
+
+
+def test_a_joint_of_negligible_torque_does_not_make_the_verdict_unsure():
+    """A quarter of wrist 3 is noise: below 1 % of a limit of 100 N m, and it counts without a limit."""
+    robot = tw.robots.ur5()
+    log = carried(robot, 0.0, (0, 0, 0), seed=4)
+    noise = np.random.default_rng(4).normal(size=len(log.time))
+    tau = log.tau + np.outer(noise, [0, 0, 0, 0, 0, 0.25 * np.sqrt(np.mean(log.tau[:, -1] ** 2))])
+    words = []
+    for effort in (100.0, np.inf):
+        arm = tw.Robot(replace(robot.model, limits=replace(robot.limits, effort=np.full(6, effort))))
+        answer = tw.identify(arm, tw.Motion(log.time, log.q, tau=tau, robot=arm), cutoff=20.0, motor_inertia=False)
+        share = answer.held_out.joints["wrist_3_joint"]
+        assert 0.1 < share < 0.5
+        words.append([doubt.joints for doubt in answer.doubts if doubt.kind == "unexplained-joint"])
+    assert words == [[], [("wrist_3_joint",)]]
 
 
 def test_many_doubts_leave_room_on_the_screen():

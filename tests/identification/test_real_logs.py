@@ -103,9 +103,20 @@ def test_one_log_of_the_double_pendulum_from_the_other(pendulum, tmp_path, logs)
     assert found["verdict"] != "LOOK AGAIN"
 
 
+@pytest.mark.parametrize(("stamp", "word"), [("060143", "OK"), ("060245", "UNSURE")])
+def test_ok_is_said_only_if_every_joint_is_predicted(pendulum, tmp_path, stamp, word):
+    """The elbow is predicted to 8.6 % in the one log, to 36 % in the other."""
+    found = identified(tmp_path, pendulum, pendulum_log(stamp), "--cutoff", 5)
+    assert found["verdict"] == word
+    assert [d["joints"] for d in found["doubts"] if d["kind"] == "unexplained-joint"] == [["elbow"]] * (
+        word == "UNSURE"
+    )
+
+
 def test_torques_with_compensated_friction_are_announced(pendulum, tmp_path):
     alone = identified(tmp_path, pendulum, pendulum_log("063536"), "--cutoff", 5, code=1)
-    assert [doubt["kind"] for doubt in alone["doubts"] if doubt["level"] != "note"] == ["partly-unexplained"]
+    kinds = [doubt["kind"] for doubt in alone["doubts"] if doubt["level"] != "note"]
+    assert kinds == ["partly-unexplained", "unexplained-joint"]
     beside = identified(
         tmp_path, pendulum, pendulum_log("060143"), "--test", pendulum_log("063536"), "--cutoff", 5, code=1
     )

@@ -154,7 +154,8 @@ _UNDETERMINED = 0.2
 _MOTION, _UNSURE_TORQUE = 200, 0.1
 """Number of states of another motion, and maximum share of its torques that deviations of the groups may change."""
 _WITHOUT = 0.5
-_UNEXPLAINED_JOINT = 0.6
+_UNEXPLAINED_JOINT, _OF_LIMIT, _MOST_JOINTS = 0.1, 0.01, 4
+"""Residual of a poorly predicted joint, as shares of its torque (rms) and of its effort limit; number of named joints."""
 _NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
 """Standard deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts.
 Without noise, standard deviations do not cover filter errors, which cause such small values."""
@@ -350,18 +351,23 @@ def _negative_energy(seen: FittedLog) -> list[Doubt]:
 def _unexplained(seen: FittedLog, *, known: bool) -> list[Doubt]:
     held = seen.held_out
     found = [] if known else left_unexplained(held, seen.trained)
-    share = held.sizes / max(float(held.sizes.sum()), 1e-300)
-    bad = [
-        name
-        for k, (name, left) in enumerate(held.joints.items())
-        if left > _UNEXPLAINED_JOINT and not seen.dead[k] and share[k] > 0
-    ]
+    bad = _poorly_predicted(seen)
     if not found and held.all > _NOTABLE and not known:
         live = [name for k, name in enumerate(held.joints) if not seen.dead[k]]
         worst = max(live, key=lambda name: held.joints[name])
         most = percent(held.joints[worst], 3)
         found.append(doubt("partly-unexplained", [worst], left=percent(held.all, 3), most=most))
     if bad and not known and not any(one.refuses for one in found):
-        said = ", ".join(f"{name} {percent(held.joints[name], 3)}" for name in bad)
+        said = listed([f"{name} to {percent(held.joints[name], 3)}" for name in bad], _MOST_JOINTS)
         found.append(doubt("unexplained-joint", bad, said=said))
     return found
+
+
+def _poorly_predicted(seen: FittedLog) -> list[str]:
+    """Joints whose residual in rows held out is a large share of their torque, and of their effort limit if they have one."""
+    held, effort = seen.held_out, seen.base.unknown.model.limits.effort
+    count = sum(len(rows.time) for rows in held.rows)
+    residual = np.sqrt(held.squares / max(count, 1))
+    small = np.isfinite(effort) & (residual <= _OF_LIMIT * effort)
+    live = ~seen.dead & (held.sizes > 0) & ~small
+    return [name for k, (name, left) in enumerate(held.joints.items()) if live[k] and left > _UNEXPLAINED_JOINT]
