@@ -138,7 +138,9 @@ if _typing.TYPE_CHECKING:
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
     from .robot.export.saved import Saved as Saved
+    from .robot.export.written import Written as Written
     from .robots.finding import find as find
+    from .robots.known_robots import KnownRobots as KnownRobots
     from .simulation.result import SimulationResult as SimulationResult
     from .sizing.choice import Sizing as Sizing
     from .sizing.sizing import size_drives as size_drives
@@ -172,6 +174,7 @@ _NAMES = {
     "IdentifiedRobot": "identification.result",
     "ModelBuilder": "mechanics.model.builder",
     "DoctorReport": "diagnosis.report",
+    "KnownRobots": "robots.known_robots",
     "LogReport": "reports.log_report",
     "Motion": "motion.motion",
     "MoveReport": "trajectories.move_report",
@@ -185,6 +188,7 @@ _NAMES = {
     "Sizing": "sizing.choice",
     "SpatialInertia": "mechanics.bodies.inertia",
     "Twist": "mechanics.lie.twist_wrench",
+    "Written": "robot.export.written",
     "Wrench": "mechanics.lie.twist_wrench",
     "TorqueReport": "reports.torque_report",
     "VerifyReport": "testing.verify",

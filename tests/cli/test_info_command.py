@@ -18,6 +18,7 @@ import twistwrench as tw
 from twistwrench import NotFoundError, robots
 from twistwrench.motion.limits_file import read_limits
 from twistwrench.reports.info_view import info_view
+from twistwrench.robots.known_robots import name_columns
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -244,6 +245,31 @@ def test_robots_lists_what_is_bundled(run):
         assert name in said
     assert "pendulum" not in run("robots", "quad")[1]
     assert run("robots", "nothing_like_it")[0] == 2
+
+
+@pytest.mark.parametrize("word", ["", "panda", "quad", "planar", "ur"])
+def test_robots_prints_what_its_function_returns(run, monkeypatch, word):
+    monkeypatch.setenv("COLUMNS", "80")
+    known, words = tw.robots.known(word), [word] if word else []
+    code, text = run("robots", *words)
+    assert code == known.verdict.exit_code == 0
+    shown, returned = (
+        [line.rstrip() for line in each.splitlines() if line.strip() and not line.startswith("Files, and")]
+        for each in (text, str(known))
+    )
+    assert shown == returned and len(text.splitlines()) <= 45
+    whole = run("robots", *words, "--all")[1].replace(",", " ").split()
+    assert {*known.bundled, *(found.name for found in known.others)} <= {*whole}
+
+
+def test_names_of_robots_stand_in_columns_that_fit():
+    names = [f"arm_{'x' * (k % 5)}{k}" for k in range(30)]
+    for width in (12, 40, 80):
+        rows = name_columns(" ".join(names), width)
+        assert sorted(" ".join(rows).split()) == sorted(names)
+        assert max(map(len, rows)) <= width
+        assert all(found.start() % 13 == 0 for row in rows for found in re.finditer(r"\S+", row))
+    assert len(name_columns(" ".join(names), 80)) < len(name_columns(" ".join(names), 40))
 
 
 def test_a_name_in_another_case_is_the_same(run):

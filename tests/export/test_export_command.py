@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import shlex
 import shutil
 import subprocess
@@ -32,6 +33,24 @@ def test_it_writes_what_the_library_writes(run, tmp_path):
     for file in tw.robots.planar_2r().export_c("inverse_dynamics", tmp_path / "other" / "arm.c"):
         assert (tmp_path / file.name).read_text() == file.read_text()
         assert f"wrote {file.name}" in output
+
+
+def test_written_files_are_a_tuple_and_an_answer(tmp_path):
+    robot = tw.robots.planar_2r()
+    exports = [
+        robot.export_c("inverse_dynamics", tmp_path),
+        robot.export_st("inverse_dynamics", tmp_path),
+        robot.export_ros2(tmp_path / "arm_dynamics"),
+    ]
+    for written, name in zip(exports, ("planar_2r.c", "planar_2r.st", "arm_dynamics"), strict=True):
+        assert isinstance(written, tw.Written) and isinstance(written, tuple) and written
+        assert all(file.is_file() for file in written) and written.path == tmp_path / name
+        assert (str(written.verdict.word), written.verdict.exit_code, written.robot_name) == ("DONE", 0, "planar_2r")
+        assert str(written).startswith(f"DONE: wrote {written.path}.".split("/")[0])
+        files = written.to_dict()["tables"][0]["rows"]
+        assert len(files) == len(written)
+        copied = pickle.loads(pickle.dumps(written))
+        assert (copied, copied.path) == (written, written.path)
 
 
 def test_a_folder_takes_files_of_the_robots_name(run, tmp_path):

@@ -48,7 +48,7 @@ COUPLED = tw.robots.planar_2r().with_actuators({
 
 
 def exported(robot, quantities, folder, **options):
-    return robot.export_st(quantities, folder / "x.st", **options).read_text(encoding="ascii")
+    return robot.export_st(quantities, folder / "x.st", **options).path.read_text(encoding="ascii")
 
 
 def code(text):
@@ -300,7 +300,7 @@ def test_the_command_writes_what_the_library_writes(tmp_path, monkeypatch):
     ur5 = tw.robots.ur5().with_actuators(tw.robots.path_of("ur5").with_name("ur5_demo.yaml"))
     loaded = ur5.with_payload(tw.SpatialInertia.from_com(3.0, (0.0, 0.02, 0.1)), "tool0")
     wanted = loaded.export_st([("inverse_dynamics", {"gravity": "input"})], "b.st", precision="float", torque="motor")
-    assert (tmp_path / "a.st").read_text() == wanted.read_text()
+    assert (tmp_path / "a.st").read_text() == wanted.path.read_text()
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def export_command(options: RobotOptions, given: Given) -> None:
         export_ros2(robot, given.ros2, license=given.license, label="--ros2")
         show_written(given.ros2)
     if given.st is not None:
-        show_written(export_st(robot, wanted, given.st, label="--st", **given.pick("style", "torque"), **common))
+        show_written(*export_st(robot, wanted, given.st, label="--st", **given.pick("style", "torque"), **common))
     if given.path is not None:
         written = export_c(robot, wanted, given.path, label="--c", **common)
         show_written(*written)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..mechanics.bodies.inertia import SpatialInertia
     from ..mechanics.model.model import Model
     from .export.request import Quantities
+    from .export.written import Written
     from .programs import KernelOptions
     from .robot import Robot
 
@@ -453,7 +454,7 @@ class ExportMethods(ConstraintMethods):
         precision: Literal["double", "float"] = "double",
         prefix: str | None = None,
         test: bool = True,
-    ) -> tuple[Path, ...]:
+    ) -> Written:
         """C code export: quantities as C99 functions that need only ``math.h`` and no heap memory.
 
         docs/export.md shows the files. A closed robot also exports quantities with its constraints.
@@ -492,7 +493,7 @@ class ExportMethods(ConstraintMethods):
         test: bool = True,
         style: Literal["function_block", "codesys"] = "function_block",
         torque: Literal["joint", "motor"] = "joint",
-    ) -> Path:
+    ) -> Written:
         """Structured Text export: quantities as function blocks (IEC 61131-3) for PLCs. Not yet run on a PLC.
 
         docs/export.md shows the file. The tests execute it with an interpreter based on an independent parser.
@@ -510,7 +511,7 @@ class ExportMethods(ConstraintMethods):
 
         Returns
         -------
-        file : Path
+        files : Written, a tuple with the Path
 
         Raises
         ------
@@ -525,7 +526,7 @@ class ExportMethods(ConstraintMethods):
         --------
         >>> import tempfile, twistwrench as tw
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     file = tw.robots.ur5().export_st(["inverse_dynamics", "gravity_forces"], folder)
+        ...     (file,) = tw.robots.ur5().export_st(["inverse_dynamics", "gravity_forces"], folder)
         ...     print("FUNCTION_BLOCK ur5_inverse_dynamics" in file.read_text())
         True
         """
@@ -536,7 +537,7 @@ class ExportMethods(ConstraintMethods):
             self.open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
         )
 
-    def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> tuple[Path, ...]:  # noqa: A002
+    def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> Written:  # noqa: A002
         """ROS 2 package export: a plug-in of ``inverse_dynamics_solver`` with a test. Not yet built with colcon.
 
         docs/export.md shows the files. The plug-in compares joints and masses with ``robot_description``.
@@ -548,7 +549,7 @@ class ExportMethods(ConstraintMethods):
 
         Returns
         -------
-        files : tuple of Path
+        files : Written, a tuple of Path
 
         Raises
         ------

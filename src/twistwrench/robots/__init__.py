@@ -18,10 +18,12 @@ from ..core.glossary import complete
 if TYPE_CHECKING:
     from ..robot import Robot
     from ..robot.load import LoadOptions
+    from .known_robots import KnownRobots
 
 __all__ = [
     "cart_pole",
     "floating_box",
+    "known",
     "names",
     "panda",
     "path_of",
@@ -48,6 +50,32 @@ def names() -> tuple[str, ...]:
     8
     """
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.urdf")))
+
+
+def known(word: str = "") -> KnownRobots:
+    """Robots known by name: bundled, or from installed packages.
+
+    Parameters
+    ----------
+    word : str, optional, selects by name, and bundled robots also by description
+
+    Returns
+    -------
+    known : KnownRobots
+
+    Raises
+    ------
+    UnknownNameError
+        No robot has the word in its name.
+
+    Examples
+    --------
+    >>> known("quadruped").bundled
+    ('quadruped',)
+    """
+    from .known_robots import KnownRobots
+
+    return KnownRobots.from_word(word)
 
 
 def path_of(name: str) -> Path:

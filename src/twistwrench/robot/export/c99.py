@@ -22,6 +22,7 @@ from ...mechanics.joints.units import unit_of
 from ...mechanics.model.parameters import nominal
 from ..quantities import QUANTITIES
 from .request import Quantities, Request, prefix_of, requests
+from .written import Written
 
 if TYPE_CHECKING:
     from .. import Robot
@@ -167,7 +168,7 @@ def export_c(
     test: bool = True,
     label: str = "path",
     inputs: Mapping[str, str | Path | None] | None = None,
-) -> tuple[Path, ...]:
+) -> Written:
     """C code export; see :meth:`twistwrench.Robot.export_c`.
 
     Parameters
@@ -203,7 +204,7 @@ def export_c(
     with replacing_together(list(paths.values())) as scratch:
         for end, file in zip(paths, scratch, strict=True):
             file.write_text(texts[end], encoding="utf-8", newline="\n")
-    return tuple(paths.values())
+    return Written(paths.values(), plain, robot.name)
 
 
 def export_cuda(

@@ -21,6 +21,7 @@ from ...core.numbers import number
 from ...core.typing import Array
 from .c99 import STATES, header, source
 from .request import requests
+from .written import Written
 
 if TYPE_CHECKING:
     from .. import Robot
@@ -319,7 +320,7 @@ def export_ros2(
     *,
     license: str = "Apache-2.0",  # noqa: A002
     label: str = "path",
-) -> tuple[Path, ...]:
+) -> Written:
     """ROS 2 package export; see :meth:`twistwrench.Robot.export_ros2`.
 
     Parameters
@@ -330,7 +331,7 @@ def export_ros2(
 
     Returns
     -------
-    files : tuple of Path
+    files : Written, a tuple of Path
 
     Raises
     ------
@@ -367,7 +368,7 @@ def export_ros2(
         raise ValueRangeError(
             f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name."
         ) from None
-    return tuple(folder / name for name in texts)
+    return Written([folder / name for name in texts], folder, robot.name)
 
 
 def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A002

@@ -30,6 +30,7 @@ from ...mechanics.model.couplings import motor_torques, motor_velocities
 from ..programs import inputs_of
 from .c99 import about_request, comment, entries, file_of, inputs_at_states, largest_entry, results_at_states
 from .request import Quantities, Request, named, prefix_of, requests
+from .written import Written
 
 if TYPE_CHECKING:
     from .. import Robot
@@ -227,7 +228,7 @@ def export_st(
     torque: str = "joint",
     label: str = "path",
     inputs: Mapping[str, str | Path | None] | None = None,
-) -> Path:
+) -> Written:
     """Structured Text export; see :meth:`twistwrench.Robot.export_st`.
 
     Parameters
@@ -245,7 +246,7 @@ def export_st(
     --------
     >>> import tempfile, twistwrench as tw
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     export_st(tw.robots.pendulum(), "gravity_forces", folder).name
+    ...     export_st(tw.robots.pendulum(), "gravity_forces", folder).path.name
     'pendulum.st'
     """
     arguments.choice(style, "export_st: style", STYLES)
@@ -275,7 +276,7 @@ def export_st(
         parts.append(_test(robot, scope.free(f"{prefix}_TEST"), named_requests))
     with replacing(file) as scratch:
         scratch.write_text("\n\n".join(parts) + "\n", encoding="ascii", newline="\n")
-    return file
+    return Written([file], file, robot.name)
 
 
 def _header(robot: Robot, wanted: Sequence[Request], torque: str) -> str:
