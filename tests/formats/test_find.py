@@ -159,7 +159,7 @@ def test_every_command_takes_such_a_name(fetched):
 
 
 def test_robots_lists_them_by_source(fetched):
-    said = run("robots", "one").stdout
+    said = run("robots", "one", "--all").stdout
     assert "of robot_descriptions" in said
     assert "arms/one/one.urdf" in said
     assert run("robots").stdout.count("of robot_descriptions") == 1

@@ -464,6 +464,10 @@ class ExportMethods(ConstraintMethods):
         path : str or Path, a folder, or the .c file; the header is written beside it
         test : bool, also write a program that compares the functions with the kernels
 
+        Returns
+        -------
+        files : Written, a tuple of Path: header, source, and test program
+
         Raises
         ------
         KernelError

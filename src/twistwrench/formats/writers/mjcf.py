@@ -18,7 +18,7 @@ from ...mechanics.model.parts import ModelParts, disassemble
 from ..mjcf.drives import ROWS
 from ..urdf import ENTRIES, IN_MJCF, LIMITS_OF_1_2
 from ..xml import Element, figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, screw_of
+from .written import Losses, RobotDocument, configurations_of, drive_of, screw_of
 
 _FAR = 1e10
 """Number for no limit on one side, as the format requires two."""
@@ -144,7 +144,7 @@ _ROUNDING = 4e-15
 """Rounding of principal moments, relative to the largest."""
 
 
-def write_mjcf(model: Model) -> Written:
+def write_mjcf(model: Model) -> RobotDocument:
     """The MJCF file of a model. Each moving body has the inertia of all that is fixed to it."""
     return _MjcfWriter(disassemble(model)).write()
 
@@ -173,7 +173,7 @@ class _MjcfWriter:
         self.standing: set[str] = set()
         """Links that do not move and keep an inertia of their own, as the world has none."""
 
-    def write(self) -> Written:
+    def write(self) -> RobotDocument:
         """Write nested bodies, then tendons, equalities and keyframes."""
         found = self.found
         if found.floating or found.root != WORLD:
@@ -198,7 +198,7 @@ class _MjcfWriter:
         for part in (self.tendon, self.equality, self.keyframe):
             if part.children:
                 self.root.add(part)
-        return Written(xml_text(self.root), tuple(self.losses.found))
+        return RobotDocument(xml_text(self.root), tuple(self.losses.found))
 
     def _is_between(self, entry: JointEntry) -> bool:
         """True if the child of a joint only stands between two joints, which then are joints of one body."""

@@ -17,14 +17,14 @@ from ...mechanics.model.model import Model
 from ...mechanics.model.parts import ModelParts, disassemble
 from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
-from .written import Losses, Written, drive_of, screw_of
+from .written import Losses, RobotDocument, drive_of, screw_of
 
 WORLD = "world"
 _NONE = 1e16
 """Number for no limit."""
 
 
-def write_sdf(model: Model) -> Written:
+def write_sdf(model: Model) -> RobotDocument:
     """The SDF file of a model. Fixed links without mass become frames, for simulators refuse them as links."""
     return _SdfWriter(disassemble(model)).write()
 
@@ -45,7 +45,7 @@ class _SdfWriter:
         self.carriers = {found.root: found.root}
         """Link that carries each link: itself, or the one it is a frame of."""
 
-    def write(self) -> Written:
+    def write(self) -> RobotDocument:
         """Links with their joints, depth first, then frames."""
         found = self.found
         world = self.root
@@ -69,7 +69,7 @@ class _SdfWriter:
         self._note_others()
         if "drake:rotor_inertia" in {element.tag for element in self.model.walk()}:
             self.root.attributes["xmlns:drake"] = "http://drake.mit.edu"
-        return Written(xml_text(self.root), tuple(self.losses.found))
+        return RobotDocument(xml_text(self.root), tuple(self.losses.found))
 
     def _name(self, what: str, name: str) -> str:
         """Unused name: links, joints and frames share one scope, and ``::`` separates models."""

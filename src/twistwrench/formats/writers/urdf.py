@@ -13,13 +13,13 @@ from ...mechanics.model.model import Model
 from ...mechanics.model.parts import ModelParts, disassemble
 from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
-from .written import Losses, Written, drive_of, moved, screw_of
+from .written import Losses, RobotDocument, drive_of, moved, screw_of
 
 _NONE = 1e16
 """Number for no limit, as the format requires one."""
 
 
-def write_urdf(model: Model) -> Written:
+def write_urdf(model: Model) -> RobotDocument:
     """The URDF file of a model. Links keep their own inertias, and fixed joints stay."""
     return _UrdfWriter(disassemble(model)).write()
 
@@ -36,7 +36,7 @@ class _UrdfWriter:
         self.parts: list[Element] = []
         """Elements of joints, which come after those of links."""
 
-    def write(self) -> Written:
+    def write(self) -> RobotDocument:
         """Links in document order, then joints depth first."""
         found = self.found
         if found.floating:
@@ -51,7 +51,7 @@ class _UrdfWriter:
         self._add_sites()
         self._note_others()
         self.robot.children = [*self.robot.children, *self.parts]
-        return Written(xml_text(self.robot), tuple(self.losses.found))
+        return RobotDocument(xml_text(self.robot), tuple(self.losses.found))
 
     def _link(self, name: str, inertia: SpatialInertia) -> None:
         self.names.add(name)

@@ -20,7 +20,7 @@ from ..mjcf.reader import REFERENCE
 
 
 @dataclass(frozen=True)
-class Written:
+class RobotDocument:
     """Text of a robot file, and the properties that are lost in it."""
 
     text: str

@@ -178,6 +178,10 @@ def export_c(
     label : str, name of ``path`` in messages
     inputs : {name in messages: path}, optional, input files, which outputs must not overwrite
 
+    Returns
+    -------
+    files : Written, a tuple of Path: header, source, and test program
+
     Raises
     ------
     UnknownNameError, KernelError, SingularMassMatrixError, ValueRangeError

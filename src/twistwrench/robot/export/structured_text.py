@@ -237,6 +237,10 @@ def export_st(
     label : str, name of ``path`` in messages
     inputs : {name in messages: path}, optional, input files, which outputs must not overwrite
 
+    Returns
+    -------
+    files : Written, a tuple with the Path
+
     Raises
     ------
     UnknownNameError, KernelError, ModelError, SingularMassMatrixError, ValueRangeError
