@@ -306,3 +306,68 @@ def test_the_command_is_the_function(tmp_path):
     assert np.allclose(
         tw.load(out).forward_kinematics(np.ones(6)), found.robot.forward_kinematics(np.ones(6)), atol=1e-9
     )
+
+
+# ── Factory calibration of UR robots
+
+
+def _conf(path, values):
+    lines = [f"delta_{name} = [{', '.join(map(repr, map(float, x)))}] # comment" for name, x in values.items()]
+    path.write_text("[mounting]\n" + "\n".join(lines) + "\ncalibration_status = 2\n")
+    return path
+
+
+def test_a_factory_calibration_is_the_controllers_table(tmp_path):
+    """The calibrated robot is the Denavit-Hartenberg chain of the UR5 with the corrections, to rounding."""
+    rng = np.random.default_rng(0)
+    off = {"theta": 1e-3 * rng.normal(size=6), "d": 2e-4 * rng.normal(size=6), "a": 3e-4 * rng.normal(size=6)}
+    off["alpha"] = 1e-3 * rng.normal(size=6)
+    off["a"][5] = off["alpha"][5] = 0.0
+    robot = tw.robots.ur5()
+    found = tw.calibration.factory(robot, _conf(tmp_path / "calibration.conf", off))
+    d, a = np.array([0.089159, 0, 0, 0.10915, 0.09465, 0.0823]), np.array([0, -0.425, -0.39225, 0, 0, 0])
+    alpha = np.array([1, 0, 0, 1, -1, 0]) * np.pi / 2
+
+    def table(q, off):
+        T = np.eye(4)
+        for i in range(6):
+            T = T @ tw.se3.exp([0, 0, q[i] + off["theta"][i], 0, 0, d[i] + off["d"][i]])
+            T = T @ tw.se3.exp([alpha[i] + off["alpha"][i], 0, 0, a[i] + off["a"][i], 0, 0])
+        return T
+
+    none = {name: np.zeros(6) for name in off}
+    X, E = _ends(robot, lambda q: table(q, none))
+    for q in robot.random_configuration(0, (20,)):
+        assert np.allclose(found.forward_kinematics(q), X @ table(q, off) @ E, atol=1e-9)
+
+
+def _ends(robot, table):
+    """Base and end frames for which the nominal table is the robot: turns by multiples of 90° about z, and the rest."""
+    q = np.array([0.3, 0.5, -0.7, 0.9, 1.1, 0.2])
+    for k in range(4):
+        X = tw.se3.exp([0, 0, k * np.pi / 2, 0, 0, 0])
+        E = np.linalg.inv(X @ table(np.zeros(6))) @ robot.forward_kinematics(np.zeros(6))
+        if np.allclose(X @ table(q) @ E, robot.forward_kinematics(q), atol=1e-9):
+            return X, E
+    raise AssertionError("the table is not the robot")
+
+
+def test_a_factory_calibration_of_another_model_or_robot_is_refused(tmp_path):
+    zeros = {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")}
+    path = _conf(tmp_path / "c.conf", zeros | {"a": np.array([0, 0.1, 0, 0, 0, 0])})
+    with pytest.raises(TwistWrenchError, match="another model"):
+        tw.calibration.factory(tw.robots.ur5(), path)
+    with pytest.raises(TwistWrenchError, match="geometry of a UR"):
+        tw.calibration.factory(planar(6), path)
+    path.write_text("[mounting]\ndelta_theta = [1, 2]\n")
+    with pytest.raises(TwistWrenchError, match=r"not a calibration\.conf"):
+        tw.calibration.factory(tw.robots.ur5(), path)
+
+
+def test_the_command_writes_a_factory_calibration(tmp_path):
+    zeros = {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")}
+    path = _conf(tmp_path / "c.conf", zeros | {"theta": np.array([0, 0.01, 0, 0, 0, 0])})
+    done = CliRunner().invoke(main, ["calibrate", "ur5", "--from", str(path), "--out", str(tmp_path / "mine.urdf")])
+    assert done.exit_code == 0 and done.output.startswith("DONE: the factory calibration moves tool0 by"), done.output
+    right = tw.robots.ur5().forward_kinematics([0, 0.01, 0, 0, 0, 0])
+    assert np.allclose(tw.load(tmp_path / "mine.urdf").forward_kinematics(np.zeros(6)), right, atol=1e-9)

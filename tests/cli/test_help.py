@@ -93,7 +93,11 @@ def test_topics_are_explained_without_links_to_files(topic):
 
 
 OTHER_FORMS = {"--plot": "KIND= of torques", "--html": "derive prints it too", "--c": "derive prints it too"}
-OTHER_FORMS |= {"--kind": "of readings, of pictures", "--noise": "m and rad, or N m and N"}
+OTHER_FORMS |= {
+    "--from": "a file of calibrate, a pose of move",
+    "--kind": "of readings, of pictures",
+    "--noise": "m and rad, or N m and N",
+}
 """Options whose values have another form in one of the commands."""
 
 

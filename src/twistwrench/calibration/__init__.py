@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .calibrate import calibrate
+from .factory import factory
 from .measurements import Measurements
 from .result import CalibratedRobot
 
-__all__ = ["CalibratedRobot", "Measurements", "calibrate"]
+__all__ = ["CalibratedRobot", "Measurements", "calibrate", "factory"]

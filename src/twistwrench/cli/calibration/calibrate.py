@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import click
+import numpy as np
 
-from ...calibration import CalibratedRobot, calibrate
+from ...answers.blocks import Headline
+from ...calibration import CalibratedRobot, calibrate, factory
+from ...calibration.result_view import millimetres
+from ...calibration.write import write_geometry
 from ...core.errors import ValueRangeError
 from ...core.verdict import ExitCode, Word
 from .. import shared
 from ..main import Given, note, option
 from ..report import REPORT, write_report
 from ..shared import RobotOptions, robot_command
-from ..terminal import show_answer
+from ..terminal import show, show_answer
 
 _UNITS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
+_CONFIGURATIONS = 500
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
 
 
@@ -37,7 +43,7 @@ def _sizes(text: str | None, flag: str) -> tuple[float, ...] | None:
 
 @robot_command(
     "calibrate",
-    click.argument("measurements", metavar="MEASUREMENTS...", nargs=-1, required=True),
+    click.argument("measurements", metavar="[MEASUREMENTS]...", nargs=-1),
     option(
         "--kind", "Kind of the readings. [default: by the columns; touches need it]",
         choices=("pose", "position", "distance", "pair", "point", "plane", "sphere"),
@@ -51,6 +57,7 @@ def _sizes(text: str | None, flag: str) -> tuple[float, ...] | None:
     option("--noise M[,RAD]", "Standard deviation of a reading: 0.05mm, or 0.05mm,0.01deg. [default: estimated]"),
     option("--file-accuracy M,RAD", "Standard deviations of lengths and axes in the robot's file.", default="1mm,2mrad"),
     option("--keep-outliers", "Use readings that contradict the others, too."),
+    option("--from FILE", "Start from a UR's factory calibration, calibration.conf, without measurements.", "factory_file"),
     option("--out OUT", "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN."),
     shared.csv_option("Write the residuals, one row per reading"),
     shared.JSON,
@@ -63,12 +70,17 @@ def calibrate_command(options: RobotOptions, given: Given) -> ExitCode:
     """Fit zeros, axes, lengths, tip and target of an arm to measurements of its tip, with intervals and held-out error.
 
     MEASUREMENTS are CSV files with the joints' positions and x,y,z (perhaps with qw,qx,qy,qz, or rx,ry,rz, or
-    roll,pitch,yaw), or distance, or touches; 'demo' is bundled. Exit code: 1 for UNSURE and LOOK AGAIN.
+    roll,pitch,yaw), or distance, or touches; 'demo' is bundled. --from takes none.
+    Exit code: 1 for UNSURE and LOOK AGAIN.
     """
+    if bool(given.measurements) == bool(given.factory_file):
+        raise ValueRangeError("give MEASUREMENTS, or --from calibration.conf of a UR, and not both.")
     files = {
         f"MEASUREMENTS {path}": path for path in (*given.measurements, *given.tests) if path != "demo"
     } | options.files
-    given.check_files(files)
+    given.check_files({**files, "--from": given.factory_file})
+    if given.factory_file:
+        return _from_factory(options, given)
     noise, accuracy = _sizes(given.noise, "--noise"), _sizes(given.file_accuracy, "--file-accuracy") or ()
     if len(accuracy) != 2:
         raise ValueRangeError(
@@ -93,6 +105,21 @@ def calibrate_command(options: RobotOptions, given: Given) -> ExitCode:
             pictures=found.pictures(), robot=found.robot, degrees=options.degrees,
         )  # fmt: skip
     return found.verdict.exit_code
+
+
+def _from_factory(options: RobotOptions, given: Given) -> ExitCode:
+    """Write the factory calibration of a UR into its file."""
+    robot = options.load()
+    calibrated = factory(robot, given.factory_file)
+    frame = str(options.tip or robot.tip)
+    q = robot.random_configuration(0, _CONFIGURATIONS)
+    before, after = (np.asarray(one.forward_kinematics(q, frame=frame))[:, :3, 3] for one in (robot, calibrated))
+    rms = millimetres(float(np.sqrt(((after - before) ** 2).sum(axis=1).mean())))
+    show(Headline(Word.DONE, f"the factory calibration moves {frame} by {rms} (rms over the reach)."))
+    if given.out is not None:
+        write_geometry(robot, calibrated, frame, given.out, f"factory calibration of {Path(given.factory_file).name}")
+    shared.show_written(given.out)
+    return ExitCode.FINE
 
 
 def _write(found: CalibratedRobot, given: Given) -> str | None:
