@@ -30,6 +30,7 @@ from .payload import (
     payload_map,
     torques_per_kilogram,
 )
+from .support import Support, hold, support
 
 __all__ = [
     "Clearance",
@@ -39,16 +40,19 @@ __all__ = [
     "LargestWrench",
     "PayloadMap",
     "RegionPayload",
+    "Support",
     "TorqueWrench",
     "WrenchEllipsoid",
     "WrenchPolytope",
     "body_equilibrium",
+    "hold",
     "largest_payload",
     "largest_wrench",
     "least_norm_contact_forces",
     "payload_in_region",
     "payload_map",
     "robot_equilibrium",
+    "support",
     "torques_per_kilogram",
     "weakest_direction",
     "wrench_ellipsoid",

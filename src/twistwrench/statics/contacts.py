@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +19,11 @@ from ..core.typing import Array
 class Contact:
     r"""Point contact with Coulomb friction: a force within the friction cone about ``normal``.
 
-    The cone is \|tangential\| ≤ μ · normal part. For one body, ``point`` and ``normal`` are in the frame of its wrench.
-    For a robot, ``point`` is in the link frame ``frame`` and ``normal`` in the base frame, so the floor's normal is (0,
-    0, 1) at every foot. The normal points into the held body and is scaled to unit length.
+    The cone is \|tangential\| ≤ μ · normal part. With ``pull`` P, as of a bolt, a suction cup or a magnet, the contact
+    opens at a pull of P and slides at μ (normal part + P). A finger presses with at most ``push``. For one body, ``point``
+    and ``normal`` are in the frame of its wrench. For a robot, ``point`` is in the link frame ``frame`` and ``normal`` in
+    the base frame, so the floor's normal is (0, 0, 1) at every foot. The normal points into the held body and is scaled to
+    unit length.
 
     Raises
     ------
@@ -43,6 +45,12 @@ class Contact:
     """Coulomb coefficient μ; 0 without friction."""
     frame: str | None = None
     """Link of the robot in contact; the tip if None. For a single body it must be None."""
+    push: float = np.inf
+    """Largest normal force [N]."""
+    pull: float = 0.0
+    """Force that pulls the contact together: preload of a bolt, vacuum or magnetic force [N]."""
+    group: str | None = None
+    """Name shared by contacts whose normal forces add up to at most ``push``, as the corners of a pad; None: this one alone."""
 
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
@@ -57,13 +65,23 @@ class Contact:
             raise ValueRangeError(
                 f"a contact's friction is {printed(self.friction)}. Give a finite coefficient of at least zero."
             )
+        for name in ("push", "pull"):
+            force = arguments.number(getattr(self, name), f"a contact's {name}")
+            if not force >= 0 or (name == "pull" and force == np.inf):
+                raise ValueRangeError(f"a contact's {name} is {printed(force)}. Give a force of at least zero [N].")
+            object.__setattr__(self, name, force)
+        if not isinstance(self.group, str | None):
+            raise ValueRangeError(f"a contact's group is {self.group!r}. Give a name, or None.")
         if not isinstance(self.frame, str | None):
             raise ValueRangeError(f"a contact's frame is {self.frame!r}. Give the name of a link, or None for the tip.")
         object.__setattr__(self, "normal", self.normal / size)
 
     def __repr__(self) -> str:
         at = f" of {self.frame}" if self.frame else ""
-        return f"Contact at {vector(self.point)} m{at}, normal {vector(self.normal)}, friction {printed(self.friction)}"
+        push = "" if self.push == np.inf else f", push {printed(self.push)} N"
+        pull = "" if self.pull == 0 else f", pull {printed(self.pull)} N"
+        cone = f"normal {vector(self.normal)}, friction {printed(self.friction)}"
+        return f"Contact at {vector(self.point)} m{at}, {cone}{push}{pull}"
 
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Edges of a pyramid inside the friction cone, or ``around`` it, as forces with unit normal part.
@@ -83,13 +101,12 @@ class Contact:
         if self.friction == 0:
             return np.array(self.normal[None])
         lean = self.friction / np.cos(np.pi / count) if around else self.friction
-        first = _across(self.normal)
-        second = np.cross(self.normal, first)
+        first, second = tangents(self.normal)
         angle = 2 * np.pi * np.arange(count)[:, None] / count
         return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)
 
     def allows(self, force: ArrayLike, slack: float = 1e-9) -> Any:
-        """True if a force lies in the friction cone.
+        """True if a force lies in the friction cone and is within the contact's ``push`` and ``pull``.
 
         Parameters
         ----------
@@ -103,14 +120,29 @@ class Contact:
         f = arguments.finite(force, "force", 3)
         along = f @ self.normal
         sideways = np.linalg.norm(f - along[..., None] * self.normal, axis=-1)
-        return sideways <= self.friction * along + slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))
+        tolerance = slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))
+        pressed = along + self.pull
+        return (
+            (sideways <= self.friction * pressed + tolerance)
+            & (pressed >= -tolerance)
+            & (along <= self.push + tolerance)
+        )
 
 
-def _across(n: Array) -> Array:
-    """Unit vector perpendicular to ``n``, from the first axis, or from the second if the first is nearly along ``n``."""
+def tangents(n: Array) -> Array:
+    """Unit vectors (2, 3) across ``n``; the first from the first axis, or from the second if that is nearly along ``n``."""
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     t = axis - (axis @ n) * n
-    return t / np.linalg.norm(t)
+    t = t / np.linalg.norm(t)
+    return np.stack([t, np.cross(n, t)])
+
+
+def contacts_of(given: Any) -> tuple[Contact, ...]:
+    """Contacts of a list with at least one. Raises ValueRangeError."""
+    found = tuple(given) if isinstance(given, Iterable) else ()
+    if not found or not all(isinstance(c, Contact) for c in found):
+        raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact, at least one.")
+    return found
 
 
 # ── Linear programmes: balance within the cones, or a motion without resistance
@@ -216,8 +248,7 @@ def least_norm_forces(
 def pyramid_facets(contact: Contact, edges: int) -> Array:
     """Inward normals n of a pyramid's sides, n · f ≥ 0; without friction, those of the half line along the normal."""
     if contact.friction == 0:
-        across = _across(contact.normal)
-        sideways = np.stack([across, np.cross(contact.normal, across)])
+        sideways = tangents(contact.normal)
         return np.vstack([contact.normal, sideways, -sideways])
     corners = contact.edges(edges)
     normals = np.cross(corners, np.roll(corners, -1, axis=0))

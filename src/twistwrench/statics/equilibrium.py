@@ -250,6 +250,11 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
     for k, c in enumerate(given):
         if not isinstance(c, Contact):
             raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
+        if c.pull or c.push < np.inf:
+            raise ValueRangeError(
+                f"contacts[{k}] is {c!r}, and this function takes contacts without push and pull. statics.support and "
+                "statics.hold count both."
+            )
     return given, arguments.whole(edges, "edges", 3)  # cones of fewer edges have no interior
 
 

@@ -1,0 +1,293 @@
+"""Linear programmes over friction cones: a revised simplex method for many rows at once, priced from the true cones.
+
+The programme of each row is: largest or least s ≥ 0 with Σ G_i f_i = b + s d and every f_i in its cone. Its columns are the
+edges of the cones, of which there are infinitely many. With the prices y the edge that enters is known: contact i
+moves at v = G_i' y, and its best edge is n - μ v_t / |v_t|. So no pyramid stands for the cone. If no forces balance b, the
+prices of the first phase are the motion of Farkas' lemma: n · v ≥ μ |v_t| at every contact, and y · b < 0.
+
+Source: Dantzig and Wolfe, Decomposition principle for linear programs, 1960 (column generation); Modern Robotics, section 12.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ..core.typing import Array
+
+_ROWS = 4096
+"""Rows of one batch."""
+_STEPS = 400
+"""Exchanges of the basis, after which a row is undecided."""
+_GAIN = 1e-9
+"""Gain of an edge, relative to the prices, below which it does not enter."""
+_FEASIBLE = 1e-7
+"""Sum of artificial columns, relative to the load, below which the first phase has succeeded."""
+_PIVOT, _ZERO = 1e-10, 1e-11
+"""Least pivot of a ratio test, and largest value of a basic column that counts as zero."""
+_RELAXED = 1e-11
+"""Value below zero, relative to the load, that a basic column may reach for the sake of a larger pivot."""
+_ARTIFICIAL = 1e3
+"""Price of artificial columns in the second phase."""
+_NEGLIGIBLE = 1e-6
+"""Load relative to its growth below which the growth scales the row."""
+
+Sense = Literal["most", "least"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cones:
+    """Friction cones of c contacts, with upper bounds on normal forces."""
+
+    normals: Array
+    """(c, 3)"""
+    friction: Array
+    """(c,), or (N, c) if each row has its own."""
+    bounded: Array
+    """(k, c) of 0 and 1: contacts of each bound."""
+    most: Array
+    """(k,): largest sum of the normal forces of each bound [N]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConeOptimum:
+    """Optima of a batch of N programmes."""
+
+    s: Array
+    """(N,): optimum; inf if unbounded, NaN if no forces balance."""
+    forces: Array
+    """(N, c, 3): basic solution [N]."""
+    prices: Array
+    """(N, m): a motion of Farkas' lemma if no forces balance, otherwise one that proves the optimum."""
+    settled: Array
+    """(N,) of bool: False for rows that reached the largest number of steps."""
+
+
+def cone_programme(
+    cones: Cones,
+    maps: Array,
+    b: Array,
+    d: Array | None = None,
+    *,
+    active: Array | None = None,
+    sense: Sense = "most",
+) -> ConeOptimum:
+    """Largest or least s ≥ 0 with Σ G_i f_i = b + s d and f_i in the cones.
+
+    Parameters
+    ----------
+    maps : (N, m, c, 3) array, G_i of each row
+    b : (N, m) array
+    d : (N, m) array, optional; None: only whether forces balance b
+    active : (N, c) array of bool, optional, contacts of each row; None: all
+    sense : "most" or "least" s
+    """
+    N, _, c, _ = maps.shape
+    active = np.ones((N, c), bool) if active is None else active
+    found = []
+    for start in range(0, max(N, 1), _ROWS):
+        part = slice(start, start + _ROWS)
+        rate = None if d is None else d[part]
+        own = cones if cones.friction.ndim == 1 else replace(cones, friction=cones.friction[part])
+        found.append(_Simplex(own, maps[part], b[part], rate, active[part], sense).solve())
+    return ConeOptimum(
+        *(np.concatenate([getattr(x, name) for x in found]) for name in ("s", "forces", "prices", "settled"))
+    )
+
+
+class _Simplex:
+    """Bases of a batch of programmes; m columns each, of one kind: contact, growth, slack or artificial."""
+
+    def __init__(self, cones: Cones, maps: Array, b: Array, d: Array | None, active: Array, sense: Sense) -> None:
+        N, _, c, _ = maps.shape
+        bounds = len(cones.most)
+        rows = np.einsum("kc,cx->kcx", cones.bounded, cones.normals)
+        self.cones, self.active, self.sense, self.contacts = cones, active, sense, c
+        self.friction = np.broadcast_to(cones.friction, (N, c))
+        self.balanced = maps.shape[1]
+        self.G = np.concatenate([maps, np.broadcast_to(rows, (N, *rows.shape))], axis=1)
+        growth = np.zeros_like(b) if d is None else d
+        load, rate = np.abs(b).max(axis=1, initial=0.0), np.abs(growth).max(axis=1, initial=0.0)
+        size = np.maximum(load, _NEGLIGIBLE * rate)
+        self.size = np.where(size > 0, size, 1.0)[:, None]
+        most = np.broadcast_to(cones.most, (N, bounds))
+        self.b = np.concatenate([b, most], axis=1) / self.size
+        self.d = np.concatenate([growth, np.zeros((N, bounds))], axis=1) / self.size
+        self.rate = np.where(rate > 0, np.abs(self.d).max(axis=1, initial=0.0), 1.0)
+        self.grows = d is not None
+        m = self.b.shape[1]
+        self.unit = np.eye(m)[self.balanced :]
+        self.basis = np.zeros((N, m, m))
+        self.basis[:, range(m), range(m)] = np.where(self.b < 0, -1.0, 1.0)
+        self.x = np.abs(self.b)
+        self.artificial, self.growth = -1, c
+        self.kind = np.full((N, m), self.artificial)
+        self.kind[:, self.balanced :] = (
+            c + 1 + np.arange(bounds)
+        )  # bounds are positive: their slacks begin in the basis
+        self.edge = np.zeros((N, m, 3))
+        self.prices = np.zeros((N, m))
+        self.settled = np.ones(N, bool)
+
+    def solve(self) -> ConeOptimum:
+        """Feasible forces first, then the optimum of rows that have some."""
+        everything = np.arange(len(self.b))
+        self._improve(everything, phase=1)
+        left = np.where(self.kind == self.artificial, np.maximum(self.x, 0.0), 0.0).sum(axis=1)
+        feasible = left <= _FEASIBLE
+        unbounded = np.zeros(len(self.b), bool)
+        if self.grows:
+            unbounded = self._improve(np.flatnonzero(feasible & self.settled), phase=2)
+        s = np.where(self.kind == self.growth, self.x, 0.0).sum(axis=1)
+        s = np.where(feasible, np.where(unbounded, np.inf, s), np.nan)
+        return ConeOptimum(s, self._forces(), self.prices[:, : self.balanced], self.settled)
+
+    def _forces(self) -> Array:
+        forces = np.zeros((len(self.b), self.contacts, 3))
+        for column in range(self.kind.shape[1]):
+            kind = self.kind[:, column]
+            rows = np.flatnonzero((kind >= 0) & (kind < self.contacts))
+            forces[rows, kind[rows]] += self.x[rows, column, None] * self.edge[rows, column]
+        return np.asarray(forces * self.size[..., None])
+
+    def _improve(self, live: Array, *, phase: int) -> Array:
+        """Exchange columns while one pays; mask of rows that are unbounded."""
+        unbounded = np.zeros(len(self.b), bool)
+        for _ in range(_STEPS):
+            if not len(live):
+                return unbounded
+            regular = np.abs(np.linalg.det(self.basis[live])) > 0.0
+            self.settled[live[~regular]] = False
+            live = live[regular]
+            inverse = np.linalg.inv(self.basis[live])
+            self.x[live] = (inverse @ self.b[live][..., None])[..., 0]
+            y = (self._costs(live, phase)[:, None, :] @ inverse)[:, 0]
+            self.prices[live] = y
+            gain, direction = self._gains(live, y, phase)
+            column = gain.argmax(axis=1)
+            pays = gain.max(axis=1) > _GAIN * (1.0 + np.abs(y).max(axis=1))
+            live, column, inverse, direction = live[pays], column[pays], inverse[pays], direction[pays]
+            entering, edge = self._column(live, column, direction)
+            leaving, bounded = self._leaving(live, (inverse @ entering[..., None])[..., 0], phase)
+            unbounded[live[~bounded]] = True
+            live, leaving, column = live[bounded], leaving[bounded], column[bounded]
+            self.basis[live, :, leaving] = entering[bounded]
+            self.kind[live, leaving] = column
+            self.edge[live, leaving] = edge[bounded]
+        self.settled[live] = False
+        return unbounded
+
+    def _costs(self, live: Array, phase: int) -> Array:
+        of_growth = 0.0 if phase == 1 else 1.0 if self.sense == "most" else -1.0
+        of_artificial = -1.0 if phase == 1 else -_ARTIFICIAL
+        kind = self.kind[live]
+        return np.where(kind == self.artificial, of_artificial, np.where(kind == self.growth, of_growth, 0.0))
+
+    def _gains(self, live: Array, y: Array, phase: int) -> tuple[Array, Array]:
+        """Gain (rows, columns) of the best edge of each contact, of growth and of slacks; tangential directions."""
+        n, friction = self.cones.normals, self.friction[live]
+        v = np.einsum("nmck,nm->nck", self.G[live], y)
+        along = (v * n).sum(axis=-1)
+        across = v - along[..., None] * n
+        slide = np.linalg.norm(across, axis=-1)
+        edges = np.where(self.active[live], friction * slide - along, -np.inf)
+        cost = 0.0 if phase == 1 else 1.0 if self.sense == "most" else -1.0
+        growth = (cost + (y * self.d[live]).sum(axis=-1)) / self.rate[live]
+        if not self.grows or (phase == 1 and self.sense == "most"):
+            growth = np.full(len(live), -np.inf)
+        slacks = -y @ self.unit.T
+        return np.concatenate([edges, growth[:, None], slacks], axis=1), across / np.maximum(slide, 1e-14)[..., None]
+
+    def _column(self, live: Array, column: Array, direction: Array) -> tuple[Array, Array]:
+        """Entering columns (rows, m), and the edge forces (rows, 3) of those that are contacts."""
+        c = self.contacts
+        i = np.minimum(column, c - 1)
+        edge = self.cones.normals[i] - self.friction[live, i][:, None] * direction[np.arange(len(live)), i]
+        entering = np.einsum("nmk,nk->nm", self.G[live, :, i], edge)
+        entering = np.where((column == c)[:, None], -self.d[live], entering)
+        if len(self.unit):
+            entering = np.where((column > c)[:, None], self.unit[np.maximum(column - c - 1, 0)], entering)
+        return entering, np.where((column < c)[:, None], edge, 0.0)
+
+    def _leaving(self, live: Array, step: Array, phase: int) -> tuple[Array, Array]:
+        """Column that leaves, with the largest pivot of those with nearly the least ratio (Harris); False where none does."""
+        x = self.x[live]
+        stays = (self.kind[live] == self.artificial) & (x <= _ZERO) & (np.abs(step) > _GAIN) & (phase == 2)
+        falls = step > _PIVOT
+        ratio = np.where(falls, np.maximum(x, 0.0) / np.where(falls, step, 1.0), np.inf)
+        ratio = np.where(stays, 0.0, ratio)
+        relaxed = np.where(falls, (np.maximum(x, 0.0) + _RELAXED) / np.where(falls, step, 1.0), np.inf)
+        most = np.where(stays, 0.0, relaxed).min(axis=1)
+        near = ratio <= most[:, None]
+        return np.where(near, np.abs(step), -1.0).argmax(axis=1), np.isfinite(most)
+
+
+# ── Forces of least norm
+
+
+def least_norm_in_cones(cones: Cones, maps: Array, b: Array, active: Array) -> tuple[Array, Array]:
+    """Forces (N, c, 3) of least norm in the cones with Σ G_i f_i = b, and a mask of rows where they were found.
+
+    The dual of min ½ |f|² is smooth: f = P(G' y), where P projects onto the cones, and y solves G P(G' y) = b. It is solved
+    by Newton steps of the whole batch with a backtracking search along each. Bounds on normal forces are not counted.
+    """
+    N, m, c, _ = maps.shape
+    G = (maps * active[:, None, :, None]).reshape(N, m, 3 * c)
+    size = np.maximum(np.abs(b).max(axis=1, initial=0.0), 1e-300)[:, None]
+    target = b / size
+    y = (np.linalg.pinv(G @ G.swapaxes(1, 2), hermitian=True) @ target[..., None])[..., 0]
+    forces = np.zeros((N, c, 3))
+    found = np.zeros(N, bool)
+    live = np.arange(N)
+    for _ in range(60):
+        pushed = (G[live].swapaxes(1, 2) @ y[live][..., None]).reshape(-1, c, 3)
+        f, slope = _projection(cones, pushed)
+        forces[live] = f
+        left = target[live] - (G[live] @ f.reshape(-1, 3 * c, 1))[..., 0]
+        done = np.abs(left).max(axis=1, initial=0.0) <= 1e-12
+        found[live[done]] = True
+        live, left, slope, f = live[~done], left[~done], slope[~done], f[~done]
+        if not len(live):
+            break
+        H = np.einsum("nmci,ncij,nkcj->nmk", G[live].reshape(-1, m, c, 3), slope, G[live].reshape(-1, m, c, 3))
+        H += 1e-12 * np.eye(m) * (1.0 + np.trace(H, axis1=1, axis2=2))[:, None, None]
+        step = np.linalg.solve(H, left[..., None])[..., 0]
+        y[live] += _search(cones, G[live], target[live], y[live], step, left)[:, None] * step
+    return forces * size[..., None] * active[..., None], found
+
+
+def _search(cones: Cones, G: Array, b: Array, y: Array, step: Array, left: Array) -> Array:
+    """Shares (N,) of the steps that raise the dual b · y - ½ |P(G' y)|² enough (Armijo's rule)."""
+
+    def dual(at: Array) -> Array:
+        f, _ = _projection(cones, (G.swapaxes(1, 2) @ at[..., None]).reshape(len(at), -1, 3))
+        return np.asarray((b * at).sum(axis=1) - 0.5 * (f**2).sum(axis=(1, 2)))
+
+    share, start, rise = np.ones(len(y)), dual(y), (left * step).sum(axis=1)
+    for _ in range(30):
+        short = dual(y + share[:, None] * step) < start + 1e-4 * share * rise - 1e-14 * (1.0 + np.abs(start))
+        if not short.any():
+            break
+        share = np.where(short, 0.5 * share, share)
+    return share
+
+
+def _projection(cones: Cones, f: Array) -> tuple[Array, Array]:
+    """Nearest forces in the cones (N, c, 3), and the derivative of the projection (N, c, 3, 3)."""
+    n, friction = cones.normals, cones.friction
+    along = (f * n).sum(axis=-1)
+    across = f - along[..., None] * n
+    slide = np.linalg.norm(across, axis=-1)
+    inside = (slide <= friction * along)[..., None]
+    polar = (along <= -friction * slide)[..., None]
+    u = across / np.maximum(slide, 1e-300)[..., None]
+    edge = (n + friction[:, None] * u) / np.sqrt(1.0 + friction**2)[:, None]
+    along_edge = (f * edge).sum(axis=-1)[..., None]
+    nearest = np.where(inside, f, np.where(polar, 0.0, along_edge * edge))
+    turns = np.eye(3) - n[:, :, None] * n[:, None, :] - u[..., :, None] * u[..., None, :]
+    lean = friction / np.sqrt(1.0 + friction**2) * along_edge[..., 0] / np.maximum(slide, 1e-300)
+    on_edge = edge[..., :, None] * edge[..., None, :] + lean[..., None, None] * turns
+    slope = np.where(inside[..., None], np.eye(3), np.where(polar[..., None], 0.0, on_edge))
+    return nearest, slope

@@ -1,0 +1,511 @@
+"""Contact forces of a motion, and margins in speed, payload and friction: feet, wheels, bolts, fingers and suction cups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import FrameError, ShapeError, ValueRangeError
+from ..core.glossary import complete
+from ..core.numbers import number
+from ..core.text import listed
+from ..core.typing import Array
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.lie import so3
+from ..mechanics.model.couplings import refuse_couplings
+from ..robot.task_space_methods import require_robot
+from .cone_programme import Cones, Sense, cone_programme, least_norm_in_cones
+from .contacts import Contact, contacts_of, tangents
+from .torque_limits import floating_entries
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_LEFT_OVER = 1e-6
+"""Load that forces leave over, relative to the load, above which a row is undecided."""
+_MOST_FRICTION = 10.0
+"""Coefficient of friction that counts as unlimited."""
+_HALVINGS = 14
+"""Halvings of the interval of the least coefficient of friction."""
+_STILL = 1e-6
+"""Velocity of a contact relative to the fastest below which it does not move."""
+_PLANE = 0.01
+"""Largest distance of contacts from one plane [m] for which a zero moment point exists."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Support:
+    r"""Contact forces of n instants, with margins, or the motions that prove that no forces balance.
+
+    At an instant that does not hold, ``motion`` has n · v ≥ μ \|v_t\| at every contact, so that no contact force can brake it,
+    and the load puts ``power`` > 0 into it (Farkas' lemma). With more than three contacts, or several corners, ``holds``
+    means that some forces within the cones balance; how a stiff body shares its weight depends on its stiffness, and one foot
+    may unload earlier.
+    """
+
+    holds: Array
+    """(n,) of bool: True if forces within the cones balance."""
+    decided: Array
+    """(n,) of bool: False where rounding prevents an answer; ``holds`` is then False and ``how`` "undecided"."""
+    how: Array
+    """(n,) of str: "holds", "slips", "tips", "pulls off" or "undecided"."""
+    forces: Array
+    """(n, c, 3): forces on the robot or body, of least norm, in the base frame; NaN where it does not hold [N]."""
+    torques: Array
+    """(n, nv): joint torques, 0 at undriven joints; (n, 0) for one body; NaN where it does not hold [N m, N]."""
+    speed: Array
+    """(n,): largest factor of the speed, by which time is scaled; inf without a limit, NaN if the pose at rest fails."""
+    slowest: Array
+    """(n,): least factor of the speed; above 0 for motions that balance by their momentum; NaN if none holds."""
+    payload: Array
+    """(n,): further mass that holds [kg]; negative: mass that is too much; NaN without a frame of the payload."""
+    friction: Array
+    """(n,): least coefficient of friction that holds, the largest of all contacts; inf if friction does not suffice."""
+    zmp: Array
+    """(n, 2): zero moment point in the plane of the contacts [m]; NaN without one plane."""
+    zmp_margin: Array
+    """(n,): distance of the zero moment point from the edge of the support polygon, negative outside [m]."""
+    motion: Array
+    """(n, nv) or (n, 6): motion that no contact resists, largest entry 1; NaN where it holds."""
+    power: Array
+    """(n,): power of the load in that motion [W]; NaN where it holds."""
+    contacts: tuple[Contact, ...]
+    """Contacts as given."""
+
+    @property
+    def worst(self) -> int:
+        """Row that sets the speed; the first that fails if a pose cannot be held at rest."""
+        failed = np.flatnonzero(~self.holds)
+        if len(failed) and np.isnan(self.speed[failed]).any():
+            return int(failed[np.isnan(self.speed[failed])][0])
+        return int(np.argmin(np.where(np.isnan(self.speed), np.inf, self.speed)))
+
+    def __repr__(self) -> str:
+        return f"Support: {self}"
+
+    def __str__(self) -> str:
+        k = self.worst
+        if not self.decided.all():
+            return f"undecided at {int((~self.decided).sum())} of {len(self.holds)} rows"
+        if not self.holds.all():
+            first = int(np.argmin(self.holds))
+            speed = self.speed[k]
+            upto = "" if np.isnan(speed) else f"; it holds up to {number(float(speed), 3)} × this speed"
+            return f"{self.how[first]} at row {first} of {len(self.holds)}{upto}"
+        least = float(self.friction.max(initial=0.0))
+        mass = float(self.payload.min(initial=np.inf))
+        margins = [f"up to {number(float(self.speed[k]), 3)} × this speed"] if np.isfinite(self.speed[k]) else []
+        margins += [f"{number(mass, 3)} kg more"] if np.isfinite(mass) else []
+        return f"holds with friction {number(least, 3)}" + (f", {' or '.join(margins)}" if margins else "")
+
+
+def support(
+    robot: Robot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    contacts: Sequence[Contact],
+    *,
+    in_contact: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    payload_frame: str | None = None,
+) -> Support:
+    """Contact forces of a motion of a robot on contacts, and how much faster, heavier or smoother it still holds.
+
+    Finds forces f_i in the friction cones with Σ J_i' f_i = b, where b = M q̈ + h in the rows of the free base. Motors bear
+    the other rows: τ = M q̈ + h - Σ J_i' f_i. Time scaled by s multiplies b less its part at rest by s².
+
+    Parameters
+    ----------
+    q : (n, nq) or (nq,) array_like
+    dq, ddq : (n, nv) or (nv,) array_like
+    contacts : sequence of Contact, each at a link of the robot
+    in_contact : (n, c) array_like of bool, optional, contacts that carry in each row; None: all
+    wrench_on_robot : {frame: (6,)}, optional, constant wrenches on the robot; they are not scaled with the speed
+    payload_frame : str, optional, frame at whose origin the further mass of ``payload`` is
+
+    Returns
+    -------
+    found : Support, forces, torques, margins and proofs of each row
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, ModelError
+        The base is not free, there is no contact, the sizes differ, or joints are coupled.
+
+    Notes
+    -----
+    Modern Robotics, sections 8.5 and 12.1.7; Caron, Pham and Nakamura, Stability of surface contacts, 2015.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> box = tw.robots.floating_box()
+    >>> corners = [Contact((x, y, -0.1), frame=box.tip, friction=0.5) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    >>> sideways = np.array([0, 0, 0, 0, 2.0, 0])
+    >>> found = support(box, box.neutral, np.zeros(6), sideways, corners)
+    >>> found.how.tolist(), found.friction.round(3).tolist(), found.speed.round(3).tolist()
+    (['holds'], [0.204], [1.566])
+    """
+    refuse_couplings(require_robot(robot, "support").model, "support")
+    contacts = contacts_of(contacts)
+    free = floating_entries(robot)
+    if not free.any():
+        raise ValueRangeError(
+            f"the base of robot {robot.name!r} is fixed, so that contacts carry nothing. Load it with floating_base=True."
+        )
+    q, dq, ddq = _rows(robot, q, dq, ddq)
+    tau = _torques(robot, q, dq, ddq, wrench_on_robot)
+    rest = _torques(robot, q, 0.0 * dq, 0.0 * ddq, wrench_on_robot)
+    maps, points = _contact_maps(robot, q, contacts)
+    heavier = None
+    if payload_frame is not None:
+        loaded = robot.with_payload(SpatialInertia.from_com(1.0), payload_frame)
+        heavier = (_torques(loaded, q, dq, ddq, wrench_on_robot) - tau)[:, free]
+    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    balance = _Balance(contacts, maps[:, free], tau[:, free], rest[:, free], heavier, turning, in_contact)
+    found = balance.solve()
+    motion = np.full((len(q), robot.nv), np.nan)
+    motion[~found.holds] = 0.0
+    motion[:, free] = found.motion
+    torques = tau - np.einsum("nvck,nck->nv", maps, found.forces)
+    torques[:, free] = 0.0
+    torques[~found.holds] = np.nan
+    zmp, margin = _zero_moment_point(balance, points, _wrench_at_base(robot, q, tau))
+    return _support(found, balance, torques, motion, zmp, margin)
+
+
+def hold(
+    wrenches: ArrayLike,
+    contacts: Sequence[Contact],
+    *,
+    per_kilogram: ArrayLike | None = None,
+    at_rest: ArrayLike | None = None,
+) -> Support:
+    """Contact forces that hold one body under wrenches, such as a load between fingers, with margins.
+
+    Finds forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0.
+
+    Parameters
+    ----------
+    wrenches : (n, 6) or (6,) array_like, (m, f) on the body, in the frame of the contacts [N m, N]
+    contacts : sequence of Contact, with points and normals in that frame
+    per_kilogram : (n, 6) or (6,) array_like, optional, wrench of a further kilogram
+    at_rest : (n, 6) or (6,) array_like, optional, part of the wrenches that does not grow with the speed, as gravity
+
+    Returns
+    -------
+    found : Support, forces, torques, margins and proofs of each row
+
+    Raises
+    ------
+    FrameError, ShapeError, ValueRangeError
+        A contact has a ``frame``, there is no contact, or the sizes differ.
+
+    Examples
+    --------
+    >>> pads = [Contact((0, y, 0), (0, -y, 0), friction=0.5, push=60.0) for y in (-0.02, 0.02)]
+    >>> found = hold([0, 0, 0, 0, 0, -9.81], pads, per_kilogram=[0, 0, 0, 0, 0, -9.81])
+    >>> (1.0 + found.payload).round(5).tolist()  # 2 μ F / g
+    [6.11621]
+    """
+    contacts = contacts_of(contacts)
+    for k, c in enumerate(contacts):
+        if c.frame is not None:
+            raise FrameError(
+                f"contacts[{k}] is at {c.frame!r}, a link of a robot: on one body all points and normals are in the one frame "
+                "of its wrenches. Give them in that frame, with frame=None, or use support."
+            )
+    F = np.atleast_2d(arguments.finite(wrenches, "wrenches (m, f)", 6))
+    if F.ndim != 2:
+        raise ShapeError(f"wrenches has the shape {F.shape}. Give (n, 6), one wrench a row.")
+    points = np.array([c.point for c in contacts])
+    maps = np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1)
+    maps = np.broadcast_to(maps, (len(F), *maps.shape))
+    rest, heavier = _like(F, at_rest, "at_rest"), _like(F, per_kilogram, "per_kilogram")
+    balance = _Balance(
+        contacts,
+        maps,
+        -F,
+        None if rest is None else -rest,
+        None if heavier is None else -heavier,
+        np.arange(6) < 3,
+        None,
+    )
+    found = balance.solve()
+    zmp, margin = _zero_moment_point(balance, np.broadcast_to(points, (len(F), *points.shape)), -F)
+    return _support(found, balance, np.zeros((len(F), 0)), found.motion, zmp, margin)
+
+
+def _like(F: Array, given: ArrayLike | None, what: str) -> Array | None:
+    if given is None:
+        return None
+    array = arguments.finite(given, what, 6)
+    if array.ndim > 2 or (array.ndim == 2 and len(array) not in (1, len(F))):
+        raise ShapeError(f"{what} has the shape {array.shape}. Give (6,) or {F.shape}, as the wrenches.")
+    return np.broadcast_to(array, F.shape)
+
+
+def _rows(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
+    """One state or several, as rows."""
+    states = (("q", q, robot.nq), ("dq", dq, robot.nv), ("ddq", ddq, robot.nv))
+    rows = [np.atleast_2d(np.asarray(arguments.finite(x, f"support: {name}", n), float)) for name, x, n in states]
+    counts = {len(x) for x in rows if len(x) != 1} or {1}
+    if len(counts) > 1 or any(x.ndim != 2 for x in rows):
+        raise ShapeError(
+            f"support takes rows of states, got q {rows[0].shape}, dq {rows[1].shape}, ddq {rows[2].shape}. Give (n, nq), "
+            "(n, nv) and (n, nv)."
+        )
+    q, dq, ddq = (np.broadcast_to(x, (max(counts), x.shape[1])) for x in rows)
+    return q, dq, ddq
+
+
+def _torques(robot: Robot, q: Array, dq: Array, ddq: Array, wrench_on_robot: Mapping[str, ArrayLike] | None) -> Array:
+    return np.asarray(robot.inverse_dynamics(q, dq, ddq, wrench_on_robot=wrench_on_robot))
+
+
+def _contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:
+    """Maps (n, nv, c, 3) of contact forces to torques, and contact points (n, c, 3), in the base frame."""
+    maps, points = [], []
+    for c in contacts:
+        J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
+        T = np.asarray(robot.forward_kinematics(q, c.frame))
+        arm = T[:, :3, :3] @ c.point
+        maps.append(J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1))
+        points.append(T[:, :3, 3] + arm)
+    return np.moveaxis(np.stack(maps, axis=1), -1, 1), np.stack(points, axis=1)
+
+
+def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
+    """Wrench (n, 6) that contacts give to a floating root, about the base origin; None for other roots."""
+    free = [body for body in robot.model.leaders if not body.joint.driven]
+    if len(free) != 1 or free[0].joint.nv != 6:
+        return None
+    T = np.asarray(robot.forward_kinematics(q, free[0].link))
+    F = tau[:, free[0].v_index : free[0].v_index + 6]
+    m, f = (np.einsum("nij,nj->ni", T[:, :3, :3], x) for x in (F[:, :3], F[:, 3:]))
+    return np.concatenate([m + np.cross(T[:, :3, 3], f), f], axis=1)
+
+
+def cones_of(contacts: Sequence[Contact]) -> Cones:
+    """Cones of forces that a preload has been added to; contacts of a group share one bound."""
+    groups: dict[object, list[int]] = {}
+    for k, c in enumerate(contacts):
+        if c.push < np.inf:
+            groups.setdefault((c.group, c.frame) if c.group is not None else k, []).append(k)
+    bounded = np.zeros((len(groups), len(contacts)))
+    most = np.zeros(len(groups))
+    for row, members in enumerate(groups.values()):
+        bounded[row, members] = 1.0
+        pushes = sorted({contacts[k].push for k in members})
+        if len(pushes) > 1:
+            raise ValueRangeError(
+                f"contacts of group {contacts[members[0]].group!r} have pushes of {listed([number(p) for p in pushes])} N. "
+                "Give all of them the largest sum of their normal forces."
+            )
+        most[row] = contacts[members[0]].push + sum(contacts[k].pull for k in members)
+    normals = np.array([c.normal for c in contacts])
+    return Cones(normals, np.array([c.friction for c in contacts]), bounded, most)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    holds: Array
+    decided: Array
+    how: Array
+    forces: Array
+    speed: Array
+    slowest: Array
+    payload: Array
+    friction: Array
+    motion: Array
+    power: Array
+
+
+class _Balance:
+    """Balance Σ G_i f_i = b of each row in the cones; rotational rows are divided by the contacts' lever, so all are in N."""
+
+    def __init__(
+        self,
+        contacts: tuple[Contact, ...],
+        maps: Array,
+        b: Array,
+        rest: Array | None,
+        heavier: Array | None,
+        turning: Array,
+        in_contact: ArrayLike | None,
+    ) -> None:
+        n, _, c, _ = maps.shape
+        self.contacts, self.cones = contacts, cones_of(contacts)
+        self.active = np.ones((n, c), bool) if in_contact is None else _carrying(in_contact, n, c)
+        lever = float(np.abs(maps[:, turning]).max(initial=0.0)) or 1.0
+        self.units = np.where(turning, lever, 1.0)
+        self.maps = maps / self.units[:, None, None]
+        pull = np.array([contact.pull for contact in contacts])
+        self.preload = -pull[:, None] * self.cones.normals * self.active[..., None]
+        held = np.einsum("nmck,nck->nm", self.maps, self.preload)
+        self.load = b / self.units
+        self.b = self.load - held
+        self.rest = None if rest is None else rest / self.units - held
+        self.heavier = None if heavier is None else heavier / self.units
+
+    def solve(self) -> _Found:
+        """Forces, margins and proofs of all rows."""
+        first = cone_programme(self.cones, self.maps, self.b, active=self.active)
+        balanced = ~np.isnan(first.s)
+        left = np.abs(np.einsum("nmck,nck->nm", self.maps, first.forces) - self.b).max(axis=1, initial=0.0)
+        size = np.abs(self.b).max(axis=1, initial=0.0)
+        motion, power, how = self._motions(first.prices)
+        decided = first.settled & np.where(balanced, left <= _LEFT_OVER * size + 1e-12, power > 0)
+        holds = balanced & decided
+        forces = np.full(first.forces.shape, np.nan)
+        forces[holds] = self._least_norm(first.forces, holds) + self.preload[holds]
+        how = np.where(decided, np.where(holds, "holds", how), "undecided")
+        failed = decided & ~holds
+        speed, slowest = self._speeds(holds)
+        return _Found(
+            holds, decided, how, forces, speed, slowest, self._payloads(holds), self._friction(),
+            np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan),
+        )  # fmt: skip
+
+    def _least_norm(self, basic: Array, rows: Array) -> Array:
+        """Forces of least norm; on the way to them from the basic solution where bounds on normal forces are passed."""
+        cones, basic = self.cones, basic[rows]
+        forces, found = least_norm_in_cones(cones, self.maps[rows], self.b[rows], self.active[rows])
+        forces = np.where(found[:, None, None], forces, basic)
+        if not len(cones.most):
+            return forces
+        normal, before = (np.einsum("nck,ck,gc->ng", f, cones.normals, cones.bounded) for f in (forces, basic))
+        over = normal > cones.most
+        share = np.where(over, (cones.most - before) / np.where(over, normal - before, 1.0), 1.0).min(axis=1)
+        return basic + share[:, None, None] * (forces - basic)
+
+    def _speeds(self, holds: Array) -> tuple[Array, Array]:
+        """Largest and least factors of the speed: the s² that hold are an interval, as the cones are convex."""
+        if self.rest is None:
+            unknown = np.full(len(self.b), np.nan)
+            return unknown, unknown
+        rate = self.b - self.rest
+        start, offset = np.where(holds[:, None], self.b, self.rest), np.where(holds, 1.0, 0.0)
+        most = cone_programme(self.cones, self.maps, start, rate, active=self.active)
+        least = cone_programme(self.cones, self.maps, self.rest, rate, active=self.active, sense="least")
+        speed = np.sqrt(np.where(most.settled, offset + most.s, np.nan))
+        return speed, np.sqrt(np.where(least.settled, least.s, np.nan))
+
+    def _payloads(self, holds: Array) -> Array:
+        """Further mass where the row holds, otherwise the least that has to go."""
+        payload = np.full(len(self.b), np.nan)
+        if self.heavier is None:
+            return payload
+        sides: tuple[tuple[Array, float, Sense], ...] = ((holds, 1.0, "most"), (~holds, -1.0, "least"))
+        for rows, sign, sense in sides:
+            if rows.any():
+                rate, active = sign * self.heavier[rows], self.active[rows]
+                found = cone_programme(self.cones, self.maps[rows], self.b[rows], rate, active=active, sense=sense)
+                payload[rows] = sign * np.where(found.settled, found.s, np.nan)
+        return payload
+
+    def _friction(self) -> Array:
+        """Least coefficient that holds, by bisection: what holds with one coefficient holds with a larger one."""
+        mu = self.cones.friction
+        largest = float(mu.max())
+        share = mu / largest if largest > 0 else np.ones_like(mu)
+        low, high = np.zeros(len(self.b)), np.full(len(self.b), _MOST_FRICTION)
+        suffices = self._holds_with(share, high)
+        needs = suffices & ~self._holds_with(share, low)
+        rows = np.flatnonzero(needs)
+        for _ in range(_HALVINGS):
+            middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))
+            holds = self._holds_with(share, middle, rows)
+            high[rows[holds]], low[rows[~holds]] = middle[rows[holds]], middle[rows[~holds]]
+        return np.where(suffices, np.where(needs, high, 0.0), np.inf)
+
+    def _holds_with(self, share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
+        cones = replace(self.cones, friction=friction[rows][:, None] * share)
+        found = cone_programme(cones, self.maps[rows], self.b[rows], active=self.active[rows])
+        return ~np.isnan(found.s) & found.settled
+
+    def _motions(self, prices: Array) -> tuple[Array, Array, Array]:
+        """Motions of Farkas' lemma, largest entry 1, their power, and what the contacts do in them."""
+        motion = prices / self.units
+        size = np.abs(motion).max(axis=1, initial=0.0, keepdims=True)
+        size = np.where(size > 0, size, 1.0)
+        motion, y = motion / size, prices / size
+        velocities = np.einsum("nmck,nm->nck", self.maps, y)
+        power = -(y * self.load).sum(axis=1)
+        rise = (velocities * self.cones.normals).sum(axis=-1)
+        slide = np.linalg.norm(velocities - rise[..., None] * self.cones.normals, axis=-1)
+        small = _STILL * np.abs(velocities).max(axis=(1, 2), initial=0.0)[:, None]
+        along_cone = (slide > small) & (rise - self.cones.friction * slide < small) & self.active
+        preloaded = np.array([c.pull > 0 for c in self.contacts])
+        leaves = (rise > small) & preloaded & self.active & ~along_cone
+        slips, pulls = along_cone.any(axis=1), leaves.any(axis=1)
+        return motion, power, np.where(pulls, "pulls off", np.where(slips, "slips", "tips"))
+
+
+def _carrying(given: ArrayLike, n: int, c: int) -> Array:
+    active = np.asarray(given)
+    if active.dtype != bool or active.shape not in ((n, c), (c,)):
+        raise ShapeError(
+            f"in_contact has the shape {active.shape} and the type {active.dtype}. Give ({n}, {c}) of bool: a row for each "
+            "state and a column for each contact."
+        )
+    return np.broadcast_to(active, (n, c))
+
+
+def _support(found: _Found, balance: _Balance, torques: Array, motion: Array, zmp: Array, margin: Array) -> Support:
+    return Support(
+        found.holds, found.decided, found.how, found.forces, torques, found.speed, found.slowest, found.payload,
+        found.friction, zmp, margin, motion, found.power, balance.contacts,
+    )  # fmt: skip
+
+
+# ── Zero moment point
+
+
+def _zero_moment_point(balance: _Balance, points: Array, wrench: Array | None) -> tuple[Array, Array]:
+    """Zero moment points (n, 2) and their distances (n,) from the edge of the support polygon, negative outside."""
+    n = len(points)
+    zmp, margin = np.full((n, 2), np.nan), np.full(n, np.nan)
+    normals = balance.cones.normals
+    if wrench is None or np.abs(normals - normals[0]).max() > 1e-9:
+        return zmp, margin
+    normal = normals[0]
+    axes = tangents(normal)
+    heights = np.where(balance.active, points @ normal, np.nan)
+    carried = balance.active.any(axis=1)
+    height, spread = np.zeros(n), np.zeros(n)
+    height[carried] = np.nanmean(heights[carried], axis=1)
+    spread[carried] = np.nanmax(heights[carried], axis=1) - np.nanmin(heights[carried], axis=1)
+    moment = wrench[:, :3] - np.cross(height[:, None] * normal, wrench[:, 3:])
+    pressing = wrench[:, 3:] @ normal
+    flat = carried & (spread <= _PLANE) & (pressing > 1e-9 * np.linalg.norm(wrench[:, 3:], axis=1))
+    across = np.stack([-(moment @ axes[1]), moment @ axes[0]], axis=1)
+    zmp[flat] = across[flat] / pressing[flat, None]
+    for k in np.flatnonzero(flat):
+        margin[k] = _inside(points[k, balance.active[k]] @ axes.T, zmp[k])
+    return zmp, margin
+
+
+def _inside(points: Array, place: Array) -> float:
+    """Distance of a place from the edge of the convex hull of points (k, 2), negative outside."""
+    start, end = points[:, None], points[None, :]
+    along = end - start
+    length = np.linalg.norm(along, axis=-1)
+    unit = along / np.maximum(length, 1e-300)[..., None]
+    left = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
+    sides = np.einsum("ijk,ijmk->ijm", left, points[None, None] - start[:, :, None])
+    edge = (length > 0) & (sides.min(axis=-1) >= -1e-12 * (1.0 + length))
+    to_line = ((place - start) * left).sum(axis=-1)
+    if edge.any() and (inside := float(to_line[edge].min())) >= 0:
+        return inside
+    foot = np.clip(((place - start) * unit).sum(axis=-1), 0.0, length)
+    return -float(np.linalg.norm(start + foot[..., None] * unit - place, axis=-1).min())
+
+
+complete(globals())
