@@ -167,10 +167,10 @@ def test_lists_of_several_lengths_and_episodes_of_other_files_are_errors(tmp_pat
     with pytest.raises(tw.TrajectoryError, match=r"row 31 of 'state' is not a list of 6 numbers"):
         log = MotionLog.open(path, model, columns={f"joint_{k}": f"state{k}" for k in range(1, 7)})
         log.table  # noqa: B018
-    with pytest.raises(tw.TrajectoryError, match=r"--episode is for datasets"):
+    with pytest.raises(tw.TrajectoryError, match=r"episode=… is for datasets"):
         MotionLog.open(path, model, episode=0)
     (tmp_path / "log.csv").write_text("time,joint_1\n0,0\n")
-    with pytest.raises(tw.TrajectoryError, match=r"--episode is for LeRobot datasets"):
+    with pytest.raises(tw.TrajectoryError, match=r"episode=… is for LeRobot datasets"):
         MotionLog.open(tmp_path / "log.csv", model, episode=0)
 
 
@@ -183,7 +183,7 @@ def test_aloha_needs_its_rate_and_is_read_with_it(tmp_path, monkeypatch):
         file["observations/effort"] = 0 * Q + TIME[:, None]
         file["observations/images/top"] = np.zeros((len(TIME), 4, 4, 3), np.uint8)
     code, said = run("torques", "ur5", "--trajectory", "episode_0.hdf5")
-    assert code == 2 and "ALOHA records 50: --rate 50" in said
+    assert code == 2 and "--rate HZ (ALOHA records 50)" in said
     motion = tw.Motion.from_file("episode_0.hdf5", tw.robots.ur5(), rate=50.0)
     assert (motion.q == Q).all() and (motion.tau == TIME[:, None]).all() and motion.dq.shape == Q.shape
 

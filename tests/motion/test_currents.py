@@ -76,13 +76,13 @@ def test_currents_without_a_gain_are_no_torques(arm, log, tmp_path):
     found = tw.Motion.from_file(path, arm)
     assert found.tau is None
     assert "ignored: joint1.current, joint2.current" in " ".join(found.notes)
-    with pytest.raises(UnknownNameError, match=r"joint \(of --gain\) named 'elbow'"):
+    with pytest.raises(UnknownNameError, match=r"joint \(of gain=…\) named 'elbow'"):
         tw.Motion.from_file(path, arm, gain={"elbow": 1.0})
 
 
 def test_a_column_in_newton_metres_has_no_gain(arm, log, tmp_path):
     path = written(tmp_path / "log.csv", log, ("joint1.torque [Nm]", "joint2.torque [Nm]"))
-    with pytest.raises(TrajectoryError, match="--gain joint1 is for a current, and this is a torque in Nm"):
+    with pytest.raises(TrajectoryError, match="gain=… of joint1 is for a current, and this is a torque in Nm"):
         tw.Motion.from_file(path, arm, gain={"joint1": 2.0})
     path = written(tmp_path / "other.csv", log, ("joint1.torque [A]", "joint2.torque [A]"))
     with pytest.raises(TrajectoryError, match="currents with --gain A, mA"):

@@ -318,7 +318,7 @@ def test_a_column_of_time_is_believed_before_an_index_of_another_name():
     "names, says",
     [
         (["time", "jiont1", "joint2"], "Say which they are: columns={'joint1': 'jiont1'} (columns that vary"),
-        (["time", "joint2"], "tw.load(…, lock={joint: 0})"),
+        (["time", "joint2"], "when the robot is loaded: lock={'joint1': 0}"),
         (["joint1", "joint2"], "columns={'time': 'COLUMN'}, or the rows per second, rate=HZ"),
     ],
 )

@@ -381,7 +381,7 @@ def test_a_log_of_another_robot_is_called_that(ur5, tmp_path):
 def test_no_column_is_proposed_twice(tmp_path, names):
     with pytest.raises(TrajectoryError) as caught:
         MotionLog.open(header_of(tmp_path, *names), tw.robots.panda().model)
-    option = re.search(r"--columns '([^']+)'", str(caught.value))[1]
+    option = re.search(r"--columns '([^']+)'", caught.value.in_shell())[1]
     proposed = [column for column in re.findall(r"=(\w+)", option) if column != "COLUMN"]
     assert option.count("=") == 7
     assert len(set(proposed)) == len(proposed)

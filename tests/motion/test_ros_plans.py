@@ -253,7 +253,7 @@ def test_bad_plans_are_one_error(case, tmp_path):
 def test_bad_topics_and_files_are_one_error(tmp_path):
     two_topics(tmp_path / "two.mcap")
     for topic in ("/none", "/said", "/plan:reference", "/joint_states:measured"):
-        with pytest.raises(tw.TrajectoryError, match=r"two.mcap.*--topic"):
+        with pytest.raises(tw.TrajectoryError, match=r"two.mcap.*topic="):
             tw.Motion.from_file(tmp_path / "two.mcap", ARM, topic=topic)
     write_messages(tmp_path / "said.mcap", {"/said": ("std_msgs/msg/String", "string data", [(0.0, {"data": "x"})])})
     with pytest.raises(
@@ -261,7 +261,7 @@ def test_bad_topics_and_files_are_one_error(tmp_path):
     ):
         tw.Motion.from_file(tmp_path / "said.mcap", ARM)
     (tmp_path / "log.csv").write_text("time,joint1,joint2\n0,0,0\n")
-    with pytest.raises(tw.TrajectoryError, match="--topic is for recordings of ROS"):
+    with pytest.raises(tw.TrajectoryError, match="topic=… is for recordings of ROS"):
         tw.Motion.from_file(tmp_path / "log.csv", ARM, topic="/plan")
     DOORS["defined.db3"](tmp_path / "plan.db3")
     whole = (tmp_path / "plan.db3").read_bytes()

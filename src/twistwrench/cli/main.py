@@ -428,7 +428,7 @@ def plain_errors() -> Iterator[None]:
         except TwistWrenchError as error:
             for hint in getattr(error, "__notes__", ()):
                 note(hint)
-            click.echo(f"error: {' '.join(with_option_names(str(error)).split())}", err=True)
+            click.echo(f"error: {' '.join(with_option_names(error.in_shell()).split())}", err=True)
             sys.exit(ExitCode.BAD_INPUT)
 
 

@@ -35,6 +35,7 @@ from typing import Any, BinaryIO
 from . import errors
 from .errors import TwistWrenchError
 from .numbers import number
+from .text import Argument
 from .third_party import reason_of
 
 VARIABLE = "TWISTWRENCH_SANDBOX"
@@ -302,10 +303,19 @@ def _answers(
             child.end()
 
 
-def _error_from(name: str, text: str) -> TwistWrenchError:
-    """Error of this library by its name."""
+def _error_from(name: str, text: str, *arguments: Any) -> TwistWrenchError:
+    """Error of this library by its name, with the arguments in its text."""
     kind = getattr(errors, name) if name in errors.__all__ else TwistWrenchError
-    return kind(text) if issubclass(kind, TwistWrenchError) else TwistWrenchError(text)
+    given = [Argument(*one) for one in arguments]
+    return kind(text, *given) if issubclass(kind, TwistWrenchError) else TwistWrenchError(text, *given)
+
+
+def _parts(problem: TwistWrenchError) -> tuple[Any, ...]:
+    """Text of an error, and its arguments as plain data."""
+    text, *arguments = problem.args or ("",)
+    if not all(isinstance(one, Argument) for one in arguments):
+        return (str(problem),)
+    return str(text), *((one.name,) if one.value is ... else (one.name, one.value) for one in arguments)
 
 
 def _folder() -> str:
@@ -406,7 +416,7 @@ def serve(requests: BinaryIO) -> None:
                     break
             answer(_END)
         except TwistWrenchError as problem:
-            answer(_ERROR, (type(problem).__name__, str(problem)))
+            answer(_ERROR, (type(problem).__name__, *_parts(problem)))
         except MemoryError:
             answer(_REASON, "it needs more memory than its reader may use")
         except Exception as problem:  # any error of a foreign reader is an error of the file

@@ -34,7 +34,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, NoReturn
 
 from .glossary import complete
-from .text import bounded_message, clipped, listed, visible
+from .text import Argument, bounded_message, clipped, listed, visible, with_arguments
 
 __all__ = [
     "CacheWarning",
@@ -74,12 +74,38 @@ class HintedClass(type):
 
 
 class TwistWrenchError(Exception):
-    """Base class of all errors raised by the library."""
+    """Base class of all errors raised by the library.
+
+    Arguments after the text stand in its places ``{0}``, ``{1}`` …: as in Python in ``str(error)``, as options in a shell.
+    """
 
     def __str__(self) -> str:
+        return self._told(shell=False)
+
+    def in_shell(self) -> str:
+        """Message with the options of a command in place of Python's arguments.
+
+        Returns
+        -------
+        text : str
+
+        Examples
+        --------
+        >>> from twistwrench.core.text import Argument
+        >>> error = TwistWrenchError("several episodes: 0 to 1. Choose one: {0}.", Argument("episode", 0))
+        >>> print(error, error.in_shell()[-16:])
+        several episodes: 0 to 1. Choose one: episode=0. one: --episode 0.
+        """
+        return self._told(shell=True)
+
+    def _told(self, *, shell: bool) -> str:
+        """Message with its arguments in the words of Python, or of the shell."""
         # KeyError would print the repr of its argument, with quotes and escapes.
         # Names of a file may hold characters that control a terminal, and thousands of them.
-        return bounded_message(visible(str(self.args[0]) if len(self.args) == 1 else super().__str__()))
+        text, *arguments = self.args or ("",)
+        if not all(isinstance(one, Argument) for one in arguments):
+            return bounded_message(visible(super().__str__()))
+        return bounded_message(visible(with_arguments(str(text), arguments, shell=shell)))
 
 
 class ModelError(TwistWrenchError, ValueError):

@@ -1,10 +1,12 @@
-"""Lists of names in a sentence, cut short if they are long."""
+"""Text of messages: lists of names, quotations, and arguments in the words of Python or of the shell."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 MOST = 12
 """Default number of listed names."""
@@ -83,3 +85,68 @@ def visible(text: str) -> str:
     joint\x1b[2J \u202e1
     """
     return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+# ── Arguments in a message: ``limits="limits.csv"`` in Python, ``--limits limits.csv`` in the shell
+
+
+class Placeholder(str):
+    """Word in place of a value, such as HZ or COLUMN."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Argument:
+    """Argument of a function in a message; the option of a command has the same name."""
+
+    name: str
+    value: object = ...
+    """Value to give; ``...`` for the argument alone."""
+
+
+def spelled(argument: Argument, *, shell: bool = False) -> str:
+    """Argument as it is typed in Python, or as an option in the shell.
+
+    >>> arguments = Argument("lock", {"a": 0, "b c": 0}), Argument("friction", False), Argument("rate", Placeholder("HZ"))
+    >>> for argument in arguments:
+    ...     print(spelled(argument), "|", spelled(argument, shell=True))
+    lock={'a': 0, 'b c': 0} | --lock 'a=0,b c=0'
+    friction=False | --no-friction
+    rate=HZ | --rate HZ
+    """
+    value = argument.value
+    if not shell:
+        shown = "…" if value is ... else str(value) if isinstance(value, Placeholder) else repr(value)
+        return f"{argument.name}={shown}"
+    name = argument.name.replace("_", "-")
+    if value is False:
+        return f"--no-{name}"
+    if value is ... or value is True:
+        return f"--{name}"
+    if isinstance(value, Mapping):
+        text = ",".join(f"{quoted(key)}={quoted(str(one))}" for key, one in value.items())
+        of_words = any(isinstance(x, str) for x in value.values()) and "'" not in text
+        return f"--{name} '{text}'" if of_words else f"--{name} {shlex.quote(text)}"
+    parts = value if isinstance(value, tuple) else (value,)
+    return " ".join([f"--{name}", *(shlex.quote(str(part)) for part in parts)])
+
+
+def quoted(name: str) -> str:
+    """Quote a name in a list of the shell as in CSV if it has a comma, an equals sign or a quote.
+
+    >>> quoted("a"), quoted("a, b")
+    ('a', '"a, b"')
+    """
+    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',="') or name.startswith("@") else name
+
+
+def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool = False) -> str:
+    """Text with arguments in its places ``{0}``, ``{1}`` and so on.
+
+    >>> with_arguments("Choose one: {0}.", [Argument("episode", 3)], shell=True)
+    'Choose one: --episode 3.'
+    """
+    for k, argument in enumerate(arguments):
+        text = text.replace(f"{{{k}}}", spelled(argument, shell=shell))
+    return text

@@ -19,6 +19,7 @@ import numpy as np
 from ..core.doubts import Doubt
 from ..core.errors import ShapeError, TrajectoryError, ValueRangeError
 from ..core.estimation.sampling import OVERLAP, SingleRowGlitches, dropouts, gaps, held_rows, new_rows, spikes
+from ..core.text import Argument
 from ..core.third_party import Failure, Workers
 from ..core.typing import Array
 from ..motion.contradictions import row_doubts
@@ -116,8 +117,10 @@ class LogSource:
         found = self.log.motion(self.log.table[rows])
         if found.tau is None:
             raise ValueRangeError(
-                f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or assign them with --columns "
-                f"'{self.robot.model.velocity_names[0]}.tau=COLUMN'; currents, JOINT.current, need --gain."
+                f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or assign them: {{0}}; "
+                "currents, JOINT.current, need {1}.",
+                Argument("columns", {f"{self.robot.model.velocity_names[0]}.tau": "COLUMN"}),
+                Argument("gain"),
             )
         return found if self.side is None else self.side.of_joints(found)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.errors import TrajectoryError, UnknownNameError
-from ..core.text import ReadingNote, listed
+from ..core.text import Argument, Placeholder, ReadingNote, listed
 from ..core.typing import Array
 from .column_names import (
     CURRENT,
@@ -48,25 +47,6 @@ from .readers.csv_reader import is_number
 _FEW = 4
 ORDER = "#"
 """Prefix of keys for columns listed in the order of the coordinates: ``#1``, ``#2`` …"""
-
-
-def quoted(name: str) -> str:
-    """Quote a column's name for ``--columns`` as in CSV if it has a comma, an equals sign or a quote.
-
-    >>> quoted("a"), quoted("a, b")
-    ('a', '"a, b"')
-    """
-    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',="') or name.startswith("@") else name
-
-
-def columns_option(columns: Mapping[str, str]) -> str:
-    """Format the option ``--columns`` for the shell.
-
-    >>> columns_option({"time": "Zeit", "joint_1": "A1"})
-    "--columns 'time=Zeit,joint_1=A1'"
-    """
-    text = ",".join(f"{quoted(name)}={quoted(column)}" for name, column in columns.items())
-    return f"--columns {shlex.quote(text)}" if "'" in text else f"--columns '{text}'"
 
 
 def _joint(coordinate: str) -> str:
@@ -198,15 +178,15 @@ class Assignment:
         """List of the column names, for the end of an error message."""
         return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
 
-    def column(self, name: str, option: str) -> Choice:
-        """Column by name, with or without its unit; errors name ``option``."""
+    def column(self, name: str, given: Argument) -> Choice:
+        """Column by name, with or without its unit; errors name the argument that was given."""
         base, unit = split_unit(name)
         exact = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         alike = exact or [k for k, (text, _) in enumerate(self.split) if text == base]
         if not alike:
             near = difflib.get_close_matches(name, [c for c in self.cells if c], n=1, cutoff=0.6)
             hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise TrajectoryError(f"{self.where}: no column {name!r}, which {option} names.{hint} {self.found()}")
+            raise TrajectoryError(f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found()}", given)
         if len(alike) > 1:
             raise self.repeated(name.strip(), len(alike))
         return Choice(alike[0], unit or self.split[alike[0]][1])
@@ -232,10 +212,12 @@ class Assignment:
         found: dict[tuple[str, int], Choice] = {}
         for key, name in self.in_order(self.of_this_log(columns, known)).items():
             if key not in known:
-                raise UnknownNameError.from_choices("coordinate (of --columns)", key, ["time", *self.names["q"]])
+                raise UnknownNameError.from_choices("coordinate (of columns=…)", key, ["time", *self.names["q"]])
             if known[key] in found:
-                raise TrajectoryError(f"{self.where}: --columns assigns {key!r} twice. Keep one of them.")
-            choice = self.column(name, f"--columns {key}={name}")
+                raise TrajectoryError(
+                    f"{self.where}: {{0}} assigns {key!r} twice. Keep one of them.", Argument("columns")
+                )
+            choice = self.column(name, Argument("columns", {key: name}))
             found[known[key]] = replace(choice, unit=choice.unit or "A") if key.endswith(f".{CURRENT}") else choice
         return found
 
@@ -244,8 +226,9 @@ class Assignment:
         names, listing = self.names["q"], [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
         if listing and len(listing) != len(names):
             raise TrajectoryError(
-                f"{self.where}: --columns lists {len(listing)} columns, and the robot has {len(names)} coordinates: "
-                f"{listed(names)}. List one for each, or write JOINT=COLUMN."
+                f"{self.where}: {{0}} lists {len(listing)} columns, and the robot has {len(names)} coordinates: "
+                f"{listed(names)}. List one for each, or name the joint of each.",
+                Argument("columns"),
             )
         return {names[int(key[1:]) - 1] if key in listing else key: column for key, column in columns.items()}
 
@@ -265,15 +248,16 @@ class Assignment:
         names, gains = self.names["tau"], self.reading.gain or {}
         for name in gains:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
-                raise UnknownNameError.from_choices("joint (of --gain)", name, names)
+                raise UnknownNameError.from_choices("joint (of gain=…)", name, names)
         for k, choice in self.given["tau"].items():
             ampere = 1.0 if choice.unit is None else current_factor(choice.unit)
             known = gains.get(f"{names[k]}.{CURRENT}") if choice.unit is not None and ampere else None
             gain = gains.get(names[k], known)
             if gain is not None and ampere is None:
                 raise TrajectoryError(
-                    f"{self.where}, column {self.cells[choice.column]!r}: --gain {names[k]} is for a current, and this is a "
-                    f"torque in {choice.unit}. Leave out one of them."
+                    f"{self.where}, column {self.cells[choice.column]!r}: {{0}} of {names[k]} is for a current, and this is a "
+                    f"torque in {choice.unit}. Leave out one of them.",
+                    Argument("gain"),
                 )
             if gain is not None and ampere is not None:
                 self.given["tau"][k] = replace(choice, gain=gain * ampere)
@@ -293,7 +277,8 @@ class Assignment:
                 self.free = [k for k in self.free if k != column]
                 return Choice(column)
             raise TrajectoryError(
-                f"{self.where}: --rate is given, and column {self.cells[column]!r} is time. Leave out one of them."
+                f"{self.where}: {{0}} is given, and column {self.cells[column]!r} is time. Leave out one of them.",
+                Argument("rate"),
             )
         if requested is None and not first:
             timed = [k for k in self.free if time_factor(self.split[k][1] or "") is not None]
@@ -304,7 +289,8 @@ class Assignment:
         if requested is None and len(first) > 1:
             raise TrajectoryError(
                 f"{self.where}: two time columns, {listed([self.cells[k] for k in first])}. Keep one of them, or choose: "
-                f"--columns 'time={self.cells[first[0]]}'."
+                "{0}.",
+                Argument("columns", {"time": self.cells[first[0]]}),
             )
         choice = requested or Choice(
             first[0], self.split[first[0]][1] or (time_meaning(self.split[first[0]][0]) or (0, None))[1]
@@ -371,7 +357,8 @@ class Assignment:
             if len(columns) > 1:
                 shown = [self.cells[column] for column in columns]
                 raise TrajectoryError(
-                    f"{self.where}: {listed(shown)} may all be {key}. Say which: --columns '{key}={shown[0]}'."
+                    f"{self.where}: {listed(shown)} may all be {key}. Say which: {{0}}.",
+                    Argument("columns", {key: shown[0]}),
                 )
             self.assign(part, k, Choice(columns[0], units[columns[0]]))
             assigned.append((self.cells[columns[0]], key))
@@ -418,10 +405,12 @@ class Assignment:
 
     def usual_rate(self) -> str:
         """Hint for the error message: usual sampling rate of recordings without a time column."""
-        return " (ALOHA records 50: --rate 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
+        return " (ALOHA records 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
 
-    def without_columns(self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool) -> str:
-        """Error message for coordinates without a column, with options to copy."""
+    def without_columns(
+        self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool
+    ) -> TrajectoryError:
+        """Error for coordinates without a column, with arguments to copy."""
         all_missing = len(missing) == len(self.names["q"])
         varying = set(varying_columns(self.cells, self.extra, look))
         may_be = [cell for cell in self.extra if cell in varying]
@@ -437,27 +426,30 @@ class Assignment:
             name, cell = next(iter(near.items()))
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
         told = {"time": "COLUMN"} if timeless else {}
-        option = columns_option(told | {name: near.get(name, "COLUMN") for name in missing})
+        which = Argument("columns", told | {name: near.get(name, "COLUMN") for name in missing})
         if in_order:
             spans = [np.abs(look(self.cells.index(cell))).max() for cell in in_order]
-            degrees = " --degrees" if max(spans) > math.tau and not self.degrees else ""
-            rate = (
-                f", and --rate HZ{self.usual_rate()} in place of time=COLUMN if no column is the time"
-                if timeless
-                else ""
+            degrees = " {1}" if max(spans) > math.tau and not self.degrees else ""
+            no_time = f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
+            ways = f"{{0}}{degrees}{no_time if timeless else ''}"
+            return TrajectoryError(
+                f"{self.where}: no column for {listed(missing)}.{hint} {ways}; {self.found()}",
+                which,
+                Argument("degrees", True),
+                Argument("rate", Placeholder("HZ")),
             )
-            return f"{self.where}: no column for {listed(missing)}.{hint} {option}{degrees}{rate}; {self.found()}"
         joints = list(dict.fromkeys(_joint(name) for name in missing))
-        held = f", or {' '.join(f'--lock {name}=0' for name in joints)}" if len(joints) <= _FEW else ""
-        held = f"--lock-missing{held}" if not all_missing else "--lock 'PATTERN*=0'"
-        held = f"; or hold joints still that never move: {held}"
+        few = dict.fromkeys(joints if len(joints) <= _FEW and not all_missing else ["PATTERN*"], 0)
+        held = "; or hold joints still that never move, when the robot is loaded: {1}"
         if any(name not in missing for name in joints):  # a joint of several coordinates, which no option holds still
             held = "; if the pose of the base was not logged, load the robot with its base fixed"
         if not all_missing and may_be:
             held = f" (columns that vary and are not used: {listed(may_be)})"
-        return (
+        return TrajectoryError(
             f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found()} "
-            f"Say which they are: {option}{held}."
+            f"Say which they are: {{0}}{held}.",
+            which,
+            Argument("lock", few),
         )
 
     def check_complete(self, look: Callable[[int], Array]) -> None:
@@ -465,11 +457,13 @@ class Assignment:
         missing = [name for k, name in enumerate(self.names["q"]) if k not in self.given["q"]]
         timeless = self.time is None and self.reading.rate is None
         if missing:
-            raise TrajectoryError(self.without_columns(missing, look, timeless=timeless))
+            raise self.without_columns(missing, look, timeless=timeless)
         if timeless:
             raise TrajectoryError(
-                f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; for a command, give "
-                f"--columns 'time=COLUMN', or the rows per second, --rate HZ{self.usual_rate()}; {self.found()}"
+                f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; or give {{0}}, or "
+                f"the rows per second, {{1}}{self.usual_rate()}; {self.found()}",
+                Argument("columns", {"time": "COLUMN"}),
+                Argument("rate", Placeholder("HZ")),
             )
         for part in ("dq", "ddq"):
             absent = [f"{name}{SUFFIX[part]}" for k, name in enumerate(self.names[part]) if k not in self.given[part]]
@@ -478,8 +472,9 @@ class Assignment:
                 hint = f" Did you mean {alike[0]!r}?" if alike else ""
                 raise TrajectoryError(
                     f"{self.where}: no column {listed(absent)}, although others of its kind are there.{hint} "
-                    f"Give them for every joint, or for none: then they are derived. Or assign it: --columns "
-                    f"'{absent[0]}=COLUMN'; {self.found()}"
+                    f"Give them for every joint, or for none: then they are derived. Or assign it: {{0}}; "
+                    f"{self.found()}",
+                    Argument("columns", {absent[0]: "COLUMN"}),
                 )
 
 

@@ -20,7 +20,7 @@ from ..core.arguments import number as number_of
 from ..core.doubts import Doubt
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
-from ..core.text import listed
+from ..core.text import Argument, listed
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -514,13 +514,15 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
                 value = math.radians(value) if degrees and turns else value
             if _is_pattern(name, bodies) and joint in found and found[joint] != value:
                 raise ValueRangeError(
-                    f"--lock {origin[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them."
+                    f"{{0}}: {origin[joint]!r} and {name!r} both hold {joint!r}. Keep one of them.", Argument("lock")
                 )
             found[joint], origin[joint] = value, name
     for b in model.leaders:
         if b.joint.name in found and b.joint.nv == 1:
             name = origin[b.joint.name]
-            _check(model, b, found[b.joint.name], f"--lock {name}={printed(lock[name])}", degrees=degrees)
+            given = float(lock[name])
+            shown = int(given) if given.is_integer() else given
+            _check(model, b, found[b.joint.name], Argument("lock", {name: shown}), degrees=degrees)
     return found
 
 
@@ -537,7 +539,7 @@ def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
     between = {model.bodies[k].q_index for k in above(base) ^ above(tip)}
     if not between:
         raise ValueRangeError(
-            f"--chain {base} {tip}: no joint moves one of these frames from the other. Name two others."
+            "{0}: no joint moves one of these frames from the other. Name two others.", Argument("chain", (base, tip))
         )
     return tuple(b.joint.name for b in model.leaders if b.q_index not in between)
 
@@ -546,18 +548,20 @@ def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
     return name not in joints and any(c in name for c in "*?[")
 
 
-def _check(model: Model, body: Body, value: float, option: str, *, degrees: bool) -> None:
+def _check(model: Model, body: Body, value: float, given: Argument, *, degrees: bool) -> None:
     low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
     most = float(model.limits.tolerance[body.v_index])
     if low - most <= value <= high + most:
         return
     turns = body.joint.turning[0]
     unit, shown = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
-    joint = "" if body.joint.name in option else f" {body.joint.name}"
+    joint = "" if isinstance(given.value, Mapping) and body.joint.name in given.value else f" {body.joint.name}"
     hint = ""
     if turns and not degrees and low <= math.radians(value) <= high:
-        hint = f" If {printed(value)} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
+        hint = f" If {printed(value)} are degrees, add {{1}}, or write {number(math.radians(value), 6)}."
     least, greatest = (quantity(unit * x, shown, 6) for x in (low, high))
     raise ValueRangeError(
-        f"{option} is outside the joint's limits,{joint} {least} to {greatest}. Hold it within them.{hint}"
+        f"{{0}} is outside the joint's limits,{joint} {least} to {greatest}. Hold it within them.{hint}",
+        given,
+        Argument("degrees", True),
     )

@@ -229,15 +229,13 @@ class Motion(MotionDoors, metaclass=HintedClass):
         >>> bool((again.ddq == motion.ddq).all())
         True
         """
-        from .motion_io import data_frame_file, errors_in_python_words, in_python_words
+        from .motion_io import data_frame_file, in_python_words
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
         file, ignored = data_frame_file(frame)
-        with errors_in_python_words():
-            found = cls._of_log(
-                MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain), robot
-            )
+        log = MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain)
+        found = cls._of_log(log, robot)
         said = tuple(replace(doubt, sentence=in_python_words(doubt.sentence)) for doubt in found.doubts)
         notes = (*map(in_python_words, found.notes), *ignored)
         return replace(found, notes=notes, read=said)._with_log(found.log)

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..core.errors import TrajectoryError, TwistWrenchError
 from ..core.files import as_path
+from ..core.text import Argument
 from ..core.typing import Array
 from ..mechanics.model.model import Model
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970
@@ -201,7 +202,7 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     given = {name: value for name, value in (("topic", topic), ("episode", episode)) if value is not None}
     for name in given:
         if form is None or form.option != name:
-            raise TrajectoryError(f"{path}: {_OPTIONS[name]}, and this is none. Leave it out.")
+            raise TrajectoryError(f"{path}: {_PURPOSES[name]}, and this is none. Leave it out.", Argument(name))
     if form is None:
         return CsvFile.open(ends)
     module, function = form.opener.split(":")
@@ -210,9 +211,9 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     return opened
 
 
-_OPTIONS = {
-    "topic": "--topic is for recordings of ROS",
-    "episode": "--episode is for LeRobot datasets in parquet",
+_PURPOSES = {
+    "topic": "{0} is for recordings of ROS",
+    "episode": "{0} is for LeRobot datasets in parquet",
 }
 
 

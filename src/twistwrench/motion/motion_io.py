@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..core import arguments
-from ..core.errors import MissingExtraError, ShapeError, TrajectoryError
+from ..core.errors import MissingExtraError, ShapeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of, units_of
@@ -134,15 +133,6 @@ def in_python_words(text: str) -> str:
     text = _OPTION.sub(as_argument, text)
     text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
     return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")
-
-
-@contextmanager
-def errors_in_python_words() -> Iterator[None]:
-    """Context manager that applies :func:`in_python_words` to errors about a log."""
-    try:
-        yield
-    except TrajectoryError as problem:
-        raise TrajectoryError(in_python_words(str(problem))) from None
 
 
 complete(globals())

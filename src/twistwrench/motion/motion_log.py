@@ -21,7 +21,7 @@ from ..core.errors import TrajectoryError, ValueRangeError
 from ..core.estimation.sampling import OVERLAP
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
-from ..core.text import ReadingNote, listed
+from ..core.text import Argument, Placeholder, ReadingNote, listed
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
@@ -68,7 +68,8 @@ class DuplicateTimestamps:
                 if stop - begin - log_table.ROWS > _MOST:
                     raise TrajectoryError(
                         f"{where}: time stands at {float(table[stop - 1, 0])!r} for more than {_MOST} rows. Say how many rows "
-                        "a second has (--rate HZ), after removing the column of time."
+                        "a second has, {0}, after removing the column of time.",
+                        Argument("rate", Placeholder("HZ")),
                     )
             rows = self._merged(table[begin:stop], turning, half_turn, where)
             table[end : end + len(rows)] = rows
@@ -547,13 +548,14 @@ def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates
         raise TrajectoryError(
             f"{file.path}: {cells[k]} reaches {number(largest[k])}, which is not an angle in radians. LeRobot's SO arms record "
             "degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the calibration "
-            "file. If these are degrees, add: --degrees"
+            "file. If these are degrees, add: {0}",
+            Argument("degrees", True),
         )
     grippers = [coordinates.names[k] for k in asked if "gripper" in cells[k].lower()] if degrees else []
     if grippers:
-        held = " ".join(f"--lock {name}=0" for name in grippers)
         raise TrajectoryError(
-            f"{file.path}: the gripper's column is from 0 to 100 of its range, and not an angle. Hold it still: {held}"
+            f"{file.path}: the gripper's column is from 0 to 100 of its range, and not an angle. Hold it still: {{0}}",
+            Argument("lock", dict.fromkeys(grippers, 0)),
         )
     joints = [coordinates.names[k] for k in asked]
     if degrees and asked:

@@ -17,7 +17,7 @@ from ..motion import limits_file
 from ..motion.differentiation import Differentiation
 from ..motion.load_case import LoadCase, LoadsGiven, payloads_of
 from ..motion.motion import Motion
-from ..motion.motion_io import data_frame_file, errors_in_python_words
+from ..motion.motion_io import data_frame_file
 from ..motion.motion_log import MotionLog
 from ..robot import Robot, load
 from ..robots.finding import bundled_file
@@ -192,12 +192,10 @@ def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **
         path = bundled_file(str(motion), named or robot.name, ".csv", "motion")
         if reading.get("degrees") and path != Path(motion):
             raise ValueRangeError("the bundled motion 'demo' is in radians. Leave degrees out.")
-        with errors_in_python_words():
-            return MotionLog.open(path, robot.model, plan=plan, **reading)
+        return MotionLog.open(path, robot.model, plan=plan, **reading)
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
         file, _ = data_frame_file(motion)
-        with errors_in_python_words():
-            return MotionLog.open(file, robot.model, plan=plan, **reading)
+        return MotionLog.open(file, robot.model, plan=plan, **reading)
     motion = getattr(motion, "motion", motion)
     if not isinstance(motion, Motion):
         raise TypeError(

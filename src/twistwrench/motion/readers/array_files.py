@@ -26,7 +26,7 @@ import numpy as np
 from ...core.errors import MissingExtraError, NotFoundError, TrajectoryError
 from ...core.files import read_text
 from ...core.numbers import number
-from ...core.text import listed
+from ...core.text import Argument, listed
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from .. import log_table
@@ -328,13 +328,13 @@ def is_simulation(file: FileEnds) -> bool:
 def simulation_file(file: FileEnds) -> ArrayFile:
     """Motion from an archive of ``simulate --npz``; raises TrajectoryError."""
     path = file.path
-    advice = "Give one that simulate --npz wrote, whole, or a CSV file."
+    advice = "Give one that a simulation wrote, whole, or a CSV file."
     unreadable = f"{path}: an archive that cannot be read as a motion"
     with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
         check_archive(file)
         with file.open() as whole, np.load(whole, allow_pickle=False) as archive:
             if not str(archive["format"]).startswith(_MARK):
-                raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")
+                raise TrajectoryError(f"{path}: an archive of NumPy, but not one that a simulation wrote.")
             said = json.loads(str(archive["said"]))
             columns, header = [np.asarray(archive["times"], float)[:, None]], [time_column(said["coordinate_names"])]
             for part, ending in SUFFIX.items():
@@ -677,7 +677,9 @@ def _rows_of(path: Path, episodes: StoredArray | None, episode: int | None) -> A
     """Mask (n,) of the rows of an episode; None for all. Raises TrajectoryError if the episode is missing."""
     if episodes is None:
         if episode is not None:
-            raise TrajectoryError(f"{path}: --episode is for datasets with a column {_EPISODES!r}, and none is here.")
+            raise TrajectoryError(
+                f"{path}: {{0}} is for datasets with a column {_EPISODES!r}, and none is here.", Argument("episode")
+            )
         return None
     check_ratio(path, episodes.size, path.stat().st_size)
     index = np.concatenate([np.zeros(0), *episodes.portions(log_table.ROWS)])
@@ -688,7 +690,9 @@ def _rows_of(path: Path, episodes: StoredArray | None, episode: int | None) -> A
         return None
     if episode is None or episode not in there:
         wrong = "several episodes" if episode is None else f"no episode {episode}"
-        raise TrajectoryError(f"{path}: has {wrong}: {there[0]} to {there[-1]}. Choose one: --episode {there[0]}.")
+        raise TrajectoryError(
+            f"{path}: has {wrong}: {there[0]} to {there[-1]}. Choose one: {{0}}.", Argument("episode", int(there[0]))
+        )
     return np.asarray(index == episode)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.errors import MissingExtraError, NotFoundError, TrajectoryError
 from ...core.numbers import number
-from ...core.text import listed
+from ...core.text import Argument, listed
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from ..column_names import SUFFIX, date_note
@@ -92,10 +92,11 @@ def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
     if wanted is None and not readable:
         raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {shown}.")
     if wanted is not None and name not in readable:
-        raise TrajectoryError(f"{path}: has no motion in a topic {name!r} (--topic). Topics: {shown}.")
+        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {shown}.", Argument("topic"))
     if part and (part != "reference" or known[name] != "JointTrajectoryControllerState"):
         raise TrajectoryError(
-            f"{path}: --topic {wanted}: only :reference of a JointTrajectoryControllerState is known."
+            f"{path}: {{0}}: only :reference of a JointTrajectoryControllerState is known.",
+            Argument("topic", wanted),
         )
     best = name or max(readable, key=lambda topic: topics[topic][1])
     others = [topic for topic in readable if topic != best]
