@@ -102,6 +102,33 @@ def test_touches_without_a_length_are_never_ok(kind):
     assert found.fit.rms < 3 * NOISE and 0.3 < found.remaining.rms / world.error(found) < 3
 
 
+@pytest.mark.parametrize(("kind", "targets", "length"), [("point", 2, 0.1), ("sphere", 1, 0.8)])
+def test_one_known_length_makes_touches_ok(kind, targets, length):
+    """Distance of two points, diameter of a sphere: what remains falls to a fifth, and the prediction stays right."""
+    world = World.drawn(tw.robots.ur5(), 5)
+    touched = world.touched(kind, 90, targets=targets)
+    without, found = (tw.calibration.calibrate(world.robot, touched, length=given) for given in (None, length))
+    assert found.verdict.ok and found.rank == without.rank + 1
+    assert found.remaining.rms < 0.2 * without.remaining.rms and 0.4 < found.remaining.rms / world.error(found) < 2.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "kind", "count"), [(tw.robots.ur5, "position", 30), (scara, "pose", 24), (rail, "position", 24)]
+)
+def test_intervals_cover_the_truth_in_95_of_100(make, kind, count):
+    """Intervals of all groups in 66 worlds: more than 900 intervals, whose coverage has a deviation below 1 %."""
+    robot, inside = make(), []
+    for seed in range(66):
+        world = World.drawn(robot, 1000 + seed)
+        fit = CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted()
+        true = dict(zip(world.chain.parameters, world.chain.values(world.truth), strict=True))
+        for group in ParameterGroups(fit).all:
+            value = sum(factor * true.get(name, 0.0) for name, factor in group.terms.items())
+            inside.append(abs(group.value - value) <= group.half_width())
+    assert 0.93 <= np.mean(inside) <= 0.98
+
+
 def test_few_readings_are_unsure():
     world = World.drawn(tw.robots.ur5(), 7)
     found = tw.calibration.calibrate(world.robot, world.measured("position", 12))
