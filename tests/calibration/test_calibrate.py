@@ -398,3 +398,13 @@ def test_the_command_writes_a_factory_calibration(tmp_path):
     assert done.exit_code == 0 and done.output.startswith("DONE: the factory calibration moves tool0 by"), done.output
     right = tw.robots.ur5().forward_kinematics([0, 0.01, 0, 0, 0, 0])
     assert np.allclose(tw.load(tmp_path / "mine.urdf").forward_kinematics(np.zeros(6)), right, atol=1e-9)
+
+
+def test_a_zero_that_the_fit_absorbs_is_named():
+    """Poses let the fit move a zero by 90° all the way: the joint's convention is doubted all the same."""
+    world = World.drawn(tw.robots.panda(), 3, tip="panda_link8")
+    m = world.measured("pose", 40)
+    shifted = replace(m, q=m.q + np.pi / 2 * np.eye(m.q.shape[1])[2])
+    found = tw.calibration.calibrate(world.robot, shifted, tip="panda_link8")
+    assert found.doubts[0].kind == "calibration-zero" and found.doubts[0].joints == ("panda_joint3",)
+    assert abs(found.doubts[0].value + 90) < 1 and found.verdict.word == "LOOK AGAIN"

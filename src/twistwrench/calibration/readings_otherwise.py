@@ -41,6 +41,10 @@ _NOTHING_FITS = 10e-3
 _SCALE_SIZE, _SCALE_DEVIATIONS = 5e-3, 3.0
 _GAIN = 0.8
 """Held-out error with sag or gears over the error without, below which they are offered."""
+_ANGLE_ENTRIES = 3
+"""Number of angles of a twist, which come first."""
+_LARGE_ZERO = 0.2
+"""Zero [rad] above which the joint's convention is doubted, although the fit has found it."""
 _EXACT = 5e-6
 """Error [m] before, below which readings are the file's own kinematics."""
 
@@ -64,9 +68,10 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
     turn = max((float(np.sqrt(np.mean(t**2))) for t in fit.turns if t.size), default=0.0)
     many = len(fit.outliers) > _MANY_OUTLIERS * sum(m.count for m in fit.problem.measured)
     explained = fit.rms < _SHARE * found.before or found.needs_nothing
-    if fit.rms < _LARGE and turn < _TURNED and explained and not many:
+    is_large = _has_large_zero(found)
+    if fit.rms < _LARGE and turn < _TURNED and explained and not many and not is_large:
         return []
-    plain = _misfit(replace(fit.problem, keep_outliers=True).fitted())
+    plain = found.before if is_large else _misfit(replace(fit.problem, keep_outliers=True).fitted())
     best = _best(fit.problem, plain)
     if best is not None:
         one, misfit = best
@@ -79,6 +84,12 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
     if plain > _NOTHING_FITS:
         return [doubt("calibration-wrong-robot", misfit=millimetres(plain), found={"value": plain, "unit": "m"})]
     return []
+
+
+def _has_large_zero(found: CalibratedRobot) -> bool:
+    """True if the fit has moved a zero by more than a calibration does: by a convention of the joint."""
+    chain, twists = found.fit.problem.chain, found.fit.state.corrections.twists
+    return any(own < _ANGLE_ENTRIES and abs(x[own]) > _LARGE_ZERO for own, x in zip(chain.own, twists, strict=True))
 
 
 def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
