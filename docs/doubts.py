@@ -72,6 +72,12 @@ _CALIBRATE = """
 Reasons of [`calibrate`](calibration.md).
 
 """
+_SERVOS = """
+## Servos
+
+Reasons of [`identify_servos`](identification.md#logs-without-torques).
+
+"""
 _SEARCHED = "S >= 0.25 and t at 0.01 over the number of causes"
 _LEVELS = {"refuse": "LOOK AGAIN", "unsure": "UNSURE", "note": "note", "effect": "by effect"}
 _OTHER = (
@@ -113,9 +119,10 @@ def page() -> str:
     kinds = [k for k in doubt_table().values() if k.level != "note" or "UNSURE" in k.threshold]
     sensor = [k for k in kinds if k.reads == ("sensor",)]
     calibrate = [k for k in kinds if k.reads == ("calibrate",)]
+    servos = [k for k in kinds if k.reads == ("servos",)]
     log = [k for k in kinds if "motion" in k.reads or k.reads == ("torques",)]
-    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor + calibrate]
-    fit = [k for k in kinds if k not in [*sensor, *calibrate, *log, *causes]]
+    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor + calibrate + servos]
+    fit = [k for k in kinds if k not in [*sensor, *calibrate, *servos, *log, *causes]]
     parts = [_HEAD, _LIMITS, _rows(("text of the report", "cause", "what to do"), [*_own(), *_others()])]
     for text, found in (
         (_LOG, log),
@@ -123,6 +130,7 @@ def page() -> str:
         (_FIT, fit),
         (_SENSOR, sensor),
         (_CALIBRATE, calibrate),
+        (_SERVOS, servos),
     ):
         parts += [text, _rows(("text of the report", "verdict", "what to do", "`kind`: test, bound"), map(_row, found))]
     return "".join(parts)
@@ -178,7 +186,11 @@ def _source() -> str:
 def _row(kind: DoubtKind) -> tuple[str, ...]:
     words = kind.tests if set(kind.sentence) <= set("{said}") else kind.sentence.replace("{interval}", "")
     bound = kind.threshold.removeprefix(_SEARCHED).lstrip("; ")
-    test = "" if kind.reads in (("sensor",), ("calibrate",)) else f": {kind.tests}{f'; {bound}' if bound else ''}"
+    test = (
+        ""
+        if kind.reads in (("sensor",), ("calibrate",), ("servos",))
+        else f": {kind.tests}{f'; {bound}' if bound else ''}"
+    )
     return _words(words), _LEVELS[kind.level], _words(kind.remedy) or "–", _words(f"`{kind.name}`{test}")
 
 

@@ -12,6 +12,8 @@ from .identify import identify, measured_causes
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion
 from .result import IdentifiedRobot, without_links
+from .servos.identify_servos import identify_servos, simulated_servo_log
+from .servos.result import IdentifiedServos
 
 __all__ = [
     "BaseParameters",
@@ -25,12 +27,15 @@ __all__ = [
     "HeldOutRows",
     "IdentifiedPayload",
     "IdentifiedRobot",
+    "IdentifiedServos",
     "MotorSide",
     "UnknownParameters",
     "exciting_trajectory",
     "identify",
+    "identify_servos",
     "measured_causes",
     "motor_side",
     "read_motion",
+    "simulated_servo_log",
     "without_links",
 ]

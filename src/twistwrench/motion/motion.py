@@ -102,6 +102,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
     """True if it was planned with joint friction, which :meth:`violations` then counts."""
     plan: bool = False
     """True for a planned or simulated motion: what no robot does is then a violation of limits, and not an error of a log."""
+    command: Array | None = None
+    """(n, nv) commanded positions [rad, m] of the joints at the same times; None if unknown."""
 
     def __post_init__(self) -> None:
         first: object = self.time
@@ -124,7 +126,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
                 f"Motion: time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
             )
         rates: dict[str, Array | None] = {}
-        for label in ("dq", "ddq", "tau"):
+        for label in ("dq", "ddq", "tau", "command"):
             x = getattr(self, label)
             if x is not None:
                 x = np.asarray(arguments.finite(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
@@ -278,7 +280,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
             raise ValueRangeError(f"Motion: {rows} chooses no rows: {problem}. Write motion[10:200].") from None
         if not len(chosen["time"]):
             raise ValueRangeError(f"Motion: {rows} leaves none of the {len(self)} states.")
-        return replace(self, **chosen, tau=None if self.tau is None else self.tau[rows])
+        tau, command = (None if x is None else x[rows] for x in (self.tau, self.command))
+        return replace(self, **chosen, tau=tau, command=command)
 
     def between(self, begin: float, end: float) -> Motion:
         """Part of the motion between two times, inclusive.

@@ -1,0 +1,1 @@
+"""Identification of position servos from commands and positions, without torques."""

@@ -1,0 +1,128 @@
+"""Initial values of servo parameters by linear regression of the tracking error.
+
+With r the torques of the file's bodies, each joint's rows are
+
+    e = c(t - δ) - q = (a ddq + d dq + C sgn dq + r) / kp.
+
+r and ddq are derivatives of positions and thus noisy. The ratios a/kp, d/kp and C/kp are told even if r is too small to
+tell 1/kp; then kp follows from a guess of the armature. The delay δ minimises Σ_j log |residual_j|².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.estimation.filters import low_pass
+from ...core.typing import Array
+from ...robot import Robot
+from .replay import Hold, ServoLog
+
+_HIGHEST, _OF_RATE = 10.0, 0.2
+"""Largest cut-off of the low-pass [Hz], and as a share of the sampling rate."""
+_MOVING, _TURN = 0.05, 0.02
+"""Least speed of rows, and speed at which friction turns [rad/s, m/s]."""
+_LONGEST_DELAY, _DELAYS = 0.12, 61
+_TOLD = 8.0
+"""Deviations from zero at which 1/kp counts as determined."""
+_BLOCK = 1.0
+"""Length of blocks [s], for deviations of autocorrelated residuals."""
+_INERTIA_SHARE = 0.1
+"""Guess of an armature that the file does not have, as a share of the joint's inertia."""
+_LEAST_SHARE = 1e-3
+"""Smallest initial value, as a share of its typical torque."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of a log on even times, low-passed alike: columns (n, nv, 4) and positions (n, nv)."""
+
+    log: ServoLog
+    time: Array
+    cutoff: float
+    columns: Array
+    q: Array
+    block: Array
+
+    @classmethod
+    def from_log(cls, robot: Robot, log: ServoLog) -> _Rows:
+        time = np.linspace(0.0, log.time[-1], len(log.time))
+        rate = (len(time) - 1) / float(time[-1])
+        cutoff = min(_HIGHEST, _OF_RATE * rate)
+        q = low_pass(np.stack([np.interp(time, log.time, x) for x in log.q.T], axis=1), cutoff, rate)
+        dq = np.gradient(q, time, axis=0)
+        ddq = np.gradient(dq, time, axis=0)
+        sign = low_pass(np.tanh(dq / _TURN), cutoff, rate)
+        columns = np.stack([ddq, dq, sign, np.asarray(robot.inverse_dynamics(q, dq, ddq))], axis=2)
+        return cls(log, time, cutoff, columns, q, (time / _BLOCK).astype(int))
+
+    def error(self, delay: float, hold: Hold) -> Array:
+        """(n, nv) tracking error with a delayed command."""
+        rate = (len(self.time) - 1) / float(self.time[-1])
+        period = 1.0 / rate
+        c = self.log.commanded(self.time - delay - 0.5 * period, period, hold)
+        return np.asarray(low_pass(c, self.cutoff, rate) - self.q)
+
+
+def scale_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
+    """(nv,) rms torques of the file's bodies that armature, damping and friction cannot imitate: they determine the scale."""
+    bodies = _without_armature(robot)
+    A = np.concatenate([_Rows.from_log(bodies, log).columns for log in logs])
+    found = np.zeros(robot.nv)
+    for j in range(robot.nv):
+        X, r = A[:, j, :3] / (np.linalg.norm(A[:, j, :3], axis=0) + 1e-300), A[:, j, 3]
+        found[j] = np.sqrt(((r - X @ np.linalg.lstsq(X, r, rcond=None)[0]) ** 2).mean())
+    return found
+
+
+def _without_armature(robot: Robot) -> Robot:
+    return robot.with_armature(dict.fromkeys(robot.model.velocity_names, 0.0)) if robot.armature.any() else robot
+
+
+def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Array, Array]:
+    """Logarithms (nv, 4) of armature, damping, Coulomb friction and kp, with the delay last (4 nv + 1,); guessed armatures."""
+    bodies = _without_armature(robot)
+    rows = [_Rows.from_log(bodies, log) for log in logs]
+    A = np.concatenate([one.columns for one in rows])
+    offset = np.cumsum([0, *(int(one.block[-1]) + 1 for one in rows[:-1])])
+    block = np.concatenate([one.block + k for one, k in zip(rows, offset, strict=True)])
+
+    def fitted(delay: float) -> list[tuple[Array, Array, Array, Array]]:
+        e = np.concatenate([one.error(delay, hold) for one in rows])
+        found = []
+        for j in range(robot.nv):
+            moving = np.abs(A[:, j, 1]) > _MOVING
+            X, y = A[moving, j], e[moving, j]
+            size = np.linalg.norm(X, axis=0) + 1e-300
+            x = np.linalg.lstsq(X / size, y, rcond=None)[0] / size
+            found.append((x, X, y - X @ x, block[moving]))
+        return found
+
+    delays = np.linspace(0.0, _LONGEST_DELAY, _DELAYS)
+    scores = [sum(np.log((left**2).mean() + 1e-30) for _, _, left, _ in fitted(d) if len(left)) for d in delays]
+    delay = float(delays[int(np.argmin(scores))])
+    guess = _guessed_armatures(robot, np.concatenate([log.q for log in logs]))
+    x = np.stack([_start(*one, guess[j]) for j, one in enumerate(fitted(delay))])
+    return np.append(np.log(x).ravel(), delay), guess
+
+
+def _start(x: Array, X: Array, left: Array, block: Array, armature: float) -> Array:
+    """Armature, damping, Coulomb friction and kp of one joint from its ratios x (4,)."""
+    size = np.sqrt((X**2).mean(axis=0)) if len(X) else np.ones(4)
+    pull = float(np.abs(x * size).max()) if len(X) else 1.0
+    ratio = np.maximum(x, _LEAST_SHARE * pull / np.maximum(size, 1e-12))
+    N = np.linalg.pinv(X.T @ X)
+    edges = np.flatnonzero(np.diff(block, prepend=-1)) if len(block) else np.zeros(0, int)
+    score = np.add.reduceat(X * left[:, None], edges) if len(edges) else np.zeros((1, 4))
+    deviation = float(np.sqrt((N @ score.T @ score @ N)[3, 3]))
+    kp = 1.0 / x[3] if x[3] > _TOLD * deviation > 0.0 else armature / ratio[0]
+    return np.array([*(kp * ratio[:3]), kp])
+
+
+def _guessed_armatures(robot: Robot, q: Array) -> Array:
+    """(nv,) armature of the file, or a share of the joint's largest inertia."""
+    M = np.asarray(robot.mass_matrix(q[:: max(1, len(q) // 100)]))
+    inertia = np.diagonal(M, axis1=1, axis2=2).max(axis=0)
+    return np.asarray(np.where(robot.armature > 0.0, robot.armature, _INERTIA_SHARE * inertia.max()))

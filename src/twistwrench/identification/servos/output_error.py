@@ -1,0 +1,246 @@
+"""Output-error fit of servo parameters: Levenberg-Marquardt steps on replayed positions.
+
+The residual of a row is (q - q̂(p)) / s, with s the larger of noise and quantum/√12. With J its derivatives by finite
+differences, one batch of rollouts for each step, and P the precision of a weak prior on log armature,
+
+    (J' J + σ² P + λ D) dp = J' r + σ² P (p₀ - p),     σ² = max(1, r'r/m),
+
+for six λ at once. The covariance is that of scores of blocks of time (Liang and Zeger, Biometrika 73, 1986), with the
+prior's own; for joints without a known scale the prior then states how little is known. Changes of p with half the
+integration step and with the other course of commands are added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.estimation.covariance import autocorrelation_length, student_quantile
+from ...core.estimation.noise import noise, quantum
+from ...core.typing import Array
+from .replay import QUANTITIES, ServoLog, ServoReplay
+
+_SETTLED = 0.5
+"""Time [s] from the begin of a log in which rows are not used: its initial state is not exact."""
+_ROWS = 20_000
+"""Largest number of residuals; every k-th row of longer logs is used."""
+_DIFFERENCE, _DELAY_DIFFERENCE = 1e-3, 2e-4
+_DAMPING = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 1e1)
+_MORE_DAMPING, _TRIES = 1e3, 2
+_STEPS, _CONVERGED = 20, 1e-5
+_PRIOR = 1.5
+"""Standard deviation of the logarithm of an armature about its initial value."""
+_LONGEST = 2.0
+"""Largest change of a logarithm in one step."""
+_DELAY_SIZE = 0.02
+"""Standard deviation [s] of the prior of the delay, for logs that do not determine it."""
+_WIDE = 3.0
+_KNOWN_SCALE = 0.3
+"""Deviation of the logarithm of a scale from which it is unknown."""
+_LAW_DIFFERENCE = 0.02
+"""Coefficient of another law of friction in its finite differences."""
+_LENGTHS, _BLOCK = 5.0, 1.0
+"""Length of a block: at least so many correlation times, and so many seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutputErrorFit:
+    """Unknowns p (4 nv + 1,) that replay logs best, with their covariance.
+
+    Attributes
+    ----------
+    replay : ServoReplay
+    p : (4 nv + 1,) array, logarithms of armature, damping, Coulomb friction and kp of each joint, then the delay [s]
+    covariance : (4 nv + 1, 4 nv + 1) array
+    freedom : float, degrees of freedom of Student's t
+    residuals : list of (m, nv) array, q - q̂ [rad, m] in the used rows of each log
+    sigma : (nv,) array, expected size of residuals [rad, m]
+    cost : float, Σ r²
+    steps : int, number of steps
+    """
+
+    replay: ServoReplay
+    p: Array
+    covariance: Array
+    freedom: float
+    residuals: Sequence[Array]
+    sigma: Array
+    cost: float
+    steps: int
+
+    def half_width(self, direction: Array, level: float = 0.95) -> float:
+        """Half width of the interval of a linear combination of the unknowns."""
+        return float(student_quantile(self.freedom, level) * np.sqrt(direction @ self.covariance @ direction))
+
+
+@dataclass(frozen=True, eq=False)
+class OutputErrorProblem:
+    """Residuals of logs and the prior; ``free`` (4 nv + 1,) bool is False for known values.
+
+    ``used`` are the rows of each log whose residuals count.
+    """
+
+    replay: ServoReplay
+    sigma: Array
+    start: Array
+    free: Array
+    used: Sequence[Array]
+
+    @classmethod
+    def from_logs(cls, replay: ServoReplay, start: Array, free: Array, until: float = 1.0) -> OutputErrorProblem:
+        """Problem on rows after the begin of each log, up to a share of its time."""
+        most = max(1, _ROWS // (replay.robot.nv * len(replay.logs)))
+        used = []
+        for log in replay.logs:
+            rows = np.flatnonzero((log.time >= min(_SETTLED, 0.2 * log.time[-1])) & (log.time <= until * log.time[-1]))
+            used.append(rows[:: max(1, len(rows) // most)])
+        return cls(replay, position_errors(replay.logs), start, free, used)
+
+    def residuals(self, p: Array) -> list[Array]:
+        """Residuals (S, m, nv) of the used rows of each log, for unknowns p (S, 4 nv + 1)."""
+        found = self.replay.positions(p)
+        return [log.q[rows] - q[:, rows] for log, rows, q in zip(self.replay.logs, self.used, found, strict=True)]
+
+    def flat(self, p: Array) -> Array:
+        """(S, M) residuals in units of their expected size; motions that are not finite give a large residual."""
+        parts = [(e / self.sigma).reshape(len(p), -1) for e in self.residuals(p)]
+        return np.nan_to_num(np.concatenate(parts, axis=1), nan=1e6, posinf=1e6, neginf=-1e6)
+
+    @property
+    def precision(self) -> Array:
+        """(4 nv + 1,) precision of the prior: of armatures, and nearly none of others."""
+        nv = self.replay.robot.nv
+        return np.append(np.tile([_PRIOR, *[_WIDE] * 3], (nv, 1)), _DELAY_SIZE) ** -2.0
+
+    def linearised(self, p: Array) -> tuple[Array, Array]:
+        """r (M,) and J (M, P) = ∂q̂/∂p of the free unknowns."""
+        size = np.append(np.full(len(p) - 1, _DIFFERENCE), _DELAY_DIFFERENCE)[self.free]
+        moved = np.tile(p, (len(size) + 1, 1))
+        moved[1:, self.free] += np.diag(size)
+        moved[1:, -1] = np.maximum(moved[1:, -1], 0.0)
+        r = self.flat(moved)
+        return r[0], (r[0] - r[1:]).T / size
+
+    def normal_equations(self, p: Array, r: Array, J: Array) -> tuple[Array, Array, float]:
+        """H, g and σ² of the free unknowns."""
+        s2 = max(1.0, float(r @ r) / len(r))
+        prior = s2 * self.precision[self.free]
+        return J.T @ J + np.diag(prior), J.T @ r + prior * (self.start - p)[self.free], s2
+
+    def cost(self, p: Array, r: Array, s2: float) -> Array:
+        """Σ r² with the prior, of unknowns p (S, 4 nv + 1)."""
+        away = (p - self.start)[:, self.free]
+        return np.asarray((r**2).sum(axis=1) + s2 * (away**2 * self.precision[self.free]).sum(axis=1))
+
+    def solve(self, p: Array) -> OutputErrorFit:
+        """Fit from initial unknowns p (4 nv + 1,)."""
+        for k in range(_STEPS):  # noqa: B007
+            r, J = self.linearised(p)
+            H, g, s2 = self.normal_equations(p, r, J)
+            now = float(self.cost(p[None], r[None], s2)[0])
+            better = self._stepped(p, H, g, s2, now)
+            if better is None:
+                break
+            p, least = better
+            if now - least < _CONVERGED * now:
+                break
+        return self._result(p, k + 1)
+
+    def _stepped(self, p: Array, H: Array, g: Array, s2: float, now: float) -> tuple[Array, float] | None:
+        """Best of six trial steps, and its cost; None if none improves, also with more damping."""
+        for more in range(_TRIES):
+            trials = np.tile(p, (len(_DAMPING), 1))
+            for trial, damping in zip(trials, np.array(_DAMPING) * _MORE_DAMPING**more, strict=True):
+                change = np.linalg.solve(H + damping * np.diag(H.diagonal()), g)
+                trial[self.free] += np.clip(change, -_LONGEST, _LONGEST)
+                trial[-1] = np.clip(trial[-1], 0.0, 10.0 * _DELAY_SIZE)
+            costs = self.cost(trials, self.flat(trials), s2)
+            if costs.min() < now:
+                return trials[int(costs.argmin())], float(costs.min())
+        return None
+
+    def _result(self, p: Array, steps: int) -> OutputErrorFit:
+        r, J = self.linearised(p)
+        H, _, s2 = self.normal_equations(p, r, J)
+        inverse = np.linalg.inv(H)
+        scores, blocks = self._block_scores(r, J)
+        own = scores.T @ scores * blocks / max(1, blocks - 1)
+        prior = np.diag(s2**2 * self.precision[self.free])
+        C = inverse @ (own + prior) @ inverse
+        white = s2 * inverse
+        grown = np.sqrt(np.maximum(1.0, white.diagonal() / C.diagonal()))
+        C = grown[:, None] * C * grown
+        covariance = np.zeros((len(p), len(p)))
+        covariance[np.ix_(self.free, self.free)] = C
+        left = [e[0] for e in self.residuals(p[None])]
+        return OutputErrorFit(self.replay, p, covariance, max(1.0, blocks - 1.0), left, self.sigma, float(r @ r), steps)
+
+    def _block_scores(self, r: Array, J: Array) -> tuple[Array, int]:
+        """Scores Σ J' r (B, P) of blocks of time, and their number."""
+        nv, first, scores = self.replay.robot.nv, 0, list[Array]()
+        for log, rows in zip(self.replay.logs, self.used, strict=True):
+            last = first + len(rows) * nv
+            e, D = r[first:last].reshape(-1, nv), J[first:last].reshape(len(rows), nv, -1)
+            period = float(np.median(np.diff(log.time[rows])))
+            length = max(_BLOCK / period, _LENGTHS * autocorrelation_length(e))
+            count = max(2, int(len(rows) / length))
+            edges = np.linspace(0, len(rows), count + 1).astype(int)[:-1]
+            scores.append(np.add.reduceat(np.einsum("mj,mjp->mp", e, D), edges))
+            first = last
+        found = np.concatenate(scores)
+        return found, len(found)
+
+    def change(self, fit: OutputErrorFit, replay: ServoReplay) -> Array:
+        """(4 nv + 1,) change of the unknowns, by one step, if the logs were replayed otherwise."""
+        r, J = replace(self, replay=replay).linearised(fit.p)
+        H, g, _ = self.normal_equations(fit.p, r, J)
+        found = np.zeros(len(fit.p))
+        found[self.free] = np.linalg.solve(H, g)
+        return found
+
+    def scale_changes(self, fit: OutputErrorFit, J: Array, scale: Array) -> list[Array]:
+        """Changes (4 nv + 1,) of the unknowns with a change (nv,) of the scale of each joint.
+
+        All values of a joint change alike; if the scale is unknown, such that the logs are replayed as well with another kp.
+        """
+        H, found = J.T @ J, list[Array]()
+        H += 1e-9 * np.diag(H.diagonal() + 1e-300)
+        places = np.flatnonzero(self.free)
+        for j, size in enumerate(scale.tolist()):
+            if size < _KNOWN_SCALE:
+                found.append(np.where(np.arange(len(fit.p)) // len(QUANTITIES) == j, size * self.free, 0.0))
+                continue
+            mine = places == len(QUANTITIES) * j + len(QUANTITIES) - 1
+            change = np.zeros(len(fit.p))
+            if mine.any():
+                change[places[mine]] = size
+                change[places[~mine]] = -size * np.linalg.solve(H[np.ix_(~mine, ~mine)], H[np.ix_(~mine, mine)][:, 0])
+            found.append(change)
+        return found
+
+    def law_change(self, fit: OutputErrorFit, law: str, r: Array, J: Array) -> Array:
+        """(4 nv + 1,) change of the unknowns, by one step, if friction followed another law, fitted joint by joint."""
+        nv = self.replay.robot.nv
+        share = np.concatenate([np.zeros((1, nv)), _LAW_DIFFERENCE * np.eye(nv)])
+        moved = replace(self, replay=replace(self.replay, law=law, share=share)).flat(np.tile(fit.p, (nv + 1, 1)))
+        E = (moved[0] - moved[1:]).T / _LAW_DIFFERENCE
+        H, g, s2 = self.normal_equations(fit.p, r, J)
+        border = J.T @ E
+        whole = np.block([[H, border], [border.T, E.T @ E + s2 * np.eye(nv)]])
+        found = np.zeros(len(fit.p))
+        found[self.free] = np.linalg.solve(whole, np.append(g, E.T @ r))[: len(g)]
+        return found
+
+
+def widened(fit: OutputErrorFit, changes: Sequence[Array]) -> OutputErrorFit:
+    """Fit whose covariance includes changes of the model."""
+    return replace(fit, covariance=fit.covariance + sum(np.outer(c, c) for c in changes))
+
+
+def position_errors(logs: Sequence[ServoLog]) -> Array:
+    """(nv,) expected size of position errors [rad, m]: the larger of noise and quantum/√12."""
+    times, parts = [log.time for log in logs], [log.q for log in logs]
+    quanta = np.array([quantum([x[:, j] for x in parts]) for j in range(parts[0].shape[1])])
+    return np.asarray(np.maximum(np.maximum(noise(times, parts, quanta), quanta / np.sqrt(12.0)), 1e-7))

@@ -1,0 +1,139 @@
+"""Replay of logs from their commands, for many values of the servos' parameters at once.
+
+A position servo with stiffness kp, damping d, armature a and Coulomb friction C follows a command c with a delay δ:
+
+    M(q) ddq + a ddq + h(q, dq) = kp (c(t - δ) - q) - d dq - C sgn dq,
+
+with M and h of the bodies in the robot's file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ...core.typing import Array
+from ...robot import Robot
+from ...simulation.torque_laws import BatchPD
+
+Hold = Literal["zero", "linear"]
+"""Course of a command between its samples: held, or straight."""
+QUANTITIES = ("armature", "damping", "coulomb", "kp")
+"""Values of each joint, in the order of the unknowns; their logarithms are estimated, and the delay is the last unknown."""
+LAWS = {"stribeck": 0.1, "presliding": 0.01, "load": 0.0}
+"""Other laws of friction, with their Stribeck speeds [rad/s, m/s]: a peak, presliding, and friction of the carried torque."""
+_STORED = 2.5e-3
+"""Longest time between stored states [s]; positions between them are cubic."""
+_LONGEST_STEP, _SHORTEST_STEP, _PART = 5e-4, 5e-5, 20.0
+"""Bounds of the integrator's step [s], and steps per √(armature/kp)."""
+_BYTES = 96 * 2**20
+"""Largest size of the references of one batch."""
+_FIRST_ROWS, _FIRST_SECONDS = 8, 0.1
+"""Rows at the begin, and their least duration [s], for the initial velocity."""
+_LONG_BEFORE = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class ServoLog:
+    """Times (n,) from 0 [s], positions and commands (n, nv), and the velocity (nv,) at the begin."""
+
+    time: Array
+    q: Array
+    command: Array
+    begin_velocity: Array
+
+    @classmethod
+    def from_arrays(cls, time: Array, q: Array, command: Array) -> ServoLog:
+        """Log of arrays; the initial velocity is that of a cubic through the first rows."""
+        t = time - time[0]
+        first = slice(0, max(_FIRST_ROWS, int(np.searchsorted(t, _FIRST_SECONDS))))
+        slope = np.polynomial.polynomial.polyfit(t[first], q[first], 3)[1]
+        return cls(t, q, command, slope)
+
+    @property
+    def period(self) -> float:
+        """Median time between rows [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def commanded(self, begin: Array, width: float, hold: Hold) -> Array:
+        """(k, nv) mean of the command over [begin, begin + width], which is smooth in a delay also if it is held."""
+        if hold == "linear":
+            return np.stack([np.interp(begin + 0.5 * width, self.time, c) for c in self.command.T], axis=1)
+        knots = np.concatenate([[-_LONG_BEFORE], self.time[1:], [self.time[-1] + _LONG_BEFORE]])
+        integral = np.concatenate([np.zeros((1, self.q.shape[1])), np.diff(knots)[:, None] * self.command]).cumsum(
+            axis=0
+        )
+        ends = (np.stack([np.interp(begin + w, knots, F) for F in integral.T], axis=1) for w in (width, 0.0))
+        return np.asarray(np.subtract(*ends) / width)
+
+
+@dataclass(frozen=True, eq=False)
+class ServoReplay:
+    """Replay of logs on one robot with steps of one length."""
+
+    robot: Robot
+    logs: Sequence[ServoLog]
+    hold: Hold
+    step: float
+    law: str = ""
+    """Law of friction with a coefficient for each joint beside the unknowns: one of :data:`LAWS`."""
+    share: Array | None = None
+    """(S, nv) coefficients of this law, in Coulomb frictions, or of the carried torque for ``load``."""
+    count: list[int] = field(default_factory=lambda: [0])
+    """Number of rollouts so far."""
+
+    @staticmethod
+    def step_of(p: Array) -> float:
+        """Step [s] that is short enough for unknowns p (4 nv + 1,)."""
+        x = np.exp(p[:-1].reshape(-1, len(QUANTITIES)))
+        return float(np.clip(np.sqrt(x[:, 0] / x[:, 3]).min() / _PART, _SHORTEST_STEP, _LONGEST_STEP))
+
+    def positions(self, p: Array) -> list[Array]:
+        """Positions (S, n, nv) of the rows of each log, for unknowns p (S, 4 nv + 1)."""
+        return [self._of_log(log, p) for log in self.logs]
+
+    def _of_log(self, log: ServoLog, p: Array) -> Array:
+        every = max(1, int(_STORED / self.step))
+        steps = every * int(np.ceil(log.time[-1] / (every * self.step)) + 1)
+        most = max(1, _BYTES // (8 * steps * self.robot.nv))
+        share = np.zeros((len(p), self.robot.nv)) if self.share is None else self.share
+        parts = [self._batch(log, p[k : k + most], share[k : k + most], steps, every) for k in range(0, len(p), most)]
+        return np.concatenate(parts)
+
+    def _batch(self, log: ServoLog, p: Array, share: Array, steps: int, every: int) -> Array:
+        self.count[0] += len(p)
+        x, h = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES))), self.step
+        begin = h * np.arange(steps)
+        delays, which = np.unique(p[:, -1], return_inverse=True)
+        reference = np.stack([log.commanded(begin - delay, h, self.hold) for delay in delays])[which]
+        law = BatchPD(reference, x[:, None, :, 3], x[:, None, :, 1], gravity=False)
+        found = self.robot.rollout(
+            np.broadcast_to(log.q[0], (len(p), len(log.q[0]))), log.begin_velocity, law, dt=h, steps=steps, every=every,
+            parameters=self._parameters(x, share), friction=True,
+        )  # fmt: skip
+        return _hermite(found.q, found.dq, log.time, every * h)
+
+    def _parameters(self, x: Array, share: Array) -> dict[str, Array | float]:
+        """Armature and friction by name; damping is in the law."""
+        names = self.robot.model.drive_names
+        given: dict[str, Array | float] = {f"{name}.armature": x[:, j, 0] for j, name in enumerate(names)}
+        given |= {f"{name}.coulomb": x[:, j, 2] for j, name in enumerate(names)}
+        given |= {f"{name}.{law}": 0.0 for name in names for law in ("viscous", "load")}
+        if self.law == "load":
+            return given | {f"{name}.load": share[:, j] for j, name in enumerate(names)}
+        if self.law:
+            given |= {f"{name}.static": x[:, j, 2] * (1.0 + share[:, j]) for j, name in enumerate(names)}
+            given |= {f"{name}.stribeck": LAWS[self.law] for name in names}
+        return given
+
+
+def _hermite(q: Array, dq: Array, time: Array, h: float) -> Array:
+    """(S, m, nv) values at times (m,) of cubics through values and slopes (S, n, nv) at steps of h."""
+    k = np.minimum((time / h).astype(int), q.shape[1] - 2)
+    u = (time / h - k)[:, None]
+    first, last = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
+    slopes = h * u * (1.0 - u)
+    return np.asarray(first * q[:, k] + last * q[:, k + 1] + slopes * ((1.0 - u) * dq[:, k] - u * dq[:, k + 1]))

@@ -1,0 +1,286 @@
+"""Result of an identification of servos: values of each joint with intervals, ratios, held-out error, doubts and verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...answers.answer import Answer
+from ...answers.blocks import Block
+from ...core.doubts import Doubt, verdict_from_doubts
+from ...core.estimation.cross_validation import HeldOut
+from ...core.glossary import complete
+from ...core.typing import Array
+from ...core.verdict import Verdict
+from ...mechanics.model.actuation import with_friction
+from ...robot import Robot
+from .output_error import OutputErrorFit
+from .replay import QUANTITIES
+
+WITHIN = 0.1
+"""Half width of the 95 % interval up to which a value counts as determined."""
+_UNKNOWN = 10.0
+"""Largest half width of a logarithm; a value that wide is unknown."""
+_LITTLE = 0.02
+"""Share of a joint's torque (rms) up to which a half width does not matter."""
+_KP = QUANTITIES.index("kp")
+_FRICTION = {1: "damping", 2: "coulomb"}
+RATIOS = tuple(f"{name}/kp" for name in QUANTITIES[:_KP])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentifiedServos(Answer):
+    """Servos of a robot, identified from commands and positions: result of ``identify_servos``.
+
+    ``damping`` is the sum of the servo's derivative gain and of the joint's viscous friction, which positions cannot
+    separate.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> log = tw.identification.simulated_servo_log(arm, armature=0.4, damping=3.0, coulomb=0.5, kp=90.0, delay=0.012)
+    >>> found = tw.identification.identify_servos(arm, log)
+    >>> found.verdict.ok, found.kp.round().tolist(), found.determined["armature"].tolist(), found.robot.nv
+    (True, [90.0, 90.0], [True, True], 2)
+    >>> found.interval()["kp"].shape, found.ratios["damping/kp"].shape, list(found.to_dict()["servos"]["joint1"])[0]
+    ((2, 2), (2,), 'armature')
+    >>> bool(found.relative()["kp"].max() < 0.1)
+    True
+    >>> found.ratio_interval()["damping/kp"].shape, found.facts()["delay"]
+    ((2, 2), '12.1 ms')
+    """
+
+    call: ClassVar[str] = "identify"
+
+    original: Robot
+    """Robot as its file has it."""
+    fit: OutputErrorFit
+    """Values that replay the logs best, with their covariance."""
+    held_out: HeldOut
+    """Error of replayed positions in rows that were not used, as shares of the tracking error c(t - δ) - q."""
+    trained: HeldOut
+    """The same in the rows that were used."""
+    sizes: Array
+    """(nv, 3) rms acceleration, speed and 1, by which torques of armature, damping and Coulomb friction follow."""
+    live: Array
+    """(nv,) bool, False for joints that do not move."""
+    known: Mapping[str, float]
+    """Values given by the caller."""
+    doubts: tuple[Doubt, ...] = ()
+    """Reasons against OK, and notes."""
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.original.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.original.model.velocity_names
+
+    @cached_property
+    def values(self) -> Array:
+        """(nv, 4) armature, damping, Coulomb friction and kp."""
+        return np.exp(self.fit.p[:-1].reshape(-1, len(QUANTITIES)))
+
+    @property
+    def armature(self) -> Array:
+        """(nv,) reflected inertia of the drives [kg m², sliding joints: kg]."""
+        return self.values[:, 0]
+
+    @property
+    def damping(self) -> Array:
+        """(nv,) derivative gain and viscous friction together [N m s/rad, sliding joints: N s/m]."""
+        return self.values[:, 1]
+
+    @property
+    def coulomb(self) -> Array:
+        """(nv,) Coulomb friction [N m, sliding joints: N]."""
+        return self.values[:, 2]
+
+    @property
+    def kp(self) -> Array:
+        """(nv,) stiffness of the servos [N m/rad, sliding joints: N/m]."""
+        return self.values[:, _KP]
+
+    @property
+    def delay(self) -> float:
+        """Delay of the commands [s], one for all joints."""
+        return float(self.fit.p[-1])
+
+    @property
+    def delay_half_width(self) -> float:
+        """Half width of the 95 % interval of the delay [s]."""
+        return self.fit.half_width(np.eye(len(self.fit.p))[-1])
+
+    @property
+    def ratios(self) -> dict[str, Array]:
+        """(nv,) ratios to kp, which are known also where no value is: ``damping/kp``, ``coulomb/kp``, ``armature/kp``."""
+        return {name: self.values[:, k] / self.kp for k, name in enumerate(RATIOS)}
+
+    def _relative(self, combined: Mapping[str, Array], level: float = 0.95) -> dict[str, Array]:
+        """(nv,) half widths of logarithms: of the unknowns (4,) of a joint, combined."""
+        n, found = len(self.joints), {}
+        for name, weights in combined.items():
+            directions = np.zeros((n, len(self.fit.p)))
+            for j in range(n):
+                directions[j, len(QUANTITIES) * j : len(QUANTITIES) * (j + 1)] = weights
+            found[name] = np.minimum([self.fit.half_width(d, level) for d in directions], _UNKNOWN)
+        return found
+
+    def relative(self, level: float = 0.95) -> dict[str, Array]:
+        """Half widths of the intervals of logarithms, which are relative half widths if they are small.
+
+        Parameters
+        ----------
+        level : float
+
+        Returns
+        -------
+        widths : {name: (nv,) array}, of the values and of their ratios to kp
+        """
+        unit = np.eye(len(QUANTITIES))
+        combined = {name: unit[k] for k, name in enumerate(QUANTITIES)}
+        combined |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
+        return self._relative(combined, level)
+
+    def interval(self, level: float = 0.95) -> dict[str, Array]:
+        """Intervals of the values of each joint.
+
+        Parameters
+        ----------
+        level : float
+
+        Returns
+        -------
+        bounds : {name: (nv, 2) array}
+        """
+        return self._bounds({name: self.values[:, k] for k, name in enumerate(QUANTITIES)}, level)
+
+    def ratio_interval(self, level: float = 0.95) -> dict[str, Array]:
+        """Intervals of the ratios to kp.
+
+        Parameters
+        ----------
+        level : float
+
+        Returns
+        -------
+        bounds : {name: (nv, 2) array}
+        """
+        return self._bounds(self.ratios, level)
+
+    def _bounds(self, values: Mapping[str, Array], level: float) -> dict[str, Array]:
+        width = self.relative(level)
+        return {
+            name: np.stack([x * np.exp(-width[name]), x * np.exp(width[name])], axis=1) for name, x in values.items()
+        }
+
+    @cached_property
+    def determined(self) -> dict[str, Array]:
+        """(nv,) bool for each value: within 10 %; damping and friction also within 2 % of the joint's torque."""
+        width = self.relative()
+        told = {name: self.live & (width[name] <= WITHIN) for name in QUANTITIES}
+        for k, name in _FRICTION.items():
+            told[name] |= told["kp"] & (width[name] * self.values[:, k] * self.sizes[:, k] <= _LITTLE * self._pull)
+        return told
+
+    @property
+    def whole(self) -> Array:
+        """(nv,) bool, True if all four values are determined."""
+        return np.all([self.determined[name] for name in QUANTITIES], axis=0)
+
+    @cached_property
+    def only_ratios(self) -> Array:
+        """(nv,) bool, True if kp is not determined, but all ratios to it are."""
+        width = self.relative()
+        told = {name: width[name] <= WITHIN for name in RATIOS}
+        for k in _FRICTION:
+            told[RATIOS[k]] |= width[RATIOS[k]] * self.values[:, k] * self.sizes[:, k] <= _LITTLE * self._pull
+        return np.asarray(self.live & ~self.determined["kp"] & np.all(list(told.values()), axis=0))
+
+    @property
+    def _pull(self) -> Array:
+        """(nv,) rms torque of the servos."""
+        return self.kp * np.sqrt(self.trained.sizes / max(1, self._rows))
+
+    @property
+    def _rows(self) -> int:
+        return sum(len(e) for e in self.fit.residuals)
+
+    @cached_property
+    def position_error(self) -> dict[str, float]:
+        """Error of replayed positions in used rows, rms of each joint [rad, m]."""
+        return dict(zip(self.joints, np.sqrt(self.trained.squares / max(1, self._rows)).tolist(), strict=True))
+
+    @cached_property
+    def robot(self) -> Robot:
+        """Robot with the identified armature and Coulomb friction; damping is left to the servo."""
+        names, model = self.original.model.drive_names, self.original.model
+        laws = {name: {"coulomb": float(x)} for name, x in zip(names, self.coulomb, strict=True)}
+        return Robot(with_friction(replace(model, armature=self.armature.copy()), laws))
+
+    # ── The answer on every surface
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN if commands contradict positions, UNSURE if the logs leave values open, or OK."""
+        return verdict_from_doubts(self.doubts)
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, values of each joint and remarks."""
+        from .result_view import servo_view
+
+        return servo_view(self)
+
+    @property
+    def brief(self) -> str:
+        """Number of joints that are determined."""
+        return f"{int(self.whole.sum())} of {len(self.joints)} joints"
+
+    def facts(self) -> Mapping[str, str]:
+        """Delay, held-out error and number of determined joints.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        from .result_view import servo_facts
+
+        return servo_facts(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Data of :meth:`Answer.to_dict`, and all values with intervals in SI units.
+
+        Returns
+        -------
+        data : dict
+        """
+        bounds, ratio_bounds = self.interval(), self.ratio_interval()
+        servos = {
+            joint: {
+                name: {"value": float(self.values[j, k]), "interval": bounds[name][j].tolist(),
+                       "determined": bool(self.determined[name][j])}
+                for k, name in enumerate(QUANTITIES)
+            }
+            | {"ratios": {name: {"value": float(x[j]), "interval": ratio_bounds[name][j].tolist()}
+                          for name, x in self.ratios.items()}}
+            for j, joint in enumerate(self.joints)
+        }  # fmt: skip
+        half = self.delay_half_width
+        return super().to_dict() | {
+            "doubts": [doubt.to_dict() for doubt in self.doubts],
+            "servos": servos,
+            "delay": {"value": self.delay, "interval": [self.delay - half, self.delay + half]},
+            "held_out": {"all": self.held_out.all, "joints": self.held_out.joints, "kind": self.held_out.kind},
+            "position_error": self.position_error,
+        }
+
+
+complete(globals())

@@ -1,0 +1,103 @@
+"""Identified servos as blocks: verdict, values of each joint with intervals, delay and remarks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from ...answers.blocks import Block, Headline, Line, Table, remarks, words
+from ...core.colours import Style
+from ...core.numbers import number, percent, quantity
+from ...core.text import listed
+from ...core.typing import Array
+from ...core.verdict import Word
+from ...mechanics.joints.units import units_of
+from .replay import QUANTITIES
+
+if TYPE_CHECKING:
+    from .result import IdentifiedServos
+
+_MILLI = 1e3
+_FACTOR = math.log(10.0)
+_UNITS = {
+    "armature": ("kg m²", "kg"),
+    "damping": ("N m s/rad", "N s/m"),
+    "coulomb": units_of("tau", (True, False)),
+    "kp": ("N m/rad", "N/m"),
+}
+_SHOWN = ("kp", "damping", "coulomb", "armature")
+_MOST = 12
+
+
+def servo_view(found: IdentifiedServos) -> Iterator[Block]:
+    """Blocks of the report, verdict first."""
+    yield _headline(found)
+    yield ""
+    yield Line((found.robot_name, Style.STRONG), f"  ·  servos, from commands and positions  ·  delay {_delay(found)}")
+    yield _values(found)
+    held = percent(found.held_out.all, 3)
+    yield Line(
+        f"Replayed positions are off by {held} of the tracking error in rows that were not used, "
+        f"{percent(found.trained.all, 3)} in used rows. Damping: servo and joint together."
+    )
+    yield from remarks([str(doubt) for doubt in found.doubts if doubt.level == "note"])
+
+
+def servo_facts(found: IdentifiedServos) -> Mapping[str, str]:
+    """Delay, held-out error and number of determined joints."""
+    return {
+        "delay": quantity(_MILLI * found.delay, "ms", 3, decimals=1),
+        "held out": percent(found.held_out.all, 3),
+        "joints determined": f"{int(found.whole.sum())} of {len(found.joints)}",
+    }
+
+
+def _delay(found: IdentifiedServos) -> str:
+    half = quantity(_MILLI * found.delay_half_width, "ms", 2, decimals=2)
+    return f"{number(_MILLI * found.delay, 3, decimals=1)} ± {half}"
+
+
+def _headline(found: IdentifiedServos) -> Headline:
+    """Word and reasons; for OK the accuracy and the joints with ratios only."""
+    if found.verdict.word is not Word.OK:
+        return Headline.from_verdict(found.verdict)
+    width = found.relative()
+    worst = max(
+        float(width[name][found.whole & found.determined[name]].max(initial=0.0)) for name in ("kp", "armature")
+    )
+    count, ratios = int(found.whole.sum()), [j for j, only in zip(found.joints, found.only_ratios, strict=True) if only]
+    said = (
+        f"kp, damping, armature and friction of {count} of {len(found.joints)} joints, kp and armature within "
+        f"{percent(worst, 2)}, delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
+    )
+    if ratios:
+        said += f"; {listed(ratios, 4)}: only ratios are known (hold one of the values with known=)"
+    return Headline(Word.OK, f"{said}.")
+
+
+def _values(found: IdentifiedServos) -> Table:
+    """Row for each joint: values with relative half widths; ratios to kp in parentheses where no scale is known."""
+    columns = [words("joint", list(found.joints), fold=False)]
+    width = found.relative()
+    turning = [any(body.joint.turning) for body in found.original.model.leaders]
+    for name in _SHOWN:
+        values = found.values[:, QUANTITIES.index(name)]
+        units = [_UNITS[name][0 if turns else 1] for turns in turning]
+        columns.append(words(name, _cells(values, width[name], found.determined[name], units), fold=False))
+    kind = ["all" if w else "ratios" if r else "–" for w, r in zip(found.whole, found.only_ratios, strict=True)]
+    return Table("Servos", *columns, words("known", kind, fold=False), most=_MOST)
+
+
+def relative_width(width: float) -> str:
+    """Half width of a logarithm as a share of the value; ``unknown`` from a factor of ten."""
+    return f"± {percent(math.expm1(width), 2)}" if width < _FACTOR else "unknown"
+
+
+def _cells(values: Array, width: Array, told: Array, units: Sequence[str]) -> list[str]:
+    """``820 N m/rad ± 0.3 %``; an undetermined value in parentheses."""
+    cells = []
+    for x, w, sure, unit in zip(values, width.tolist(), told, units, strict=True):
+        text = f"{quantity(x, unit, 3)} {relative_width(w)}"
+        cells.append(text if sure else f"({text})")
+    return cells
