@@ -18,6 +18,8 @@ _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
 """What the tests read behind a block's language: no-run, exit=1, file=limits.csv."""
 _LIVE = re.compile(r"^<!-- live: (\S+), (.+) -->$", re.MULTILINE)
 """A page that computes, within a page of the site: its name, and its title."""
+_STILL = re.compile(r"<picture>.*?</picture>\n", re.DOTALL)
+"""A picture for readers of a forge, which draws no live page."""
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
 _FORMULA = re.compile(r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</(?:span|div)>', re.DOTALL)
 """LaTeX as Arithmatex marks it: \\(inline\\) and \\[displayed\\]."""
@@ -81,7 +83,7 @@ def on_files(files: Any, config: Any) -> Any:
     def add(name: str, text: str) -> None:
         files.append(File.generated(config, name, content=text))
 
-    add("index.md", _beside_docs("README.md"))
+    add("index.md", _STILL.sub("", _beside_docs("README.md")))
     add("changes.md", _beside_docs("CHANGELOG.md"))
     add("commands.md", _commands())
     for name, text in (_api() | _book() | _live()).items():
@@ -268,10 +270,10 @@ def _live() -> dict[str, str]:
 
     ur5, log = tw.robots.ur5(), tw.robots.path_of("ur5").with_name("ur5_demo.csv")
     plan = Differentiation.plan(MotionLog.open(log, ur5.model), ur5.model)
-    motion = reported_motion(analyse(LoadCase(ur5, (Payload(5.0),)), plan, ur5.limits))
+    heavy, light = (reported_motion(analyse(LoadCase(ur5, (Payload(mass),)), plan, ur5.limits)) for mass in (10.0, 5.0))
     shown = {
-        "payload": viewer_page(ur5, motion=motion, embed=True, control="payload").page,
-        "speed": viewer_page(ur5, motion=motion, embed=True, control="speed").page,
+        "payload": viewer_page(ur5, motion=heavy, embed=True, control="payload").page,
+        "speed": viewer_page(ur5, motion=light, embed=True, control="speed").page,
         "fall": viewer_page(ur5, embed=True, control="fall").page,
         "ellipsoid": viewer_page(ur5, section="5.4", embed=True, control="section").page,
         "mass": viewer_page(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section").page,

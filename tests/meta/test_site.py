@@ -226,9 +226,12 @@ def test_guides_hold_pages_that_compute(site):
         assert page.run(box) < 900
         page.open((site / "live" / "payload.html").as_uri())
         assert page.wait("!!window.viewer && document.getElementById('verdict').textContent").startswith(
-            "OK: all limits kept. Closest"
+            "OVER LIMIT: shoulder_lift_joint needs"
         )
+        assert page.run("viewer.mechanics.mass") == 10
         assert page.complaints == []
+    assert "film.gif" not in (site / "index.html").read_text("utf-8")
+    assert not (site / "film.gif").exists()
 
 
 def test_copy_buttons_copy_commands_without_prompts_and_output(site):

@@ -49,6 +49,7 @@ def at(page, folder, motion):
         page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         return page
 
+    at.folder = folder
     yield at
     page.call("Emulation.clearDeviceMetricsOverride")
 
@@ -177,6 +178,65 @@ def test_an_embedded_page_zooms_with_ctrl_and_stays_above_the_floor(at):
     assert page.run(f"({wheel})(false)") == [True, True, True]
     assert page.run("getComputedStyle(viewer.stage.canvas).touchAction") == "none"
     assert page.complaints == []
+
+
+def test_a_page_never_answers_ok_beside_a_red_joint(at):
+    """A pose set by hand that passes a limit, under a motion that keeps all."""
+    page = at(1280, 800, "#load=12&speed=0.25")
+    word = "document.getElementById('verdict').textContent"
+    assert page.run(word).startswith("OK: ")
+    page.run("viewer.setCoordinates([0, 0, 0, -Math.PI / 2, Math.PI / 2, 0])")
+    need = page.run(
+        "[Math.max(...viewer.tau.map((x, k) => Math.abs(x) / viewer.robot.torques[k].limit)), viewer.over.size]"
+    )
+    assert need[0] > 1 and need[1] > 0
+    assert page.run(word).startswith("OVER LIMIT: shoulder_lift_joint needs ")
+    page.run("viewer.seek(0)")
+    assert page.run(word).startswith("OK: ")
+
+
+def test_a_payload_beyond_the_largest_asks_to_be_dragged_back(at, folder):
+    """With a mark at the largest payload; the robot fills the frame, with its upper arm red."""
+    page = at(690, 560, "#load=10", embed=True)
+    seen = """[!document.getElementById("try").hidden, viewer.redBodies().size, document.querySelector("#one .slid i").title,
+        document.querySelector("#one .slid i").getBoundingClientRect().x]"""
+    asked, red, title, x = page.run(seen)
+    assert (asked, red, title) == (True, 1, "allowed: 8.38 kg")
+    knob = page.run("""(() => { const slider = document.getElementById("payload"), box = slider.getBoundingClientRect();
+        return box.x + 8 + (8.38 / slider.max) * (box.width - 16); })()""")
+    assert abs(x + 1 - knob) < 2
+    page.run("""(() => { const slider = document.getElementById("payload"); slider.value = 8.3;
+        slider.dispatchEvent(new Event("input")); })()""")
+    asked, red, *_ = page.run(seen)
+    assert (asked, red) == (False, 0)
+    assert page.run("document.getElementById('verdict').textContent").startswith("OK: ")
+
+
+TALL = """(() => { const { stage, poses, robot, grasp } = viewer;
+    const y = [...robot.bodies.map((_, k) => place(poseOf(poses, k))), [0, 0, 0], grasp.tip].map((p) => stage.project(p)[1]);
+    return (Math.max(...y) - Math.min(...y)) / innerHeight; })()"""
+
+
+@pytest.mark.parametrize(("width", "least"), [(690, 0.40), (358, 0.25)])
+def test_the_robot_fills_the_frame_of_a_guide(at, width, least):
+    """Joints and tip at the motion's start, as a share of the frame's height, on a desktop and on a phone."""
+    assert at(width, 560, embed=True).run(TALL) > least
+
+
+def test_without_scripts_the_sentence_of_the_verdict_is_there(page, at, motion):
+    page.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        page.call("Page.navigate", url="about:blank")
+        page.call("Page.navigate", url=(at.folder / "embed0.html").as_uri())
+        page.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
+        text = page.run(
+            "document.querySelector('noscript').innerText || document.querySelector('noscript').textContent"
+        )
+        assert "OK: all limits kept. Closest: shoulder_lift_joint" in text
+        hidden = "getComputedStyle(document.querySelector('aside')).visibility"
+        assert page.run(hidden) == "hidden"
+    finally:
+        page.call("Emulation.setScriptExecutionDisabled", value=False)
 
 
 def test_no_control_adds_to_the_history(at):

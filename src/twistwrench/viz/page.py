@@ -223,6 +223,7 @@ def viewer_page(
     digests = tuple(map(digest, scripts))
     page = Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
+        sentence=html.escape(_still_sentence(data)),
         policy=f"{_POLICY} {' '.join(digests)}",
         style=page_colours() + (parts / "page.css").read_text("utf-8"),
         programs=scripts[0],
@@ -387,6 +388,12 @@ def _left_open(robot: Robot, *, closed: bool) -> list[str]:
         return []
     loops = ", ".join(closures[:4]) + (", …" if len(closures) > 4 else "")
     return [f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."]
+
+
+def _still_sentence(data: Mapping[str, Any]) -> str:
+    """Sentence of a page without scripts: the verdict on its motion, otherwise what the robot is."""
+    verdict = data["motion"] and data["motion"]["verdict"].get("text")
+    return str(verdict or f"{data['name']}: {data['subtitle']}")
 
 
 def _subtitle(robot: Robot, free: int, motion: DrawnMotion | None, payload: Payload | None) -> str:

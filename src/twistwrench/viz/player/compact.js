@@ -1,6 +1,10 @@
 // The page without its panel, for a small screen or within another page: the robot, the verdict, one control and the play bar.
 "use strict";
 
+const FITS = 12; // steps to the nearest view
+const BEHIND = 0.7; // share of the controls' height that the lowest places may lie behind
+const SEEN = 0.6; // share of a page within another from which it is looked at
+
 class Compact {
   constructor(viewer) {
     this.viewer = viewer;
@@ -16,6 +20,35 @@ class Compact {
     narrow.addEventListener("change", decide);
     this.link.addEventListener("click", (event) => this.leave(event));
     decide();
+    if (this.embedded && window.parent !== window && viewer.motion) this.playOnce();
+  }
+
+  playOnce() { // when most of a page within another is first seen
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+    const { viewer } = this, watch = new IntersectionObserver(([{ intersectionRatio }]) => {
+      if (intersectionRatio < SEEN) return;
+      watch.disconnect();
+      if (!viewer.posed) Object.assign(viewer, { playing: true, once: true });
+    }, { threshold: SEEN });
+    watch.observe(document.querySelector("main"));
+  }
+
+  // The view as near as the robot's motion allows. Its lowest places may lie behind the controls.
+  fit() {
+    const { stage, reach, book, address } = this.viewer, { canvas, home } = stage, seen = (id) => document.getElementById(id).getBoundingClientRect();
+    if (!this.embedded || book || stage.distance !== home.distance || !canvas.clientHeight) return;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight], edge = 0.03 * height, verdict = seen("verdict"), title = document.querySelector("header").getBoundingClientRect().bottom, control = seen("one").top || height, above = verdict.width > 0.6 * width;
+    const left = 1.5 * edge, right = verdict.width && !above ? verdict.left - edge : width - 1.5 * edge, top = (above ? verdict.bottom + edge : title) + edge, bottom = control + BEHIND * (height - control);
+    for (let k = 0; k < FITS; k++) {
+      const places = reach.map((p) => stage.project(p)), axis = (i) => places.map((p) => p[i]), [x, y] = [axis(0), axis(1)];
+      const [wide, high] = [Math.max(...x) - Math.min(...x), Math.max(...y) - Math.min(...y)], { right: along, up } = stage.camera(), middle = stage.project(stage.target);
+      const metre = Math.hypot(...stage.project(add(stage.target, up)).map((end, i) => end - middle[i])); // in pixels
+      const off = [(Math.max(...x) + Math.min(...x) - left - right) / 2, (Math.max(...y) + Math.min(...y) - top - bottom) / 2];
+      stage.target = add(stage.target, add(times(off[0] / metre, along), times(-off[1] / metre, up)));
+      stage.distance *= Math.max(wide / (right - left), high / (bottom - top));
+    }
+    Object.assign(home, { distance: stage.distance, target: stage.target.slice() });
+    address.first.camera.splice(2, 4, stage.distance, ...stage.target);
   }
 
   get parts() { // the verdict, and the control that is named, or the first there is
@@ -41,6 +74,7 @@ class Compact {
       this.link.textContent = this.embedded ? "Open full" : "All controls";
     } else this.link.textContent = "One control";
     this.viewer.panel.cover();
+    this.fit();
     this.viewer.changes += 1;
   }
 

@@ -39,7 +39,10 @@ class LoadPanel {
     typed.setAttribute("aria-label", `${name} [${unit_}], typed`);
     const label = this.panel.cell("name", name.length > 18 ? name.replace(/ at .*/, "") : name);
     label.title = name;
-    this.panel.row("load", label, slider, typed);
+    const slid = this.panel.cell("slid"), mark = slid.appendChild(document.createElement("i"));
+    slid.prepend(slider);
+    mark.hidden = true;
+    this.panel.row("load", label, slid, typed);
     const tell = () => {
       slider.value = get();
       if (document.activeElement !== typed) typed.value = `${plain(get())} ${unit_}`;
@@ -58,7 +61,7 @@ class LoadPanel {
       this.viewer.settled();
     });
     tell();
-    this.sliders[id] = { tell, set };
+    this.sliders[id] = { tell, set, slider, mark };
   }
 
   menu(place_) { // of tips, where there are several
@@ -83,7 +86,18 @@ class LoadPanel {
     said.textContent = `Effective mass at the tip along its principal axes: ${heavy}${missing > 0 ? "; here it cannot be moved in every direction" : ""}.`;
   }
 
+  mark() { // the largest payload that the torque limits allow, on its slider
+    const { verdict, mechanics } = this.viewer, margin = verdict?.margin, { slider, mark } = this.sliders.payload ?? {};
+    document.getElementById("try").hidden = !verdict?.lightens || !margin || mechanics.mass <= margin.mass;
+    if (!slider) return;
+    const share = margin ? margin.mass / Number(slider.max) : 2;
+    mark.hidden = share > 1;
+    mark.title = mark.hidden ? "" : `allowed: ${roundedDown(margin.mass)} kg`;
+    mark.style.left = `calc(8px + ${share} * (100% - 16px))`; // the middle of the slider's knob is 8 px from its ends
+  }
+
   update() {
+    this.mark();
     const { viewer } = this, { fall, robot, verdict, mechanics } = viewer, margin = verdict && !mechanics.mass && verdict.margin;
     this.feel();
     this.most.hidden = !margin;

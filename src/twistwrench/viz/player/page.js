@@ -43,6 +43,7 @@ class Viewer {
     this.time = this.motion ? this.motion.begin : 0; // of the motion as it was given
     this.posed = true; // by the sliders, as opposed to a moment of the motion
     this.playing = false;
+    this.once = false; // to the end of the motion, and not again from its start
     this.speed = 1;
     this.sharpness = new Sharpness();
     this.dark = matchMedia("(prefers-color-scheme: dark)");
@@ -73,8 +74,21 @@ class Viewer {
     if (!this.playing) return;
     const { begin, end, pace } = this.motion;
     let time = this.time + this.speed * pace * past;
-    if (time > end) time = end > begin ? begin + ((time - begin) % (end - begin)) : begin;
+    if (time > end && this.once) {
+      this.playing = this.once = false;
+      time = begin;
+    } else if (time > end) time = end > begin ? begin + ((time - begin) % (end - begin)) : begin;
     this.seek(time);
+  }
+
+  // Places of bodies and tip, of the pose or over the motion.
+  get reach() {
+    const { robot, motion, mechanics } = this, n = motion ? motion.q.length : 1;
+    const rows = motion ? Array.from({ length: REACH }, (_, k) => Array.from(motion.q[Math.round((k * (n - 1)) / (REACH - 1))])) : [this.q];
+    return rows.flatMap((q) => {
+      const poses = mechanics.poses(q), places = robot.bodies.map((_, k) => place(poseOf(poses, k)));
+      return [place(poseOf(poses, -1)), ...places, ...(robot.payload === null ? [] : [place(mechanics.tipPose(q))])];
+    });
   }
 
   seek(time) { // the state of the motion at a time, between two samples a mean of both
@@ -171,6 +185,14 @@ class Viewer {
   get over() { // torques whose joints are red: over the whole motion, or where the robot is held
     if (this.motion && !this.posed) return this.verdict.over;
     return new Set(this.tau.flatMap((x, k) => (this.robot.torques[k].limit && isOver(x / this.robot.torques[k].limit) ? [k] : [])));
+  }
+
+  get answer() { // the verdict on the motion, never OK beside a joint that is red at a pose set by hand
+    const { verdict, over, posed, tau, robot } = this;
+    if (!verdict || verdict.word !== "OK" || !posed || !over.size) return verdict;
+    const share = (k) => Math.abs(tau[k]) / robot.torques[k].limit, worst = [...over].reduce((a, b) => (share(b) > share(a) ? b : a)), { name, unit, limit } = robot.torques[worst];
+    const held = `: ${name} needs ${torqueText(tau[worst])} ${unit} to hold this pose, ${percentOfLimit(share(worst))} of its limit (${number(limit)} ${unit}).`;
+    return { ...verdict, word: "OVER LIMIT", lines: [held, "The motion itself keeps all limits."], text: `OVER LIMIT${held}` };
   }
 
   set(input) { // of a section of the book: torques may change while it moves
@@ -356,6 +378,8 @@ class Viewer {
 const isOver = (share) => Math.abs(share) > 1 + 1e-6; // as the limit check of twistwrench
 const reddened = (colour, { colours }) => colour.map((c, i) => 0.1 * c + 0.9 * colours.shares[colours.shares.length - 1][1][i]);
 
+const REACH = 13; // moments of a motion that the view holds
+
 const AXES = [[0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1], IDENTITY]; // z onto x, y, z
 
 function grid(size, floor) { // lines a round length apart, under the robot and some way around
@@ -365,11 +389,15 @@ function grid(size, floor) { // lines a round length apart, under the robot and 
 }
 
 function fail(words) { // instead of the robot
+  document.querySelector("main").classList.remove("waiting");
   Object.assign(document.getElementById("failure"), { hidden: false, textContent: words });
 }
 
 unpack(document.getElementById("data").textContent)
-  .then(({ robot, array }) => { window.viewer = new Viewer(robot, array); })
+  .then(({ robot, array }) => {
+    window.viewer = new Viewer(robot, array);
+    document.querySelector("main").classList.remove("waiting");
+  })
   .catch((problem) => {
     fail(String(problem.message || problem));
     console.error(problem);

@@ -25,7 +25,7 @@ class Panel {
     this.load = new LoadPanel(this);
     this.fold = robot.limbs.length ? new Fold(this) : null;
     if (viewer.motion) this.playBar(of);
-    const resized = new ResizeObserver(() => this.cover());
+    const resized = new ResizeObserver(() => { this.cover(); viewer.compact?.fit(); });
     [of("stage"), of("verdict"), document.querySelector("header")].forEach((part) => resized.observe(part));
   }
 
@@ -151,13 +151,14 @@ class Panel {
   toggle() {
     const viewer = this.viewer;
     viewer.playing = !viewer.playing;
+    viewer.once = false;
     if (viewer.playing && viewer.posed) viewer.seek(viewer.time);
     if (!viewer.playing) viewer.address.note(false);
     this.update();
   }
 
   verdict() { // the word, and beside and below it why
-    const { verdict } = this.viewer, box = this.answer, [word, said] = box.querySelectorAll("b, span");
+    const { answer: verdict } = this.viewer, box = this.answer, [word, said] = box.querySelectorAll("b, span");
     box.hidden = !verdict;
     if (box.hidden) return;
     box.className = verdict.word.toLowerCase().replace(" ", "-");
@@ -179,7 +180,7 @@ class Panel {
 
   tell() { // to those who hear the page, once a slider rests; then the largest torques come first
     this.fold?.arrange();
-    if (this.viewer.verdict) this.told.textContent = this.viewer.verdict.text;
+    if (this.viewer.answer) this.told.textContent = this.viewer.answer.text;
   }
 
   update() {

@@ -139,13 +139,14 @@ class Verdict {
     const stated = this.grouped(doubts.first.length ? passed : [...over, ...mimics.over, ...passed]);
     const ranked = [["LOOK AGAIN", data.lookAgain], ["COLLISION", []], ["OVER LIMIT", stated], ["UNSURE", unsure]];
     const [word, reasons] = ranked.map(([word, said]) => [word, [...said, ...(data.clearance[word] ?? [])]]).find(([, said]) => said.length) ?? ["OK", []];
+    const lightens = word === "OVER LIMIT" && ![...passed, ...mimics.over, ...unsure, ...Object.values(data.clearance).flat()].length; // a smaller payload alone is enough
     const assumed = word === "OK" ? this.assumed(mass) : "";
     const [first, ...others] = reasons.length ? reasons : [this.nearest(joints, scale)], lines = [`: ${first}${assumed}.`, ...others.map((reason) => `  - ${reason}.`)];
     const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== (mimics.over.length + mimics.open.length > 0 || limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit));
     if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), frame: motion.mechanics.robot.payloadFrame, joint: this.names[margin.joint], time: this.time(margin.row) }));
     lines.push(...data.closest, ...data.questions);
     if (force) lines.push(`${data.force.question} ${this.say("contact", { words: force })}`);
-    return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, note: data.joints && this.moved ? "Intervals are those of the command's load and speed." : "" };
+    return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, lightens, note: data.joints && this.moved ? "Intervals are those of the command's load and speed." : "" };
   }
 
   // What the command said, where the page cannot judge another load.
