@@ -30,25 +30,31 @@ from .payload import (
     payload_map,
     torques_per_kilogram,
 )
+from .reactions import BearingLoads, MountingLoad, bearing_loads, bolt_circle, mounting_load
 from .support import Support, hold, support
 
 __all__ = [
+    "BearingLoads",
     "Clearance",
     "Contact",
     "Equilibrium",
     "LargestPayload",
     "LargestWrench",
+    "MountingLoad",
     "PayloadMap",
     "RegionPayload",
     "Support",
     "TorqueWrench",
     "WrenchEllipsoid",
     "WrenchPolytope",
+    "bearing_loads",
     "body_equilibrium",
+    "bolt_circle",
     "hold",
     "largest_payload",
     "largest_wrench",
     "least_norm_contact_forces",
+    "mounting_load",
     "payload_in_region",
     "payload_map",
     "robot_equilibrium",

@@ -1,0 +1,232 @@
+"""Reactions of a motion: the wrench on the mounting, loads of its bolts, and loads of the joints' bearings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.glossary import complete
+from ..core.numbers import printed
+from ..core.typing import Array
+from ..mechanics.lie import se3
+from ..mechanics.lie.labelled import WRENCH
+from ..mechanics.model.model import BASE
+from ..robot.task_space_methods import require_robot
+from .torque_limits import floating_entries
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MountingLoad:
+    """Wrench of a robot on its foundation, of n instants."""
+
+    wrench: Array
+    """(n, 6): (m, f) by the robot on the foundation, at the frame and in its axes [N m, N]."""
+    frame: str
+    """Frame fixed to the base."""
+
+    @property
+    def largest(self) -> dict[str, tuple[float, int]]:
+        """Value of largest magnitude of each component ``mx`` … ``fz``, with its sign, and its row."""
+        rows = np.abs(self.wrench).argmax(axis=0)
+        return {
+            name: (float(self.wrench[row, k]), int(row)) for k, (name, row) in enumerate(zip(WRENCH, rows, strict=True))
+        }
+
+    def bolts(self, places: ArrayLike, preload: float = 0.0) -> Array:
+        """Axial and shear loads of bolts through a rigid flange in the frame's xy plane; the axial load pulls if above 0.
+
+        The plate shares force and tilting moment linearly over the pattern: N_i = a + b x_i + c y_i. Shear is the force
+        across, shared equally, and the torsion m_z about the pattern's centre, in proportion to the distance from it.
+
+        Parameters
+        ----------
+        places : (k, 2) array_like, positions of the bolts in the frame [m]
+        preload : float, added to the axial load of each bolt [N]
+
+        Returns
+        -------
+        loads : (n, k, 2) array, axial and shear load [N]
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``places`` is not a table of positions, or the bolts stand in one line.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> load = mounting_load(ur5, ur5.neutral, [0] * 6, [0] * 6)
+        >>> load.bolts(bolt_circle(4, 0.17)).shape
+        (1, 4, 2)
+        """
+        at = arguments.finite(places, "places of bolts", 2)
+        if at.ndim != 2:
+            raise ShapeError(f"places of bolts have the shape {at.shape}. Give (k, 2): x and y of each bolt [m].")
+        pattern = np.column_stack([np.ones(len(at)), at])
+        if np.linalg.matrix_rank(pattern, tol=1e-9 * max(1.0, float(np.abs(at).max(initial=0.0)))) < 3:
+            raise ValueRangeError(
+                f"{len(at)} bolts in one line bear no moment about it. Give at least three places that are not in one line."
+            )
+        mx, my, mz, fx, fy, fz = self.wrench.T
+        pull = np.stack([fz, -my, mx], axis=1)  # Σ N, Σ N x, Σ N y: the foundation pulls back what the robot lifts
+        axial = pull @ np.linalg.inv(pattern.T @ pattern) @ pattern.T + arguments.number(preload, "preload")
+        centre = at.mean(axis=0)
+        x, y = (at - centre).T
+        twist = (mz - centre[0] * fy + centre[1] * fx) / (x**2 + y**2).sum()
+        shear = np.hypot(fx[:, None] / len(at) - twist[:, None] * y, fy[:, None] / len(at) + twist[:, None] * x)
+        return np.stack([axial, shear], axis=-1)
+
+    def __repr__(self) -> str:
+        return f"MountingLoad: {self}"
+
+    def __str__(self) -> str:
+        force = np.linalg.norm(self.wrench[:, 3:], axis=1).max(initial=0.0)
+        tilting, torque = np.hypot(*self.wrench.T[:2]).max(initial=0.0), np.abs(self.wrench[:, 2]).max(initial=0.0)
+        return (
+            f"on the foundation at {self.frame}: force up to {printed(force, 4)} N, tilting moment {printed(tilting, 4)} N m, "
+            f"torque {printed(torque, 4)} N m"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BearingLoads:
+    """Loads of the bearings of joints with one degree of freedom, at the joints' origins, of n instants."""
+
+    joints: tuple[str, ...]
+    """Names of the k joints."""
+    axial: Array
+    """(n, k): force along the axis of a turning joint; NaN for a sliding joint [N]."""
+    radial: Array
+    """(n, k): force across the axis [N]."""
+    tilting: Array
+    """(n, k): moment across the axis of a turning joint; the whole moment of a sliding joint [N m]."""
+
+
+def bolt_circle(count: int, diameter: float) -> Array:
+    """Places (count, 2) of bolts, evenly spaced on a circle about the frame's origin, the first on the x axis [m].
+
+    Parameters
+    ----------
+    count : int, 3 or more
+    diameter : float, of the circle [m]
+
+    Returns
+    -------
+    places : (count, 2) array [m]
+
+    Examples
+    --------
+    >>> bolt_circle(4, 0.2).round(3).tolist()
+    [[0.1, 0.0], [0.0, 0.1], [-0.1, 0.0], [-0.0, -0.1]]
+    """
+    angle = 2 * np.pi * np.arange(arguments.whole(count, "the number of bolts", 3)) / count
+    radius = 0.5 * arguments.positive(diameter, "the diameter of a bolt circle", "m")
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def mounting_load(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None) -> MountingLoad:
+    """Wrench of a robot with a fixed base on its foundation along a motion, with the weight of its fixed links.
+
+    Parameters
+    ----------
+    q : (n, nq) or (nq,) array_like
+    dq, ddq : (n, nv) or (nv,) array_like
+    frame : str, optional, link fixed to the base, whose origin and axes the wrench has; None: the root link
+
+    Returns
+    -------
+    load : MountingLoad
+
+    Raises
+    ------
+    ValueRangeError
+        The base is not fixed, or the frame moves.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> ur5 = tw.robots.ur5()
+    >>> load = mounting_load(ur5, ur5.neutral, [0] * 6, [0] * 6)
+    >>> print(load)  # doctest: +ELLIPSIS
+    on the foundation at base_link: force up to ... N, tilting moment ... N m, torque 0 N m
+    """
+    model = require_robot(robot, "mounting_load").model
+    if floating_entries(robot).any():
+        raise ValueRangeError(
+            f"the base of robot {robot.name!r} is free, so that nothing mounts it. Load it with floating_base=False, or use "
+            "statics.support for its contacts."
+        )
+    if frame is None:
+        frame = next(name for name, x in model.frames.items() if x.body == BASE)
+    if model.frame(frame).body != BASE:
+        raise ValueRangeError(f"{frame!r} moves with a joint. Give a link fixed to the base of robot {robot.name!r}.")
+    F = np.asarray(robot.joint_wrenches(q, dq, ddq))
+    wrench = np.zeros((*F.shape[:-2], 6))
+    for k, body in enumerate(model.bodies):
+        if body.parent == BASE:
+            T = np.asarray(robot.forward_kinematics(q, body.link)) @ se3.inverse(model.frame(body.link).pose)
+            wrench = wrench - _moved(T, F[..., k, :])
+    base = model.base_inertia
+    weight = base.mass * model.gravity
+    wrench = wrench + np.concatenate([np.cross(base.com, weight), weight])
+    return MountingLoad(np.atleast_2d(_moved(se3.inverse(model.frame(frame).pose), wrench)), frame)
+
+
+def _moved(T_ab: Array, F_b: Array) -> Array:
+    """Wrench (..., 6) about the origin and in the axes of {a}."""
+    m, f = (np.einsum("...ij,...j->...i", T_ab[..., :3, :3], x) for x in (F_b[..., :3], F_b[..., 3:]))
+    return np.concatenate([m + np.cross(T_ab[..., :3, 3], f), f], axis=-1)
+
+
+def bearing_loads(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> BearingLoads:
+    """Axial and radial forces and tilting moments of the bearings of each turning and sliding joint along a motion.
+
+    Parameters
+    ----------
+    q : (n, nq) or (nq,) array_like
+    dq, ddq : (n, nv) or (nv,) array_like
+
+    Returns
+    -------
+    loads : BearingLoads
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> ur5 = tw.robots.ur5()
+    >>> loads = bearing_loads(ur5, ur5.neutral, [0] * 6, [0] * 6)
+    >>> loads.joints[0], loads.tilting.shape
+    ('shoulder_pan_joint', (1, 6))
+    """
+    model = require_robot(robot, "bearing_loads").model
+    F = np.asarray(robot.joint_wrenches(q, dq, ddq))
+    F = F.reshape(-1, *F.shape[-2:])
+    names, axial, radial, tilting = [], [], [], []
+    for k, body in enumerate(model.bodies):
+        if body.joint.nv != 1 or not body.joint.moves_body:
+            continue
+        moment, force = F[:, k, :3], F[:, k, 3:]
+        S = body.joint.axes[0]
+        turns = bool(S[:3].any())
+        a = S[:3] if turns else S[3:]
+        a = np.asarray(a / np.linalg.norm(a), float)
+        along = force @ a
+        names.append(body.joint.name)
+        axial.append(np.abs(along) if turns else np.full(len(F), np.nan))
+        radial.append(np.linalg.norm(force - along[:, None] * a, axis=1))
+        across = moment - (moment @ a)[:, None] * a if turns else moment
+        tilting.append(np.linalg.norm(across, axis=1))
+    columns = (np.stack(x, axis=1) if x else np.zeros((len(F), 0)) for x in (axial, radial, tilting))
+    return BearingLoads(tuple(names), *columns)
+
+
+complete(globals())
