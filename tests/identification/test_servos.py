@@ -59,6 +59,7 @@ def test_parts_of_a_motion_keep_their_commands(log):
     np.testing.assert_array_equal(log[::2].command, log.command[::2])
 
 
+@pytest.mark.slow
 def test_a_joint_on_which_nothing_hangs_is_not_determined(tmp_path):
     """A spinning disc without weight tells ratios alone: its kp and armature may have any common factor."""
     path = tmp_path / "disc.urdf"
@@ -76,9 +77,9 @@ def test_a_joint_on_which_nothing_hangs_is_not_determined(tmp_path):
 @pytest.mark.parametrize(
     ("changed", "kind"),
     [
-        (lambda c: c[:, ::-1], "servo-exchanged"),
         (lambda c: c * [1, -1], "servo-sign"),
-        (lambda c: np.degrees(c), "servo-unit"),
+        pytest.param(lambda c: c[:, ::-1], "servo-exchanged", marks=pytest.mark.slow),
+        pytest.param(lambda c: np.degrees(c), "servo-unit", marks=pytest.mark.slow),
     ],
 )
 def test_commands_of_another_joint_sign_or_unit_are_named(arm, log, changed, kind):

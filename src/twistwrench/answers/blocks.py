@@ -66,9 +66,8 @@ class Headline:
     def from_verdict(cls, verdict: Verdict, *, further: Sequence[Line] = ()) -> Headline:
         """Headline with all reasons of a verdict."""
         first, *others = verdict.reasons or ("",)
-        return cls(
-            verdict.word, f"{first}." if first else "", reasons=[f"{reason}." for reason in others], further=further
-        )
+        reasons = [f"{reason.removesuffix('.')}." for reason in others]
+        return cls(verdict.word, f"{first.removesuffix('.')}." if first else "", reasons=reasons, further=further)
 
     @property
     def pieces(self) -> list[Piece]:
