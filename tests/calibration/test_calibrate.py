@@ -391,6 +391,27 @@ def test_a_factory_calibration_of_another_model_or_robot_is_refused(tmp_path):
         tw.calibration.factory(tw.robots.ur5(), path)
 
 
+@pytest.mark.parametrize(
+    "theta",
+    [
+        "[%(home)s, 0, 0, 0, 0, 0]",
+        "[__import__('os').getpid(), 0, 0, 0, 0, 0]",
+        "[nan, 0, 0, 0, 0, 0]",
+        f"[{'1,' * 10_000}1]",
+        "\xff\xfe",
+    ],
+)
+def test_a_factory_calibration_made_to_do_harm_ends_in_one_error(tmp_path, theta):
+    path = tmp_path / "c.conf"
+    zeros = "".join(f"delta_{name} = [0, 0, 0, 0, 0, 0]\n" for name in ("a", "d", "alpha"))
+    path.write_bytes(
+        f"[DEFAULT]\nhome = ../../etc/passwd\n[mounting]\n{zeros}delta_theta = {theta}\n".encode("latin-1")
+    )
+    with pytest.raises(tw.RobotFileError) as told:
+        tw.calibration.factory(tw.robots.ur5(), path)
+    assert len(str(told.value)) < 1000
+
+
 def test_the_command_writes_a_factory_calibration(tmp_path):
     zeros = {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")}
     path = _conf(tmp_path / "c.conf", zeros | {"theta": np.array([0, 0.01, 0, 0, 0, 0])})

@@ -80,6 +80,8 @@ def factory(robot: Robot, path: str | Path) -> Robot:
         raise NotFoundError(
             f"no factory calibration {str(file)!r}. Copy calibration.conf from the robot's controller."
         ) from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise RobotFileError(f"{file}: cannot be read as text: {str(problem).splitlines()[0]}.") from None
     old, table = _nominal(chain)
     theta, d, a, alpha = _corrections(text, file)
     new = _frames(old[0], theta, table[0] + d, table[1] + a, _ALPHA + alpha)

@@ -8,17 +8,17 @@ from ..core.files import replacing
 from ..symbolic.derivation import Derivation, derive
 from ..symbolic.names import require_sympy
 from .shared import RobotOptions
-from .skin import Asked, File, command_of
+from .skin import Asked, OutputFile, command_of
 
 
-def _document(option: str, help_: str, text_of: Callable[[Derivation], str]) -> File[Derivation]:
+def _document(option: str, help_: str, text_of: Callable[[Derivation], str]) -> OutputFile[Derivation]:
     """File of the equations, which are written only if they agree with the kernels."""
 
     def write(derivation: Derivation, path: str) -> None:
         with replacing(path) as scratch:
             scratch.write_text(text_of(derivation), encoding="utf-8")
 
-    return File(
+    return OutputFile(
         f"{option} OUT|-", f"{help_} - is the terminal.", write, is_data=False, exists=lambda found: found.verdict.ok
     )
 

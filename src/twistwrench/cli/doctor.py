@@ -12,7 +12,7 @@ from ..testing.verify import VerifyReport, verify
 from .main import option
 from .report import Report
 from .shared import XACRO, RobotOptions, base_option, robot_source, xacro_arguments
-from .skin import Asked, File, command_of, picture_file
+from .skin import Asked, OutputFile, command_of, picture_file
 
 
 def _repairs(report: DoctorReport) -> str:
@@ -31,7 +31,7 @@ def _changes_links(report: DoctorReport) -> bool:
     option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
     XACRO,
     files=(
-        File(
+        OutputFile(
             "--out OUT",
             "Write the repaired robot file; all else stays byte for byte.",
             lambda report, path: report.write(path, overwrite=True),

@@ -21,7 +21,7 @@ from . import shared
 from .main import noted_if_failed, option, with_option_names
 from .report import Report
 from .shared import RobotOptions
-from .skin import Asked, File, Outputs, command_of, picture_file, table_file
+from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
 
 _CONTACT = "1e5,0.3,0.5"
@@ -106,7 +106,7 @@ def _used(answer: Simulated) -> list[tuple[str, str]]:
             exists=_is_simulated,
             keeps=_is_cut_off,
         ),
-        File(
+        OutputFile(
             "--npz OUT.npz",
             "Write all arrays in NumPy format.",
             lambda answer, path: _result(answer).to_npz(path),

@@ -7,7 +7,7 @@ from ..sizing.choice import Sizing
 from ..sizing.sizing import size_drives
 from .report import Report
 from .shared import LogOptions, RobotOptions, motion_path, open_motion
-from .skin import Asked, File, command_of, picture_file, table_file
+from .skin import Asked, OutputFile, command_of, picture_file, table_file
 
 
 def _is_sized(found: Sizing) -> bool:
@@ -20,7 +20,7 @@ def _is_sized(found: Sizing) -> bool:
     files=(
         table_file(Sizing.to_csv, "Write each figure with its limit as a table", exists=_is_sized),
         picture_file("Draw each motor's speed–torque region with the cycle, and its temperature.", exists=_is_sized),
-        File(
+        OutputFile(
             "--out-actuators OUT.yaml",
             "Write the drives as an actuator file.",
             Sizing.write_actuators,

@@ -22,7 +22,7 @@ from ..answers.answer import Answer
 from ..core.arguments import parse_numbers
 from ..core.errors import ValueRangeError
 from ..core.files import check_outputs, picture_path, refuse_existing
-from ..motion.load_case import parse_wrenches
+from ..motion.load_case import parse_wrenches, payloads_of
 from ..robots.finding import bundled_file
 from .hints import Seconds
 from .main import Decorator, GroupedHelp, check_matplotlib, examples_text, note, option, option_group, plain_errors
@@ -57,7 +57,7 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, FunctionParameter]:
 
     >>> from twistwrench import check
     >>> parameters_of(check)["clearance"]
-    FunctionParameter(name='clearance', annotation='float', default=None, text='Check the least distance between links [m].')
+    FunctionParameter(name='clearance', annotation='Metres', default=None, text='Check the least distance between links [m].')
     """
     texts, given = _descriptions(inspect.getdoc(function) or ""), inspect.signature(function).parameters
     return {
@@ -120,10 +120,6 @@ def _listed(text: str, _flag: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _loads(texts: Sequence[str], _flag: str) -> list[str]:
-    return list(texts)
-
-
 DEMO = "demo"
 _REPEATED = {"multiple": True}
 _KINDS = {
@@ -137,7 +133,7 @@ _KINDS = {
     "Celsius": Kind("CELSIUS", settings={"type": float}),
     "Frame": Kind("FRAME"),
     "Vector": Kind("x,y,z", _vector),
-    "LoadsGiven": Kind("MASS[,x,y,z][@FRAME]", _loads, _REPEATED),
+    "LoadsGiven": Kind("MASS[,x,y,z][@FRAME]", settings=_REPEATED),
     "WrenchesGiven": Kind("FRAME:m,m,m,f,f,f", lambda texts, _flag: parse_wrenches(texts), _REPEATED),
     "ConfigurationGiven": Kind("v,v,…|NAME|JOINT=VALUE", _several, _REPEATED),
     "limits_file.Given": Kind("FILE.csv", is_file=True),
@@ -227,6 +223,8 @@ class Question:
                 value = not parameter.default
             elif kind is not None and kind.bundled and value == DEMO:
                 value = bundled_file(value, given["source"], *kind.bundled)
+            elif parameter.annotation == "LoadsGiven":
+                value = list(payloads_of(value, given.get("tip")))
             elif kind is not None:
                 value = kind.parse(value, parameter.flag)
             found[parameter.name] = value
@@ -250,7 +248,7 @@ def _printed(value: object) -> str:
 
 
 @dataclass(frozen=True)
-class File(Generic[A]):
+class OutputFile(Generic[A]):
     """File that a command writes: its option, and the method of the answer."""
 
     form: str
@@ -292,10 +290,10 @@ def table_file(
     *,
     exists: Callable[[A], bool] = lambda _answer: True,
     keeps: Callable[[A], bool] = lambda _answer: False,
-) -> File[A]:
+) -> OutputFile[A]:
     """File of ``--csv``."""
     help_ = f"{text}; '-' prints it in place of the report."
-    return File("--csv OUT.csv", help_, write, exists=exists, keeps=keeps)
+    return OutputFile("--csv OUT.csv", help_, write, exists=exists, keeps=keeps)
 
 
 def picture_file(
@@ -304,18 +302,18 @@ def picture_file(
     exists: Callable[[A], bool] = lambda _answer: True,
     keeps: Callable[[A], bool] = lambda _answer: False,
     missing: str = "",
-) -> File[A]:
+) -> OutputFile[A]:
     """File of ``--plot``, the answer's usual picture."""
 
     def write(answer: A, path: str) -> object:
         return answer.plot(path=path)
 
-    return File(
+    return OutputFile(
         "--plot OUT.png", text, write, is_picture=True, is_data=False, exists=exists, keeps=keeps, missing=missing
     )
 
 
-_JSON: File[Any] = File(
+_JSON: OutputFile[Any] = OutputFile(
     "--json OUT.json",
     "Write the results as JSON; '-' prints them in place of the report.",
     write_answer_json,
@@ -330,7 +328,7 @@ _REPORT = option("--report OUT.html", "Write a report as one self-contained page
 class Outputs(Generic[A]):
     """Output files of a command, and the inputs that they must not replace."""
 
-    files: Mapping[File[A], str]
+    files: Mapping[OutputFile[A], str]
     report: str | None
     full_paths: bool
     inputs: Mapping[str, str | Path | None]
@@ -350,7 +348,7 @@ class Outputs(Generic[A]):
                 refuse_existing(path, overwrite=overwrite)
 
     @cached_property
-    def printed(self) -> File[A] | None:
+    def printed(self) -> OutputFile[A] | None:
         """File that is printed in place of the report."""
         found = [file for file, path in self.files.items() if path == "-"]
         if len(found) > 1:
@@ -414,7 +412,7 @@ def command_of(
     name: str,
     function: Callable[..., Answer],
     *own: Decorator,
-    files: Sequence[File[A]] = (),
+    files: Sequence[OutputFile[A]] = (),
     report: Report[A] | None = None,
     examples: Sequence[str],
     description: str = "",
@@ -454,7 +452,7 @@ class Call(Generic[A]):
 
     question: Question
     body: Callable[..., A]
-    files: Sequence[File[A]]
+    files: Sequence[OutputFile[A]]
     report: Report[A] | None
     own: Sequence[Decorator]
     with_robot: bool

@@ -16,7 +16,7 @@ from . import shared
 from .main import option
 from .report import Report
 from .shared import LogOptions, RobotOptions
-from .skin import Asked, File, Outputs, command_of, picture_file, table_file
+from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
 
 _PLOTS = ("torques", "causes", "power", "phase", "motors")
@@ -63,13 +63,13 @@ def _require_rerun() -> None:
     files=(
         table_file(_to_csv, "Write time, torques and their causes as a table"),
         picture_file("Draw the motion (.png, .pdf or .svg)."),
-        File(
+        OutputFile(
             "--mcap OUT.mcap",
             "Write states, torques, causes and limits as a ROS 2 recording, for Foxglove.",
             lambda report, path: _of_one(report).to_mcap(path),
             require=_require_mcap,
         ),
-        File(
+        OutputFile(
             "--rerun OUT.rrd",
             "Write the same for rerun.",
             lambda report, path: _of_one(report).to_rerun(path),

@@ -94,7 +94,7 @@ class TwistWrenchError(Exception):
         >>> from twistwrench.core.text import Argument
         >>> error = TwistWrenchError("several episodes: 0 to 1. Choose one: {0}.", Argument("episode", 0))
         >>> print(error, error.in_shell()[-16:])
-        several episodes: 0 to 1. Choose one: episode=0. one: --episode 0.
+        several episodes: 0 to 1. Choose one: episode=0. ne: --episode 0.
         """
         return self._told(shell=True)
 

@@ -155,6 +155,8 @@ class Failure:
     """Reason for the failure of a job: a message of this library, or kind and text of another error."""
 
     reason: str
+    problem: TwistWrenchError | None = None
+    """Error of this library, with its arguments."""
 
 
 @dataclass
@@ -249,7 +251,7 @@ def _result_or_failure(function: Callable[[Item], Result], item: Item) -> Result
     try:
         return function(item)
     except TwistWrenchError as problem:
-        return Failure(str(problem))
+        return Failure(str(problem), problem)
 
 
 # ── Large packages that are imported on first use

@@ -180,7 +180,7 @@ def _places(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] |
     if scheme is not None:
         name, _, rest = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
         inside = Path(os.path.normpath(rest))
-        if name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
+        if not rest or name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
             return
         for folder in around:
             yield folder / name / rest, [folder]

@@ -187,7 +187,8 @@ def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
     """Logs that could be read; raises TrajectoryError if there are logs, and none could."""
     found = tuple(log for log in logs if isinstance(log, ReadLog))
     if logs and not found:
-        raise TrajectoryError(next(log.reason for log in logs if isinstance(log, Failure)))
+        first = next(log for log in logs if isinstance(log, Failure))
+        raise TrajectoryError(first.reason) if first.problem is None else TrajectoryError(*first.problem.args)
     return found
 
 
