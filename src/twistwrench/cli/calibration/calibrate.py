@@ -73,8 +73,14 @@ def calibrate_command(options: RobotOptions, given: Given) -> ExitCode:
     roll,pitch,yaw), or distance, or touches; 'demo' is bundled. --from takes none.
     Exit code: 1 for UNSURE and LOOK AGAIN.
     """
-    if bool(given.measurements) == bool(given.factory_file):
-        raise ValueRangeError("give MEASUREMENTS, or --from calibration.conf of a UR, and not both.")
+    if given.measurements and given.factory_file:
+        raise ValueRangeError(
+            "--from takes a UR's factory calibration in place of MEASUREMENTS. Leave one of them out."
+        )
+    if not given.measurements and not given.factory_file:
+        raise ValueRangeError(
+            "Missing MEASUREMENTS: a CSV file of readings, or 'demo'; or --from calibration.conf of a UR."
+        )
     files = {
         f"MEASUREMENTS {path}": path for path in (*given.measurements, *given.tests) if path != "demo"
     } | options.files
