@@ -196,6 +196,7 @@ def test_a_joint_of_negligible_torque_does_not_make_the_verdict_unsure():
     assert words == [[], [("wrist_3_joint",)]]
 
 
+@pytest.mark.slow
 def test_many_doubts_leave_room_on_the_screen():
     """A log with several faults, of a robot with six joints."""
     robot = tw.robots.ur5()
