@@ -66,6 +66,10 @@ def limits(path: Path) -> None:
     read_limits(path, robot("planar_2r").model)
 
 
+def factory_calibration(path: Path) -> None:
+    tw.calibration.factory(robot("ur5"), path)
+
+
 def catalogue(path: Path) -> None:
     from twistwrench.sizing.catalog import read_catalog
 
@@ -162,6 +166,7 @@ DOORS: dict[str, Door] = {
     "log side": log_side,
     "catalogue": catalogue,
     "limits": limits,
+    "factory calibration": factory_calibration,
     "srdf": srdf,
     "mesh": lambda path: tw.SpatialInertia.mesh(path, density=1000.0),
     "shown mesh": shown_mesh,

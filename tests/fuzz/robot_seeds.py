@@ -384,6 +384,11 @@ def limits() -> list[Case]:
     ]
 
 
+def factory_calibration() -> list[Case]:
+    rows = "".join(f"delta_{name} = [ 0, 1.0e-4, -2e-4, 0, 0.0003, 0]\n" for name in ("theta", "a", "d", "alpha"))
+    return single("calibration.conf", f"[mounting]\n# of a robot\n{rows}calibration_status = 0\n".encode())
+
+
 def waypoints() -> list[Case]:
     return single("points.csv", b"joint1,joint2\n0.1,0.2\n0.3,0.4\n0.5,-0.1\n")
 

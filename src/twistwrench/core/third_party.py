@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial, wraps
 from typing import Any, TypeVar
 
@@ -155,7 +155,7 @@ class Failure:
     """Reason for the failure of a job: a message of this library, or kind and text of another error."""
 
     reason: str
-    problem: TwistWrenchError | None = None
+    problem: TwistWrenchError | None = field(default=None, compare=False)
     """Error of this library, with its arguments."""
 
 
