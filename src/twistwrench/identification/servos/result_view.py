@@ -63,14 +63,13 @@ def _headline(found: IdentifiedServos) -> Headline:
     if found.verdict.word is not Word.OK:
         return Headline.from_verdict(found.verdict)
     width = found.relative()
-    worst = max(
-        float(width[name][found.whole & found.determined[name]].max(initial=0.0)) for name in ("kp", "armature")
-    )
+    widest = {name: float(width[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
+    sharp, friction = (max(widest[name] for name in names) for names in (("kp", "armature"), ("damping", "coulomb")))
     count, ratios = int(found.whole.sum()), [j for j, only in zip(found.joints, found.only_ratios, strict=True) if only]
-    said = (
-        f"kp, damping, armature and friction of {count} of {len(found.joints)} joints, kp and armature within "
-        f"{percent(worst, 2)}, delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
-    )
+    said = f"kp, damping, armature and friction of {count} of {len(found.joints)} joints"
+    if count:
+        said += f", kp and armature {relative_width(sharp)}, damping and friction {relative_width(friction)}"
+    said += f", delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
     if ratios:
         said += f"; {listed(ratios, 4)}: only ratios are known (hold one of the values with known=)"
     return Headline(Word.OK, f"{said}.")
