@@ -5,6 +5,7 @@ from __future__ import annotations
 from .calibrate import calibrate
 from .factory import factory
 from .measurements import Measurements
+from .poses import MeasuringPoses, measuring_poses
 from .result import CalibratedRobot
 
-__all__ = ["CalibratedRobot", "Measurements", "calibrate", "factory"]
+__all__ = ["CalibratedRobot", "Measurements", "MeasuringPoses", "calibrate", "factory", "measuring_poses"]

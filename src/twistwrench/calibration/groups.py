@@ -248,6 +248,13 @@ class Remaining:
         return both, (seen @ (values / (1.0 + values) ** 2)).sum(axis=1)
 
     @cached_property
+    def by_file(self) -> float:
+        """Root mean square over the configurations without any reading [m]; the target's place on the tip is known."""
+        J, rigid = self._columns(self.q)
+        error = ((J - rigid @ self._base) * self.wide[: J.shape[2]])[..., :-6]
+        return float(np.sqrt((error**2).sum(axis=(1, 2)).mean()))
+
+    @cached_property
     def rms(self) -> float:
         """Root mean square over the configurations [m]."""
         return float(np.sqrt(self.squares(self.q)[0].mean()))

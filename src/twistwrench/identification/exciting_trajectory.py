@@ -18,7 +18,6 @@ from ..core.blas_threads import one_blas_thread
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
-from ..core.text import listed
 from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..mechanics.model.couplings import refuse_couplings
@@ -186,12 +185,7 @@ class ExcitingMotion(Answer):
         """
         capsules, unsure = self.constraints.capsules.capsules, list[str]()
         if capsules.assumed and (self.clearances or self.unwatched):
-            count, most = len(capsules.assumed), number(1000.0 * capsules.thickness)
-            lacking = "a link has no shape" if count == 1 else f"{count} links have no shapes"
-            unsure.append(
-                f"{lacking} in the robot's file, so clearances are those of assumed capsules of {most} mm around "
-                f"{listed(capsules.assumed, 4)}; a file with <collision> or <visual> shapes gives true ones"
-            )
+            unsure.append(capsules.assumption)
         unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
         near = [(name.replace("floor", "the floor"), 1000.0 * x) for name, x in self.clearances.items() if x <= 0.0]
         unsure += [f"it comes to {number(mm)} mm from {name}" for name, mm in near]

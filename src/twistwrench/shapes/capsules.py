@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.numbers import number
+from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.model.model import BASE
 from ..robot import Robot
@@ -73,6 +75,18 @@ class LinkCapsules:
         links, ends, radii = (np.array(x) for x in zip(*found, *made, strict=True))
         moving = tuple(name for name in lacking if frames[name].body != BASE)
         return cls(links, ends, radii, moving, made[0][2] if made else 0.0)
+
+    @property
+    def assumption(self) -> str:
+        """Sentence without a full stop about links without shapes; empty if there are none."""
+        if not self.assumed:
+            return ""
+        lacking = "a link has no shape" if len(self.assumed) == 1 else f"{len(self.assumed)} links have no shapes"
+        return (
+            f"{lacking} in the robot's file, so clearances are those of assumed capsules of "
+            f"{number(1000.0 * self.thickness)} mm around {listed(self.assumed, 4)}; a file with <collision> or <visual> "
+            "shapes gives true ones"
+        )
 
     def separable_pairs(self, robot: Robot) -> Array:
         """Pairs (m, 2) of capsules on links that are not connected by a joint."""

@@ -15,6 +15,7 @@ import numpy as np
 from ..answers.answer import Answer
 from ..answers.blocks import mark_style
 from ..answers.page import LARGEST_VIEWER, MarkedJoint, Picture, Viewer
+from ..calibration.poses import MeasuringPoses
 from ..calibration.result import CalibratedRobot
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
@@ -33,7 +34,7 @@ from ..trajectories.move_report import MoveReport
 from ..trajectories.move_view import worst_moment as worst_planned_moment
 from . import page, style
 from .pictures import Plot, drawn, robot_picture
-from .plots.calibration import plot_calibration
+from .plots.calibration import plot_calibration, plot_measuring_poses
 from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
@@ -112,6 +113,11 @@ def _(answer: SimulationResult) -> Iterable[Picture]:
 @plots_of.register
 def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
     return {"calibration": partial(plot_calibration, answer)}
+
+
+@plots_of.register
+def _(answer: MeasuringPoses) -> Mapping[str, Plot]:
+    return {"configurations": partial(plot_measuring_poses, answer)}
 
 
 # ── Findings on a robot file

@@ -1,4 +1,4 @@
-"""Plots of a calibration: error of each reading before and after, map of the remaining error, zeros with intervals."""
+"""Plots of a calibration and of planned readings: errors before and after, what remains over the reach, zeros."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...calibration.poses import MeasuringPoses
 from ...calibration.result import CalibratedRobot
 from ...core.numbers import number
 from .. import style
@@ -97,3 +98,40 @@ def _draw_residuals(axis: Any, found: CalibratedRobot) -> None:
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]; arrows: residuals × 1000")
     style.titles(axis, "Residuals from above")
+
+
+def plot_measuring_poses(plan: MeasuringPoses, path: str | Path) -> None:
+    """Plot the predicted error by the number of readings, and the tip's places, from the side and from above.
+
+    Parameters
+    ----------
+    plan : MeasuringPoses
+    path : str or Path, file to write
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tw.calibration.measuring_poses("ur5", 12).plot(f"{folder}/poses.svg").name
+    'poses.svg'
+    """
+    chain, state = plan.fit.problem.chain, plan.fit.state
+    p = chain.tips(plan.q, state.corrections)[:, :3, 3]
+    with style.figure(10.5, 3.6, f"{plan.robot_name} · configurations to measure {chain.frame}") as drawn:
+        axes: Any = drawn.subplots(1, 3)
+        axes[0].plot(plan.counts, _MILLI * plan.remaining, "o-", color=style.POINTED)
+        axes[0].set_yscale("log")
+        axes[0].yaxis.set_major_formatter(lambda x, _: number(x))
+        axes[0].set_xlabel("readings")
+        axes[0].set_ylabel("predicted to remain [mm]")
+        style.titles(axes[0], "Error of the tip")
+        axes[1].plot(np.hypot(p[:, 0], p[:, 1]), p[:, 2], "o", color=style.POINTED)
+        axes[1].set_xlabel("distance from the z axis [m]")
+        axes[1].set_ylabel("z [m]")
+        style.titles(axes[1], "From the side")
+        axes[2].plot(p[:, 0], p[:, 1], "o-", color=style.POINTED, linewidth=0.6)
+        axes[2].set_aspect("equal")
+        axes[2].set_xlabel("x [m]")
+        axes[2].set_ylabel("y [m]; lines: order")
+        style.titles(axes[2], "From above")
+        style.save(drawn, path)
