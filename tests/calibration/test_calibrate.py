@@ -429,3 +429,31 @@ def test_a_zero_that_the_fit_absorbs_is_named():
     found = tw.calibration.calibrate(world.robot, shifted, tip="panda_link8")
     assert found.doubts[0].kind == "calibration-zero" and found.doubts[0].joints == ("panda_joint3",)
     assert abs(found.doubts[0].value + 90) < 1 and found.verdict.word == "LOOK AGAIN"
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        (
+            {"q": [[0.1, 0.2], [0.1, 0.2], [0.3, 0.4]], "pairs": [[0, 1]], "distances": [0.3]},
+            "a pair at one configuration",
+        ),
+        ({"q": [[0.1, 0.2], [0.1, 2e19], [0.3, 0.4]], "positions": np.zeros((3, 3))}, "at most 1e\\+06"),
+        (
+            {"q": [[0.1, 0.2], [0.1, 0.3], [0.3, 0.4]], "positions": [[0, 0, 0], [0, 0, 0], [0, -2e9, 0]]},
+            "positions\\[2\\]",
+        ),
+    ],
+)
+def test_readings_that_no_arm_gives_are_one_error(arrays, words):
+    """Two rows of a pair at one configuration, and numbers beyond any unit, are refused with their row."""
+    with pytest.raises(tw.ValueRangeError, match=words):
+        tw.calibration.Measurements(**arrays)
+
+
+def test_readings_at_few_configurations_are_one_error():
+    """Repeated readings leave nothing to hold out."""
+    q = np.repeat(np.random.default_rng(0).normal(size=(2, 6)), 20, axis=0)
+    T = tw.robots.ur5().forward_kinematics(q)
+    with pytest.raises(tw.ValueRangeError, match="none can be held out"):
+        tw.calibration.calibrate("ur5", tw.calibration.Measurements(q, positions=T[:, :3, 3]))

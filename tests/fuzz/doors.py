@@ -70,6 +70,14 @@ def factory_calibration(path: Path) -> None:
     tw.calibration.factory(robot("ur5"), path)
 
 
+def measurements(path: Path) -> None:
+    repr(tw.calibration.Measurements.from_file(path, robot("planar_2r")))
+
+
+def calibrated(path: Path) -> None:
+    json.dumps(tw.calibration.calibrate(robot("planar_2r"), path).to_dict())
+
+
 def catalogue(path: Path) -> None:
     from twistwrench.sizing.catalog import read_catalog
 
@@ -167,6 +175,8 @@ DOORS: dict[str, Door] = {
     "catalogue": catalogue,
     "limits": limits,
     "factory calibration": factory_calibration,
+    "measurements": measurements,
+    "calibrated": calibrated,
     "srdf": srdf,
     "mesh": lambda path: tw.SpatialInertia.mesh(path, density=1000.0),
     "shown mesh": shown_mesh,
@@ -189,6 +199,7 @@ DOORS: dict[str, Door] = {
     "identify": command("identify", "planar_2r", "FILE", "--cutoff", "10", "--shift", "0"),
     "size": command("size", "ur5", "demo", "--catalog", "FILE"),
     "waypoints": command("move", "planar_2r", "--to", "1,1", "--duration", "2", "--waypoints", "FILE"),
+    "calibrate": command("calibrate", "planar_2r", "FILE"),
     "payload": command("payload", "ur5", "--limits", "FILE"),
     "sensor command": command("sensor", "compensate", "demo", "--sensor", "FILE"),
     "sensor poses": command("sensor", "poses", "FILE"),

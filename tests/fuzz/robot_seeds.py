@@ -389,6 +389,23 @@ def factory_calibration() -> list[Case]:
     return single("calibration.conf", f"[mounting]\n# of a robot\n{rows}calibration_status = 0\n".encode())
 
 
+def measurements() -> list[Case]:
+    """Positions, poses, pairs and touches of a planar arm."""
+    angles = [(0.1 * k, 0.5 + 0.13 * k) for k in range(8)]
+    joints = [f"{a:.3f},{b:.3f}" for a, b in angles]
+    places = [f"{np.cos(a) + np.cos(a + b):.4f},{np.sin(a) + np.sin(a + b):.4f},0.0" for a, b in angles]
+    tables = {
+        "positions.csv": ("joint1,joint2,x,y,z", [f"{q},{p}" for q, p in zip(joints, places, strict=True)]),
+        "poses.csv": (
+            "joint1 [deg],joint2 [deg],x [mm],y [mm],z [mm],rx [deg],ry [deg],rz [deg]",
+            [f"{q},{p},0,0,{a + b:.3f}" for q, p, (a, b) in zip(joints, places, angles, strict=True)],
+        ),
+        "pairs.csv": ("joint1,joint2,distance,pair", [f"{q},0.25,{k ^ 1}" for k, q in enumerate(joints)]),
+        "touches.csv": ("joint1,joint2,distance", [f"{q},1.5" for q in joints]),
+    }
+    return [Case(name, {name: "\n".join([header, *rows, ""]).encode()}) for name, (header, rows) in tables.items()]
+
+
 def waypoints() -> list[Case]:
     return single("points.csv", b"joint1,joint2\n0.1,0.2\n0.3,0.4\n0.5,-0.1\n")
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.errors import ValueRangeError
 from ..core.typing import Array
 from .fit import CalibrationFit, CalibrationProblem, Estimate
-from .measurements import Measurements
+from .measurements import LEAST, SAME, Measurements
 from .targets import targets_from_tips
 
 FOLDS = 6
-_SAME = 1e-9
-"""Largest difference of equal configurations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +39,17 @@ class HeldOutError:
 
 def configuration_labels(m: Measurements) -> Array:
     """(n,) numbers that are equal for equal configurations, and for the two of a pair if no pairs overlap."""
-    labels = np.unique(np.round(m.q / _SAME).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    labels = np.unique(np.round(m.q / SAME).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
     if m.pairs is not None and len(np.unique(labels[m.pairs])) == m.pairs.size:
         labels[m.pairs[:, 1]] = labels[m.pairs[:, 0]]
     return np.asarray(labels)
 
 
 def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
-    """Six folds by configurations; targets and tip are refitted from the other folds."""
+    """Six folds by configurations; targets and tip are refitted from the other folds.
+
+    Raises ValueRangeError if no fold leaves enough readings.
+    """
     rng = np.random.default_rng(seed)
     problem, kept = fit.problem, [W[:, -1] > 0 for W in fit.weights]
     folds = []
@@ -60,11 +62,15 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     for k in range(FOLDS):
         test = [mask & (fold == k).all(axis=1) for mask, fold in zip(kept, folds, strict=True)]
         train = tuple(mask & (fold != k).all(axis=1) for mask, fold in zip(kept, folds, strict=True))
-        if not any(mask.any() for mask in test):
+        if not any(mask.any() for mask in test) or min(int(mask.sum()) for mask in train) < LEAST:
             continue
         found = replace(problem, used=train).fitted(fit.state)
         lengths += [e[mask] for e, mask in zip(found.errors, test, strict=True)]
         angles += [e[mask] for e, mask in zip(found.turns, test, strict=True) if e.size]
+    if not lengths:
+        raise ValueRangeError(
+            "the readings are at so few configurations that none can be held out. Measure at 30, or give a test file."
+        )
     return _error(lengths, angles)
 
 

@@ -32,6 +32,10 @@ KINDS: tuple[ReadingKind, ...] = get_args(ReadingKind)
 TOUCHES = ("point", "plane", "sphere")
 LEAST = 3
 """Smallest number of configurations."""
+LARGEST = 1e6
+"""Largest joint position and reading, in any unit that files have."""
+SAME = 1e-9
+"""Largest difference of the joints at one configuration [rad, m]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,10 +113,24 @@ class Measurements:
         if kind in wanted and (given is None or len(given) != wanted[str(kind)]):
             has = 0 if given is None else len(given)
             raise ValueRangeError(f"kind {kind} has {has} readings for {wanted[str(kind)]}. Give one for each.")
+        for name in ("q", "positions", "distances"):
+            values = np.abs(np.zeros(0) if getattr(self, name) is None else getattr(self, name))
+            if values.size and values.max() > LARGEST:
+                row = int(np.unravel_index(values.argmax(), values.shape)[0])
+                raise ValueRangeError(
+                    f"{name}[{row}] has {printed(values.max())}. Give at most {LARGEST:.0e} rad or m."
+                )
         if self.targets is not None and len(self.targets) != n:
             raise ValueRangeError(f"{len(self.targets)} targets for {n} configurations. Give one for each.")
         if self.pairs is not None and self.pairs.size and not (self.pairs.min() >= 0 and self.pairs.max() < n):
             raise ValueRangeError(f"pairs names rows outside 0 … {n - 1}. Count the rows from 0.")
+        if self.pairs is not None and self.pairs.size:
+            equal = np.abs(self.q[self.pairs[:, 0]] - self.q[self.pairs[:, 1]]).max(axis=1) <= SAME
+            if equal.any():
+                first, second = self.pairs[int(equal.argmax())]
+                raise ValueRangeError(
+                    f"rows {first} and {second} are a pair at one configuration, whose tips have no distance. Give two."
+                )
         if distances is not None and kind in TOUCHES:
             raise ValueRangeError(f"kind {kind} has no distances. Remove them, or the kind.")
         if distances is not None and not (distances > 0).all():

@@ -18,6 +18,9 @@ from ..mechanics.lie import se3, so3
 from .chain import ANGLES, LENGTHS, point_columns
 from .measurements import Measurements
 
+_NEAREST = 1e-9
+"""Least distance [m] by which a direction is divided."""
+
 
 class ReadingRows(NamedTuple):
     """Residuals of readings and their derivatives."""
@@ -135,7 +138,7 @@ class CentreTarget(MeasuredTarget):
         """Distance of the tip from the centre, less the reading."""
         away = T[:, :3, 3] - self.centre
         far = np.linalg.norm(away, axis=1)
-        u = (away / far[:, None])[:, None]
+        u = (away / np.maximum(far, _NEAREST)[:, None])[:, None]
         return ReadingRows((far - self.given.sizes)[:, None], u @ point_columns(T, J), -u)
 
     def moved(self, x: Array) -> CentreTarget:
@@ -164,7 +167,7 @@ class PairTarget(MeasuredTarget):
         linear, p = point_columns(T, J), T[:, :3, 3]
         between = p[first] - p[second]
         far = np.linalg.norm(between, axis=1)
-        u = (between / far[:, None])[:, None]
+        u = (between / np.maximum(far, _NEAREST)[:, None])[:, None]
         return ReadingRows(
             (far - self.given.sizes)[:, None], u @ (linear[first] - linear[second]), np.zeros((len(u), 1, 0))
         )
@@ -233,7 +236,7 @@ class PointTarget(TouchTarget):
             return None
         between = self.x[0] - self.x[1]
         far = float(np.linalg.norm(between))
-        u = between / far
+        u = between / max(far, _NEAREST)
         return far - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, np.zeros(self.x.size - 6)])
 
 
@@ -298,7 +301,7 @@ class SphereTarget(TouchTarget):
         x = self.x[self.given.target_index]
         away = T[:, :3, 3] - x[:, :3]
         far = np.linalg.norm(away, axis=1)
-        u = (away / far[:, None])[:, None]
+        u = (away / np.maximum(far, _NEAREST)[:, None])[:, None]
         own = np.concatenate([-u, -np.ones((len(u), 1, 1))], axis=2)
         return ReadingRows((far - x[:, 3])[:, None], u @ point_columns(T, J), self.spread(own))
 
