@@ -52,9 +52,10 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     """
     rng = np.random.default_rng(seed)
     problem, kept = fit.problem, [W[:, -1] > 0 for W in fit.weights]
-    folds = []
+    folds, configurations = list[Array](), list[Array]()
     for m in problem.measured:
         labels = configuration_labels(m)
+        configurations.append(labels if m.pairs is None else labels[m.pairs[:, 0]])
         of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
         fold = of_label[labels]
         folds.append(fold[m.pairs] if m.pairs is not None else fold[:, None])
@@ -62,7 +63,8 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     for k in range(FOLDS):
         test = [mask & (fold == k).all(axis=1) for mask, fold in zip(kept, folds, strict=True)]
         train = tuple(mask & (fold != k).all(axis=1) for mask, fold in zip(kept, folds, strict=True))
-        if not any(mask.any() for mask in test) or min(int(mask.sum()) for mask in train) < LEAST:
+        left = min(len(np.unique(x[mask])) for x, mask in zip(configurations, train, strict=True))
+        if not any(mask.any() for mask in test) or left < LEAST:
             continue
         found = replace(problem, used=train).fitted(fit.state)
         lengths += [e[mask] for e, mask in zip(found.errors, test, strict=True)]
