@@ -196,7 +196,8 @@ def _row(kind: DoubtKind) -> tuple[str, ...]:
 
 def _words(text: str) -> str:
     """A sentence with … for its names and numbers, as Markdown."""
-    shown = re.sub(r"\{\w+\}", "…", text).strip().rstrip(":")
+    of_python = re.sub(r"<(\w+=[^<>|]+)(\|[\w-]+)?>", r"\1", text)
+    shown = re.sub(r"\{\w+\}", "…", of_python).strip().rstrip(":")
     return (
         re.sub(r"…+", "…", shown.replace("[…]", "[unit]")).replace("<", "&lt;").replace("_0", "₀").replace("*", r"\*")
     )

@@ -25,9 +25,15 @@ ASKED = {
     "verify": verify,
     "derive": derive,
     "simulate": tw.Robot.simulate,
+    "sensor identify": tw.sensing.identify,
+    "sensor compensate": tw.sensing.compensate,
+    "sensor poses": tw.sensing.propose_poses,
 }
 NOT_TYPED = {
-    "every": {"robot", "self", "motion", "progress"},
+    "every": {"robot", "self", "motion", "log", "progress"},
+    "sensor identify": {"confidence"},
+    "sensor compensate": {"noise", "uncertainty"},
+    "sensor poses": {"candidates"},
     "size": {"draws"},
     "doctor": {"max_bodies"},
     "simulate": {"controller", "creep", "events", "atol", "max_step"},
@@ -38,12 +44,17 @@ OTHER = {
         "q0": "--at", "dq0": "--velocity", "tau": "--torque", "limits": "--stop-at-limits", "contacts": "--touch",
         "wrench_on_robot": "--wrench-on-robot", "friction": "--no-friction",
     },
+    "sensor identify": {"inertia": "--with-inertia", "outliers": "--keep-outliers"},
+    "sensor compensate": {"false_alarms": "--contacts"},
+    "sensor poses": {"within": "--within"},
 }  # fmt: skip
-"""Options that read what the shell types into arrays of the joints."""
+"""Options that read what the shell types into arrays of the joints, or are spelled otherwise in one command."""
 
 
 def options_of(name):
-    command = main.get_command(click.Context(main), name)
+    command = main
+    for word in name.split():
+        command = command.get_command(click.Context(command), word)
     return {option: p for p in command.params if isinstance(p, click.Option) for option in p.opts}
 
 

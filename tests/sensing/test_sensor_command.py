@@ -16,7 +16,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.mechanics.lie import quaternion
-from twistwrench.sensing.contact_detection import compensation
+from twistwrench.sensing.compensation import compensate
 from twistwrench.sensing.files import read_log, read_sensor, read_sensor_file, write_log, write_sensor
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
@@ -450,8 +450,8 @@ def test_a_hand_that_lifts_the_tool_for_a_while_is_a_contact(run, tmp_path):
 
 def test_a_log_that_is_not_explained_has_no_contacts():
     log = simulate(SENSOR, 12)
-    assert compensation(log, SENSOR, (0.01, 0.3), 1e-6).verdict.ok
-    found = compensation(replace(log, gravity=-log.gravity), SENSOR, (0.01, 0.3), 1e-6)
+    assert compensate(log, SENSOR, noise=(0.01, 0.3), false_alarms=1e-6).verdict.ok
+    found = compensate(replace(log, gravity=-log.gravity), SENSOR, noise=(0.01, 0.3), false_alarms=1e-6)
     assert found.doubtful
     assert not found.hits.any()
 
@@ -498,7 +498,7 @@ def test_poses_that_tell_nothing_are_not_proposed(run):
         code, said = run("poses", "--within", within)
         assert (code, "LOOK AGAIN" in said, "Next poses" in said) == (1, True, False)
         assert f"cannot determine {said_of_mass}" in said
-        assert "--within 60" in said
+        assert "Allow larger tilts by --within" in said
     assert run("poses", "--count", 1)[0] == 1
     code, said = run("poses", "demo", "--within", 0, "--mass", 3)  # the log tells what these do not
     assert (code, "Next poses" in said) == (0, True)

@@ -13,7 +13,7 @@ from sensor_logs import NOISES as NOISE
 
 import twistwrench as tw
 from twistwrench.sensing import contact_detection
-from twistwrench.sensing.contact_detection import compensation
+from twistwrench.sensing.compensation import compensate
 from twistwrench.sensing.fit import Problem, SensorState, Unknowns, fit, uncertainty_of
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
@@ -136,7 +136,7 @@ def test_a_drifting_log_is_drift_and_no_contact(shape, size):
     log = dwells(rng, samples=20)
     drift = np.outer(shape(np.linspace(0, 1, len(log))), size * SIX * [0, 1, 0, 1, 0, -1])
     log = ReadingLog.from_arrays(log.readings + drift, gravity=log.gravity)
-    found = compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty)
+    found = compensate(log, file.sensor, noise=file.noise, false_alarms=1e-6, uncertainty=file.uncertainty)
     assert not found.hits.any()
     (doubt,) = found.doubts
     assert str(doubt).startswith("The bias drifts: by mx ")
@@ -147,7 +147,7 @@ def test_a_push_is_a_contact_and_no_drift():
     file = identify(dwells(rng, samples=20))
     log = dwells(rng, samples=20)
     log.readings[60:90] += [0, 0, 0, 0, 6.0, 0]
-    found = compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty)
+    found = compensate(log, file.sensor, noise=file.noise, false_alarms=1e-6, uncertainty=file.uncertainty)
     assert found.doubts == ()
     assert found.hits[60:90].mean() > 0.9
     assert found.hits.sum() <= 30
@@ -162,7 +162,7 @@ def test_a_constant_push_is_an_offset_of_its_own_size_and_no_drift(constant):
     if constant:
         log = ReadingLog.from_arrays(log.readings[:20].repeat(3, axis=0), gravity=log.gravity[:20].repeat(3, axis=0))
     log.readings[:] += [0, 0, 0, 0, 6.0, 0]
-    found = compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty)
+    found = compensate(log, file.sensor, noise=file.noise, false_alarms=1e-6, uncertainty=file.uncertainty)
     (doubt,) = found.doubts
     assert not found.hits.any() and found.verdict.word == "LOOK AGAIN"
     said = re.search(r"fy ([\d.]+)", str(doubt))
@@ -180,7 +180,7 @@ def test_a_wrong_gain_is_no_contact_and_not_ok(channel):
     if np.abs((gain - 1) * (log.predicted(AT_REST) - bias)).max() < 10 * SIX[channel]:
         pytest.skip("this channel has too little load on it for the gain to show")
     for rate in (None, 1e-6):
-        found = compensation(log, file.sensor, file.noise, rate, file.uncertainty)
+        found = compensate(log, file.sensor, noise=file.noise, false_alarms=rate, uncertainty=file.uncertainty)
         assert found.doubtful
         assert found.doubts and "gain or cross-talk" in str(found.doubts[0])
         assert not found.hits.any()
@@ -201,6 +201,8 @@ def test_clean_logs_raise_no_doubt_of_the_sensor_file():
         rng = np.random.default_rng(seed)
         file = identify(dwells(rng, samples=int(rng.integers(1, 20))))
         for log in (dwells(rng, samples=10), motion(rng, count=200)):
-            raised += compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty).doubts
+            raised += compensate(
+                log, file.sensor, noise=file.noise, false_alarms=1e-6, uncertainty=file.uncertainty
+            ).doubts
     causes = [each for each in raised if each.kind != "sensor-file-inertia"]
     assert len(causes) <= 3, causes

@@ -8,7 +8,8 @@ import numpy as np
 from sensor_logs import AT_REST, NOISE, drifting
 
 from twistwrench.core.estimation.covariance import cluster_robust_covariance, variance_estimate_covariance
-from twistwrench.sensing.contact_detection import CollisionThreshold, compensation
+from twistwrench.sensing.compensation import compensate
+from twistwrench.sensing.contact_detection import CollisionThreshold
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.identification import whiteness
 from twistwrench.sensing.log import ReadingLog
@@ -105,6 +106,6 @@ def test_poses_far_apart_are_not_taken_for_a_motion():
     """Whatever is wrong with a log of a hundred poses, each far from the one before, it is not that it moved."""
     log = drifting(np.random.default_rng(5))
     mixed = replace(log, readings=np.roll(log.readings, 50, axis=0))
-    found = compensation(mixed, AT_REST, (0.01, 0.3))
+    found = compensate(mixed, AT_REST, noise=(0.01, 0.3))
     assert "does not explain the log" in str(found.doubts[0])
     assert "motion" not in " ".join(map(str, found.doubts))

@@ -14,7 +14,7 @@ from sensor_logs import AT_REST, BIAS
 import twistwrench as tw
 from twistwrench.core.doubts import doubt_table
 from twistwrench.mechanics.lie import quaternion
-from twistwrench.sensing.contact_detection import log_doubt
+from twistwrench.sensing.compensation import log_doubt
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import lively_motion, simulate

@@ -94,7 +94,7 @@ def test_results_are_written_in_a_line():
     log = simulate(tool(), 12)
     found = identify(log)
     for thing in (found, log, found.fit):
-        assert len(str(thing)) < 200
-        assert "\n" not in str(thing)
+        assert len(repr(thing)) < 200
+        assert "\n" not in repr(thing)
     low, high = found.mass_interval
     assert f"{found.sensor.load.mass:.4g} ± {(high - low) / 2:.2g} kg (95 %)" in repr(found)

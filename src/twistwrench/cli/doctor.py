@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
+
 from ..core.errors import ValueRangeError
 from ..diagnosis.report import DoctorReport, doctor
 from ..formats.xacro import ENDING as XACRO_ENDING
@@ -28,6 +30,7 @@ def _changes_links(report: DoctorReport) -> bool:
 @command_of(
     "doctor",
     doctor,
+    click.argument("source", metavar="ROBOT"),
     option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
     XACRO,
     files=(
@@ -46,6 +49,7 @@ def _changes_links(report: DoctorReport) -> bool:
     report=Report(),
     examples=("doctor ur5", "doctor quadruped --report quadruped.html"),
     with_robot=False,
+    reads=lambda source: {"ROBOT": source if Path(source).is_file() else None},
 )
 def doctor_command(
     asked: Asked,

@@ -30,7 +30,7 @@ import click
 
 from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from ..core.files import check_outputs, picture_path, refuse_existing
-from ..core.text import visible
+from ..core.text import visible, words_of_the_shell
 from ..core.verdict import ExitCode, end_at_once
 from .hints import Seconds, missing_parameter, unknown_command, unknown_option
 
@@ -424,7 +424,8 @@ def plain_errors() -> Iterator[None]:
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = lambda message, *_args, **_rest: note(with_option_names(str(message)))
         try:
-            yield
+            with words_of_the_shell():
+                yield
         except TwistWrenchError as error:
             for hint in getattr(error, "__notes__", ()):
                 note(hint)

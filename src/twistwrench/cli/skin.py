@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Container, Iterator, Mapping, 
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, get_args, get_origin
 
 import click
@@ -112,6 +113,18 @@ def _vector(text: str, flag: str) -> list[float]:
     return parse_numbers(text, flag, "x,y,z in metres, for example 0,0,0.1", 3)
 
 
+def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
+    """Parser of comma-separated numbers, as many as one of the counts."""
+    form = f"{' or '.join(map(str, counts))} numbers separated by commas"
+    return lambda text, flag: parse_numbers(text, flag, form, *counts)
+
+
+def _sensor_file(text: str, _flag: str) -> Path:
+    from ..sensing.files import sensor_path
+
+    return sensor_path(text)
+
+
 def _several(texts: Sequence[str], _flag: str) -> list[str] | None:
     return list(texts) or None
 
@@ -144,19 +157,28 @@ _KINDS = {
     "str | Sequence[str]": Kind("NAME", _several, _REPEATED),
     "bool | Sequence[str | Path]": Kind("DIR", _several, _REPEATED),
     "Names": Kind("NAME,…", _listed),
+    "Causes": Kind("CAUSE"),
+    "SensorGiven": Kind("SENSOR.json", _sensor_file, is_file=True),
+    "BiasGiven": Kind("m,m,m,f,f,f", _numbers(6)),
+    "NoiseGiven": Kind("M,F", _numbers(2, 6)),
+    "NoisePair": Kind("M,F", _numbers(2)),
 }
 """Forms by annotation. A bool is a flag, and a Literal a choice."""
 _OF_READING = frozenset({"columns", "gain", "rate", "topic", "episode", "plan"})
 _OF_ROBOT = frozenset({"lock", "actuators", "tip", "degrees"})
-_NOT_OPTIONS = frozenset({"robot", "motion", "progress", "self", "draws", "max_bodies", *_OF_READING, *_OF_ROBOT})
+_ARGUMENTS = frozenset({"robot", "motion", "log", "self"})
+_NOT_OPTIONS = frozenset({*_ARGUMENTS, "progress", "draws", "max_bodies", *_OF_READING, *_OF_ROBOT})
 
 
 @dataclass(frozen=True)
 class Spelling:
-    """Option that is not spelled as its parameter: its form, and its values by text."""
+    """Option that is not spelled as its parameter: its form, its values by text, and its help."""
 
     form: str
     values: Mapping[str, Any] | None = None
+    """Values by text; that of a flag has the text ``""``."""
+    text: str = ""
+    """Help, if the parameter's does not fit."""
 
 
 SPELLINGS = {
@@ -171,9 +193,15 @@ SPELLINGS = {
 class Question:
     """Function of a command, and its parameters as options."""
 
-    def __init__(self, function: Callable[..., Any], left_out: Collection[str] = ()) -> None:
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        left_out: Collection[str] = (),
+        spellings: Mapping[str, Spelling] = MappingProxyType({}),
+    ) -> None:
         self.function = function
         self.parameters = {name: one for name, one in parameters_of(function).items() if name not in left_out}
+        self.spellings = {**SPELLINGS, **spellings}
 
     @property
     def options(self) -> list[FunctionParameter]:
@@ -181,9 +209,19 @@ class Question:
         return [each for each in self.parameters.values() if each.name not in _NOT_OPTIONS]
 
     def choices(self, parameter: FunctionParameter) -> tuple[str, ...]:
-        """Values of a Literal; empty for other parameters."""
-        annotation = getattr(self.function, "__globals__", {}).get(parameter.annotation)
-        return get_args(annotation) if get_origin(annotation) is Literal else ()
+        """Values of a Literal, or of one and a sequence of it; empty for other parameters."""
+        annotation = self._type(parameter)
+        literal = next((each for each in (annotation, *get_args(annotation)) if get_origin(each) is Literal), None)
+        return get_args(literal)
+
+    def _type(self, parameter: FunctionParameter) -> Any:
+        return getattr(self.function, "__globals__", {}).get(parameter.annotation)
+
+    def _is_flag(self, parameter: FunctionParameter) -> bool:
+        """True if the option has no value."""
+        spelled = self.spellings.get(parameter.name)
+        values = None if spelled is None else spelled.values
+        return parameter.annotation == "bool" if values is None else "" in values
 
     def declarations(self) -> Iterator[Decorator]:
         """Options in the order of the signature. An option that is not given is None or empty: the default applies."""
@@ -191,9 +229,10 @@ class Question:
             yield self._declaration(parameter)
 
     def _declaration(self, parameter: FunctionParameter) -> Decorator:
-        spelled, text = SPELLINGS.get(parameter.name), parameter.text
+        spelled, kind = self.spellings.get(parameter.name), _KINDS.get(parameter.annotation)
+        text = (spelled.text if spelled else "") or parameter.text
         required = parameter.default is inspect.Parameter.empty
-        if parameter.annotation == "bool" and (spelled is None or "" in (spelled.values or {})):
+        if self._is_flag(parameter):
             flag = spelled.form if spelled else f"--no-{parameter.flag[2:]}" if parameter.default else parameter.flag
             if parameter.default and not spelled:
                 text = f"Do not {text[:1].lower()}{text[1:]}"
@@ -202,8 +241,12 @@ class Question:
         if parameter.default not in (None, (), "", inspect.Parameter.empty) and not spelled:
             text += f" [default: {_printed(parameter.default)}]"
         if choices:
-            return option(spelled.form if spelled else parameter.flag, text, parameter.name, choices=choices)
-        kind = _KINDS[parameter.annotation]
+            repeated = bool(get_args(self._type(parameter))) and get_origin(self._type(parameter)) is not Literal
+            several: dict[str, Any] = _REPEATED if repeated else {}
+            text = f"{text[:-1]}; may be repeated." if repeated else text
+            flag = f"{parameter.flag} {kind.form}" if kind else parameter.flag
+            return option(spelled.form if spelled else flag, text, parameter.name, choices=choices, **several)
+        assert kind is not None, parameter
         form = spelled.form if spelled else f"{parameter.flag} {kind.form}"
         if kind.settings == _REPEATED:
             text = f"{text[:-1]}; may be repeated."
@@ -214,9 +257,9 @@ class Question:
         found: dict[str, Any] = {}
         for parameter in self.options:
             value = given[parameter.name]
-            if value is None or value == () or (parameter.annotation == "bool" and value is False):
+            if value is None or value == () or (self._is_flag(parameter) and value is False):
                 continue
-            spelled, kind = SPELLINGS.get(parameter.name), _KINDS.get(parameter.annotation)
+            spelled, kind = self.spellings.get(parameter.name), _KINDS.get(parameter.annotation)
             if spelled is not None and spelled.values:
                 value = spelled.values["" if value is True else value]
             elif parameter.annotation == "bool":
@@ -416,27 +459,34 @@ def command_of(
     report: Report[A] | None = None,
     examples: Sequence[str],
     description: str = "",
+    summary: str = "",
     with_robot: bool = True,
     left_out: Collection[str] = (),
+    spellings: Mapping[str, Spelling] = MappingProxyType({}),
+    reads: Callable[..., Mapping[str, str | Path | None]] | None = None,
 ) -> Callable[[Callable[..., Answer]], click.Command]:
     """Command whose options are the parameters of a function of the library, from a body that calls it.
 
     The body takes those of these arguments that it names: ``robot``, its options, unless the function reads the file itself;
     ``log``, the motion's; ``outputs``; options by their names; and ``asked``, all other options that are given, by parameter.
-    Parameters that are ``left_out`` are functions, or spelled by ``own`` options.
+    Parameters that are ``left_out`` are functions, or spelled by ``own`` options; ``spellings`` are of this command alone.
+    ``reads`` names the files of arguments that the body reads itself, from options by their names. The ``summary`` stands in
+    the list of a group.
     """
 
     def decorate(body: Callable[..., Any]) -> click.Command:
-        call = Call(Question(function, left_out), body, (*files, _JSON), report, own, with_robot)
+        question = Question(function, left_out, spellings)
+        call = Call(question, body, (*files, _JSON), report, own, reads, with_robot=with_robot)
 
         def run(**given: Any) -> None:
             with plain_errors():
                 sys.exit(call.answer(given))
 
         run.__doc__ = description or body.__doc__
-        declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples))
+        declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples), short_help=summary or None)
         made: click.Command = declare(option_group(*call.declarations())(run))
-        missing = set(call.wanted) - {str(param.name) for param in made.params} - set(_OFFERED)
+        named = {*call.wanted, *_names(reads)}
+        missing = named - {str(param.name) for param in made.params} - set(_OFFERED)
         assert not missing, f"{name}: {missing}"
         return made
 
@@ -444,6 +494,11 @@ def command_of(
 
 
 _OFFERED = ("asked", "robot", "log", "outputs")
+
+
+def _names(function: Callable[..., Any] | None) -> list[str]:
+    """Names of a function's arguments."""
+    return [] if function is None else [*inspect.signature(function).parameters]
 
 
 @dataclass(frozen=True)
@@ -455,21 +510,23 @@ class Call(Generic[A]):
     files: Sequence[OutputFile[A]]
     report: Report[A] | None
     own: Sequence[Decorator]
+    reads: Callable[..., Mapping[str, str | Path | None]] | None
     with_robot: bool
 
     @cached_property
     def wanted(self) -> Sequence[str]:
         """Names of the arguments of the body."""
-        return [*inspect.signature(self.body).parameters]
+        return _names(self.body)
 
     @property
     def with_log(self) -> bool:
         """True if the command reads the file of a motion."""
-        return "columns" in self.question.parameters
+        return {"motion", "columns"} <= self.question.parameters.keys()
 
     def declarations(self) -> Iterator[Decorator]:
         """Arguments and options, in the order of the help."""
-        yield ROBOT if self.with_robot else click.argument("source", metavar="ROBOT")
+        if self.with_robot:
+            yield ROBOT
         if self.with_log:
             yield from (motion_argument(required=True), LOG_READING, PLAN)
         yield from self.question.declarations()
@@ -486,10 +543,11 @@ class Call(Generic[A]):
         robot = RobotOptions.of(given) if self.with_robot else None
         log = LogOptions.of(given) if self.with_log else None
         values = self.question.values(given)
-        inputs: dict[str, str | Path | None] = {**self.question.files(values)}
-        if robot is None:
-            inputs["ROBOT"] = given["source"] if Path(given["source"]).is_file() else None
-        else:
+        inputs: dict[str, str | Path | None] = {}
+        if self.reads is not None:
+            inputs |= self.reads(**{each: given[each] for each in _names(self.reads)})
+        inputs |= self.question.files(values)
+        if robot is not None:
             inputs |= robot.files
             if log is not None:
                 inputs = {"MOTION": log.path(robot), **inputs}

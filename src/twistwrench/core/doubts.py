@@ -5,6 +5,8 @@ The rows are data in ``doubts.toml``. A test that finds a cause creates a :class
 
 from __future__ import annotations
 
+import ast
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .errors import UnknownNameError
+from .text import Argument, spelled
 from .verdict import Verdict
 
 Level = Literal["refuse", "unsure", "note"]
@@ -31,7 +34,8 @@ class DoubtKind:
     tests : str, tested quantity
     threshold : str, value from which it is raised
     false_alarms : float, maximum share of clean logs for which it is raised
-    sentence, remedy : str, with {placeholders}
+    sentence, remedy : str, with {placeholders}, and arguments, ``<assume='drift'>`` or ``<inertia=True|with-inertia>`` with
+        the name of an option that differs; each is spelled as the caller types it
     level : str, ``refuse``, ``unsure``, ``note``, or ``effect`` (determined by the change of predicted torques)
     unit : str, unit of the value
     """
@@ -138,6 +142,19 @@ class Doubt:
         return own | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
 
 
+_ARGUMENT = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
+
+
+def _with_arguments(template: str) -> str:
+    """Template with its arguments in the words of Python or of the shell."""
+
+    def replacement(found: re.Match[str]) -> str:
+        name, value, option = found.groups("")
+        return spelled(Argument(name, ast.literal_eval(value), option)).replace("{", "{{").replace("}", "}}")
+
+    return _ARGUMENT.sub(replacement, template)
+
+
 def doubt(
     kind: str,
     joints: Sequence[str] = (),
@@ -150,14 +167,15 @@ def doubt(
 ) -> Doubt:
     """Doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
 
-    ``level`` replaces the level of the row, ``named`` the joints' names in the sentence; ``log`` is the name of the
-    file.
+    Arguments among the words are spelled as the caller types them. ``level`` replaces the level of the row, ``named`` the
+    joints' names in the sentence; ``log`` is the name of the file.
     """
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
+    spelt = {name: spelled(word) if isinstance(word, Argument) else word for name, word in words.items()}
     said = " ".join(
-        text.format(**{"joints": ", ".join(joints) if named is None else named} | words)
+        _with_arguments(text).format(**{"joints": ", ".join(joints) if named is None else named} | spelt)
         for text in (row.sentence, row.remedy)
         if text
     )

@@ -80,7 +80,7 @@ class TwistWrenchError(Exception):
     """
 
     def __str__(self) -> str:
-        return self._told(shell=False)
+        return self._told()
 
     def in_shell(self) -> str:
         """Message with the options of a command in place of Python's arguments.
@@ -98,8 +98,8 @@ class TwistWrenchError(Exception):
         """
         return self._told(shell=True)
 
-    def _told(self, *, shell: bool) -> str:
-        """Message with its arguments in the words of Python, or of the shell."""
+    def _told(self, *, shell: bool | None = None) -> str:
+        """Message with its arguments in the words of Python, or of the shell; by default, in those of the caller."""
         # KeyError would print the repr of its argument, with quotes and escapes.
         # Names of a file may hold characters that control a terminal, and thousands of them.
         text, *arguments = self.args or ("",)

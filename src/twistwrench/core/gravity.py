@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arguments import number
 from .errors import ShapeError, ValueRangeError
+from .text import Argument
 from .typing import Array
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -16,6 +20,14 @@ STRENGTH = -GRAVITY[2]
 
 KGF = 9.80665
 """Weight of a kilogram, for files with kilograms as a unit of force [N]."""
+
+
+def checked_strength(gravity: float) -> float:
+    """Magnitude of gravity [m/s²]; raises ValueRangeError unless it is finite and above 0."""
+    if not 0 < number(gravity, "gravity") < math.inf:
+        text = f"{{0}} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
+        raise ValueRangeError(text, Argument("gravity", gravity))
+    return gravity
 
 
 def gravity_vector(g: ArrayLike) -> Array:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import shlex
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 
 MOST = 12
@@ -98,15 +100,35 @@ class Placeholder(str):
 
 @dataclass(frozen=True)
 class Argument:
-    """Argument of a function in a message; the option of a command has the same name."""
+    """Argument of a function in a message; the option of a command has the same name, or another one."""
 
     name: str
     value: object = ...
     """Value to give; ``...`` for the argument alone."""
+    option: str = ""
+    """Name of the option, where it differs from the argument's."""
 
 
-def spelled(argument: Argument, *, shell: bool = False) -> str:
-    """Argument as it is typed in Python, or as an option in the shell.
+_OF_COMMAND: ContextVar[bool] = ContextVar("of_command", default=False)
+
+
+@contextmanager
+def words_of_the_shell() -> Iterator[None]:
+    """Spell arguments as options within the context: a command runs in it.
+
+    >>> with words_of_the_shell():
+    ...     print(spelled(Argument("inertia", True, option="with-inertia")))
+    --with-inertia
+    """
+    before = _OF_COMMAND.set(True)
+    try:
+        yield
+    finally:
+        _OF_COMMAND.reset(before)
+
+
+def spelled(argument: Argument, *, shell: bool | None = None) -> str:
+    """Argument as it is typed in Python, or as an option in the shell; by default, as the caller types it.
 
     >>> arguments = Argument("lock", {"a": 0, "b c": 0}), Argument("friction", False), Argument("rate", Placeholder("HZ"))
     >>> for argument in arguments:
@@ -116,10 +138,10 @@ def spelled(argument: Argument, *, shell: bool = False) -> str:
     rate=HZ | --rate HZ
     """
     value = argument.value
-    if not shell:
+    if not (_OF_COMMAND.get() if shell is None else shell):
         shown = "…" if value is ... else str(value) if isinstance(value, Placeholder) else repr(value)
         return f"{argument.name}={shown}"
-    name = argument.name.replace("_", "-")
+    name = argument.option or argument.name.replace("_", "-")
     if value is False:
         return f"--no-{name}"
     if value is ... or value is True:
@@ -141,7 +163,7 @@ def quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',="') or name.startswith("@") else name
 
 
-def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool = False) -> str:
+def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool | None = None) -> str:
     """Text with arguments in its places ``{0}``, ``{1}`` and so on.
 
     >>> with_arguments("Choose one: {0}.", [Argument("episode", 3)], shell=True)

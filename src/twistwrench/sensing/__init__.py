@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .compensation import Compensation, compensate
 from .contact_detection import (
     CollisionThreshold,
     contact_nearest,
@@ -18,10 +19,12 @@ from .sensor import ForceTorqueSensor, gravity_in_frame
 
 __all__ = [
     "CollisionThreshold",
+    "Compensation",
     "ForceTorqueSensor",
     "Identification",
     "PoseProposal",
     "ReadingLog",
+    "compensate",
     "contact_nearest",
     "contact_on_plane",
     "contact_on_sphere",

@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
+from ..core.errors import ModelWarning, NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..core.files import read_text, replacing
 from ..core.glossary import complete
-from ..core.gravity import GRAVITY
+from ..core.gravity import GRAVITY, checked_strength
 from ..core.numbers import printed
 from ..core.tables import csv_table
 from ..core.third_party import third_party_errors
@@ -27,13 +28,37 @@ from ..mechanics.lie.labelled import TWIST, WRENCH
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from .contact_detection import checked_noise
 from .fit import Uncertainty
-from .log import ReadingLog, checked_log, late
+from .log import ReadingLog, ReadingsGiven, checked_log, late
 from .sensor import ForceTorqueSensor, rotations_of_quaternions
 
 _ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 
+_LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
+_SENSORS = {"demo": "demo_sensor.json"}
 _MOST_BYTES = 2**20
 _ADVICE = "`sensor identify LOG --save FILE` writes one."
+
+
+def log_path(name: str | Path) -> Path:
+    """Path of a log; ``demo`` and ``demo-motion`` are bundled.
+
+    >>> log_path("demo").name, str(log_path("my.csv"))
+    ('demo_poses.csv', 'my.csv')
+    """
+    return _bundled(name, _LOGS)
+
+
+def sensor_path(name: str | Path) -> Path:
+    """Path of a sensor file; ``demo`` is bundled.
+
+    >>> sensor_path("demo").name
+    'demo_sensor.json'
+    """
+    return _bundled(name, _SENSORS)
+
+
+def _bundled(name: str | Path, files: Mapping[str, str]) -> Path:
+    return Path(__file__).with_name(files[str(name)]) if str(name) in files and not Path(name).is_file() else Path(name)
 
 
 @dataclass(frozen=True)
@@ -254,6 +279,15 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     return replace(_log(path, columns, gravity), notes=_notes(ignored))
 
 
+def readings_of(log: ReadingsGiven, gravity: float, taker: str) -> ReadingLog:
+    """Log, or that of a file with gravity of this size [m/s²]; doubts about the log are left to the ``taker``'s report."""
+    if not isinstance(log, str | Path):
+        return checked_log(log, taker)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return read_log(log_path(log), gravity=(0.0, 0.0, -checked_strength(gravity)))
+
+
 def _names(cells: Sequence[str], where: str) -> list[str]:
     names = []
     for column in cells:
@@ -384,6 +418,15 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
     present = [(names, values) for names, values in parts if values is not None]
     with csv_table(path, [n for names, _ in present for n in names]) as table:
         table.numbers(np.concatenate([values for _, values in present], axis=1))
+
+
+def write_compensated(log: ReadingLog, compensated: Array, path: str | Path) -> Path:
+    """Write readings (n, 6) without bias and load, with the times of the log if it has them."""
+    head = [] if log.time is None else ["time"]
+    rows = compensated if log.time is None else np.column_stack([log.time, compensated])
+    with csv_table(path, [*head, *WRENCH]) as table:
+        table.numbers(rows)
+    return Path(path)
 
 
 def _listed(names: Any) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,16 @@ from ..core import arguments
 from ..core.doubts import Doubt, doubt
 from ..core.errors import ValueRangeError
 from ..core.estimation.covariance import Whiteness
+from ..core.gravity import STRENGTH
 from ..core.numbers import number, percent, plus_minus, seconds
+from ..core.text import Argument
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie.labelled import WRENCH
 from .contact_detection import six_noises
+from .files import readings_of
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
-from .log import ReadingLog, checked_log
+from .log import ReadingLog, ReadingsGiven
 from .outliers import (
     Diagnosis,
     as_good_as_the_best,
@@ -242,7 +245,7 @@ def acceptance_test(
         unit = unit_doubt(found, sensor, problem.log) if told and not gain else None
         causes += log.motion_doubts() or ([unit] if unit else log.size_doubts())
     kept = ~use.left_out & ~use.between
-    result = Identification(sensor, fit, found.kept, kept, confidence, left_out=use.left_out)
+    result = Identification(sensor, fit, found.kept, kept, confidence, log, left_out=use.left_out)
     weak = weakness(result) if told and not any(cause.refuses for cause in causes) else []
     return replace(result, doubts=(*doubts, *causes, *weak, *_cluster_doubts(found, problem, use)))
 
@@ -320,7 +323,7 @@ def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> Doubt | None:
     """Input error (swapped columns, bias, gravity) with a significantly better fit than ``than``; None if not found."""
     free = free_bias(found, problem)
     if (exchanged := swapped(problem, free or than)) is not None:
-        return doubt("sensor-exchanged", sign=exchanged.sign, noise=_noise(exchanged))
+        return doubt("sensor-exchanged", sign=Argument("sign", exchanged.sign), noise=_noise(exchanged))
     if free is not None:
         bias = listed_bias(free.fit.estimate[:6])
         return doubt("sensor-known-bias", bias=bias, before=_noise(found), after=_noise(free))
@@ -381,36 +384,48 @@ def _noise(found: Diagnosis) -> str:
 # ── Identification
 
 _IN_ORDER = 8  # minimum number of rows for tests that use their order
-CAUSES = ("orientation", "drift", "tilt", "delay")
+Cause: TypeAlias = Literal["orientation", "drift", "tilt", "delay"]
 """Causes of residuals for ``assume``, each an additional unknown of the fit."""
+Causes: TypeAlias = Cause | Sequence[Cause]
+Outliers: TypeAlias = Literal["trim", "keep"]
+BiasGiven: TypeAlias = ArrayLike
+NoiseGiven: TypeAlias = ArrayLike
+CAUSES: tuple[Cause, ...] = get_args(Cause)
 
 
 def identify(
-    log: ReadingLog,
+    log: ReadingsGiven,
     *,
     sign: Sign = "on_sensor",
     inertia: bool = False,
-    assume: str | Sequence[str] = (),
-    bias: ArrayLike | None = None,
-    noise: ArrayLike | None = None,
-    outliers: str = "trim",
+    assume: Causes = (),
+    bias: BiasGiven | None = None,
+    noise: NoiseGiven | None = None,
+    outliers: Outliers = "trim",
     confidence: float = 0.95,
+    gravity: float = STRENGTH,
 ) -> Identification:
     """Force-torque sensor identification: bias, mass and centre of mass of the load, from readings in different poses.
 
     Parameters
     ----------
-    log : ReadingLog
-    sign : "on_sensor" or "by_sensor", sign convention of the readings
-    inertia : bool, identify the six inertia numbers too (the log needs V and dV in lively motion)
-    assume : str or sequence of str, causes of residuals to add as unknowns
-        ``orientation``: rotation of the sensor's axes relative to {f}; ``drift``: linear change of the bias, which then
-        refers to the middle of the log; ``tilt``: rotation of gravity about two level axes of {w}; ``delay``: delay of
-        readings after poses.
-    bias : (6,) array_like, optional, known bias [N m, N]; estimated if not given
-    noise : (moment [N m], force [N]), optional, known standard deviations; estimated if not given
+    log : ReadingLog, path of a log, "demo" or "demo-motion"
+    sign : "on_sensor" or "by_sensor"
+        Readings are what the load does to the sensor (at rest its weight), or what the sensor does to it.
+    inertia : bool
+        Estimate the six moments of inertia too; the log needs wx … vz and dwx … dvz, in lively motion.
+    assume : str or sequence of str
+        Estimate this cause of residuals too. orientation: rotation of the sensor's axes against the frame of the poses.
+        drift: linear change of the bias, which then is that of the middle of the log. tilt: rotation of gravity; the log
+        needs orientations. delay: delay of the readings; the log needs time and motion.
+    bias : (6,) array_like, optional
+        Known bias [N m, N], which is then not estimated.
+    noise : (2,) or (6,) array_like, optional
+        Standard deviation of moments [N m] and forces [N], or of all six; default: estimated.
     outliers : "trim" rejects and lists outliers, "keep" uses all readings
     confidence : float, confidence level of intervals and regions, 0 to 1
+    gravity : float
+        Its size [m/s²], for a log that is read from a file; -z of the world.
 
     Returns
     -------
@@ -436,8 +451,10 @@ def identify(
     >>> found = identify(simulate(tool, 12, noise=(0.0, 0.0)))
     >>> round(found.sensor.load.mass, 6), round(float(found.sensor.load.com[2]), 6)
     (3.0, 0.1)
+    >>> print(identify("demo").headline)
+    OK: 2.986 ± 0.022 kg (95 %) at (4.9, -12.1, 85.6) mm.
     """
-    log, factor = checked_log(log, "identify"), sign_factor(sign)
+    log, factor = readings_of(log, gravity, "identify"), sign_factor(sign)
     causes = (assume,) if isinstance(assume, str) else tuple(assume)
     for cause in causes:
         arguments.choice(cause, "assume", CAUSES)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -264,6 +265,10 @@ class ReadingLog:
         checked_sensor(sensor, "compensated")
         sensor.warn_of_motion(self.V, self.dV)
         return self.readings - self.predicted(sensor)
+
+
+ReadingsGiven: TypeAlias = ReadingLog | str | Path
+"""Log, or the path of its file; ``demo`` and ``demo-motion`` are bundled."""
 
 
 def checked_log(log: Any, taker: str) -> ReadingLog:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.estimation.least_squares import MAD
 from ..core.numbers import number
+from ..core.text import Argument, spelled
 from ..core.typing import Array
 from ..mechanics.lie import so3
 from .contact_detection import CollisionThreshold
@@ -288,11 +289,12 @@ class Diagnosis:
 
     @property
     def options(self) -> str:
-        """Command-line options that select this explanation."""
+        """Arguments that select this explanation."""
+        sign = spelled(Argument("sign", self.sign))
         if not self.turn:
-            return f"sign={self.sign!r}"
+            return sign
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
-        return f"sign={self.sign!r} with assume='orientation' (turned by {number(degrees, 3)}°)"
+        return f"{sign} with {spelled(Argument('assume', 'orientation'))} (turned by {number(degrees, 3)}°)"
 
     def improves(self, on: Fit) -> bool:
         """True if the residual noise is significantly less than that of another fit of the same log."""

@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.answer import Answer
+from ..answers.blocks import Block
 from ..core import arguments
+from ..core.doubts import Doubt, doubt, verdict_from_doubts
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.estimation.least_squares import null_combinations
 from ..core.glossary import complete
-from ..core.gravity import GRAVITY, STRENGTH
+from ..core.gravity import GRAVITY, STRENGTH, checked_strength
 from ..core.numbers import number, printed
+from ..core.tables import csv_table
+from ..core.text import Argument, spelled
 from ..core.typing import Array
-from ..mechanics.lie import se3, so3
+from ..core.verdict import Verdict
+from ..mechanics.lie import quaternion, se3, so3
 from .contact_detection import checked_noise
+from .files import readings_of
 from .fit import SensorState, Unknowns
-from .log import ReadingLog, checked_log
+from .log import ReadingLog, ReadingsGiven
 from .sensor import ForceTorqueSensor, checked_sensor, gravity_in_frame, rotations_to_gravity, sign_factor, unlabelled
 
 _NEAR = 1e-3  # rad; directions of gravity nearer to each other than this count as one
@@ -96,13 +106,37 @@ def _vector(x: Array) -> str:
 
 # ── Poses to read next, D-optimal
 
+NoisePair: TypeAlias = tuple[float, float]
+"""Standard deviations of moments [N m] and forces [N]."""
 _CANDIDATES = 400
 _BELIEF = 1e3  # prior standard deviation of each unknown, in its scale
 
 
-@dataclass(frozen=True, eq=False)
-class PoseProposal:
-    """Proposed orientations, in the order to read them, and the expected deviations."""
+POSE = ("qw", "qx", "qy", "qz", "gx", "gy", "gz")
+"""Columns of a pose: orientation and direction of gravity."""
+_WIDE = 0.1  # m; a centre of mass with a larger uncertainty is not determined
+_WITHIN_95 = 1.96  # half-width of a 95 % interval over the standard deviation
+_UPRIGHT = math.pi / 2  # rad; a smaller limit of the tilt is named in the doubt
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseProposal(Answer):
+    r"""Proposed orientations, in the order to read them, and the expected deviations: result of :func:`propose_poses`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> found = propose_poses(12, mass=3.0)
+    >>> found
+    <PoseProposal: OK, mass ± 0.017 kg>
+    >>> found.facts()["centre of mass"], found.sources(), str(next(found.blocks()).word)
+    ('± 0.24 mm', {}, 'OK')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.to_csv(f"{folder}/poses.csv").read_text().partition("\n")[0]
+    'qw,qx,qy,qz,gx,gy,gz'
+    """
+
+    call: ClassVar[str] = "sensor poses"
 
     gravity: Array
     """Gravity (count, 3) in {f} [m/s²]."""
@@ -112,15 +146,108 @@ class PoseProposal:
     """Standard deviation (count,) of the mass [kg] after each pose, for the given noise; inf until observable."""
     first_moment_deviation: Array
     """Largest standard deviation (count,) of the first moment m c [kg m] after each pose; over the mass: of c."""
+    mass: float = 1.0
+    """Approximate mass of the load [kg]."""
+    within: float = math.pi
+    """Largest tilt of the tool from upright [rad]."""
+    log: ReadingLog | None = None
+    """Readings that count already."""
+
+    @property
+    def subject(self) -> str:
+        """File of the readings that count already."""
+        return "from nothing" if self.log is None else Path(self.log.name).name
+
+    @property
+    def brief(self) -> str:
+        """Half-width of the interval of the mass after all poses."""
+        return f"mass ± {number(self.intervals[-1, 0], 2)} kg"
+
+    @property
+    def poses(self) -> Array:
+        """(count, 7) orientations as quaternions of R_wf, scalar first, and directions of gravity in {f}."""
+        unit = self.gravity / np.linalg.norm(self.gravity, axis=1, keepdims=True)
+        return np.concatenate([quaternion.from_matrix(self.rotations), unit], axis=1)
+
+    @property
+    def intervals(self) -> Array:
+        """(count, 2) half-widths of the 95 % intervals of mass [kg] and centre of mass [m] after each pose."""
+        return _WITHIN_95 * np.stack([self.mass_deviation, self.first_moment_deviation / self.mass], axis=1)
+
+    @property
+    def determines_mass(self) -> bool:
+        """True if the mass will be known better than to itself."""
+        return bool(self.intervals[-1, 0] < self.mass)
+
+    @cached_property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Reason why the poses do not determine the load, if there is one."""
+        heavy, out = self.intervals[-1]
+        if self.determines_mass and out < _WIDE:
+            return ()
+        what = "the centre of mass" + (f" (± {number(1e3 * out, 2)} mm)" if math.isfinite(out) else "")
+        if not self.determines_mass:  # centre of mass: first moment over mass
+            what = (
+                "the mass" + (f" (± {number(heavy, 2)} kg)" if math.isfinite(heavy) else "") + " or the centre of mass"
+            )
+        count, limited = len(self.gravity), self.within < _UPRIGHT
+        those = f"{count} pose{'s' * (count > 1)}"
+        those += f" tilted by up to {number(math.degrees(self.within))}°" if limited else ""
+        way = f"Allow larger tilts by {spelled(Argument('within'))}, such as 60°" if limited else "Ask for more of them"
+        return (doubt("sensor-few-poses", those=those, what=what, mass=number(self.mass), way=way),)
+
+    @property
+    def verdict(self) -> Verdict:
+        """OK; LOOK AGAIN if the poses do not determine the mass or the centre of mass."""
+        return verdict_from_doubts(self.doubts)
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict and the poses in measuring order; only the verdict if they do not determine the load."""
+        from .views import proposal_view
+
+        return proposal_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Half-widths of the 95 % intervals of mass and centre of mass, if the poses determine them.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        if not self.determines_mass:
+            return {}
+        mass, place = self.intervals[-1]
+        return {"mass": f"± {number(mass, 2)} kg", "centre of mass": f"± {number(1e3 * place, 2)} mm"}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the readings that count already.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {} if self.log is None or not Path(self.log.name).is_file() else {"LOG": Path(self.log.name)}
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the poses as a table: orientation and direction of gravity.
+
+        Returns
+        -------
+        path : Path of the file
+        """
+        with csv_table(path, POSE) as table:
+            table.numbers(self.poses)
+        return Path(path)
 
 
 def propose_poses(
-    count: int,
+    count: int = 6,
     *,
-    log: ReadingLog | None = None,
+    log: ReadingsGiven | None = None,
     candidates: ArrayLike | None = None,
     within: float = math.pi,
-    noise: tuple[float, float] = (0.01, 0.3),
+    noise: NoisePair = (0.01, 0.3),
+    mass: float = 1.0,
     gravity: float = STRENGTH,
 ) -> PoseProposal:
     """Optimal experiment design: next orientations for a static identification, chosen greedily by D-optimality.
@@ -128,10 +255,20 @@ def propose_poses(
     Parameters
     ----------
     count : int, number of orientations
-    log : ReadingLog, optional, existing readings
+    log : ReadingLog, path of a log, "demo" or "demo-motion", optional, readings that count already
     candidates : (n, 3) array_like, optional, gravity directions in {f} to choose from; default: 400 spread evenly
     within : float, largest tilt of the tool from upright (gravity along -z of {f}) [rad]
-    gravity : float, magnitude of gravity [m/s²]
+    noise : (moment [N m], force [N])
+        Standard deviation of moments [N m] and forces [N].
+    mass : float
+        Approximate mass of the load [kg].
+    gravity : float
+        Its size [m/s²]; -z of the world.
+
+    Returns
+    -------
+    proposal : PoseProposal
+        ``proposal.verdict``, ``proposal.rotations``, ``proposal.to_csv(path)``.
 
     Notes
     -----
@@ -148,14 +285,14 @@ def propose_poses(
         raise ValueRangeError(f"within {within!r} is not a valid largest tilt. Give an angle in rad, such as 1.0.")
     directions = _choices(candidates, within)
     unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
-    if not 0 < arguments.number(gravity, "gravity") < math.inf:
-        raise ValueRangeError(
-            f"gravity {gravity!r} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
-        )
-    rows = _design(gravity * directions, unknowns) * weight
+    if not 0 < arguments.number(mass, "mass") < math.inf:
+        text = "{0} is not a valid mass. Give about how many kilograms the load has."
+        raise ValueRangeError(text, Argument("mass", mass))
+    rows = _design(checked_strength(gravity) * directions, unknowns) * weight
     information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
-    if log is not None:
-        past = _design(checked_log(log, "propose_poses").gravity, unknowns) * weight
+    known = None if log is None else readings_of(log, gravity, "propose_poses")
+    if known is not None:
+        past = _design(known.gravity, unknowns) * weight
         information = information + np.einsum("nki,nkj->ij", past, past)
     chosen, deviations = [], []
     for _ in range(count):
@@ -165,12 +302,12 @@ def propose_poses(
         best = int(np.flatnonzero(gain > gain.max() - 1e-9)[0])
         chosen.append(best)
         information = information + rows[best].T @ rows[best]
-        known = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
-        deviations.append((known[0], known[1:].max()))
+        load = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
+        deviations.append((load[0], load[1:].max()))
     pulls = gravity * directions[chosen]
     spread = np.array(deviations)
     spread[spread > 10.0] = math.inf  # not observable yet: still the prior
-    return PoseProposal(pulls, rotations_to_gravity(pulls), spread[:, 0], spread[:, 1])
+    return PoseProposal(pulls, rotations_to_gravity(pulls), spread[:, 0], spread[:, 1], mass, within, known)
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:

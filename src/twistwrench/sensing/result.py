@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.answer import Answer
+from ..answers.blocks import Block
 from ..core.doubts import Doubt, doubt, verdict_from_doubts
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.estimation.covariance import student_quantile
@@ -17,19 +21,21 @@ from ..core.numbers import number, percent, plus_minus
 from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..mechanics.lie import so3
+from .files import write_compensated, write_sensor
 from .fit import Fit, Uncertainty, uncertainty_of
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
-    """Identified sensor: bias and load found from a log, with their uncertainty.
+class Identification(Answer):
+    """Identified sensor: bias and load found from a log, with their uncertainty: result of :func:`identify`.
 
     Confidence regions are exact for normal noise.
 
     Examples
     --------
+    >>> import tempfile
     >>> from twistwrench import SpatialInertia, sensing
     >>> log = sensing.simulate(sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1))), 12)
     >>> found = sensing.identify(log)
@@ -38,7 +44,15 @@ class Identification:
     (True, (12, 6))
     >>> found.com_region_contains([0, 0, 0.1]), found.region_contains(3.0, [0, 0, 0.1])
     (True, True)
+    >>> found = sensing.identify("demo")
+    >>> found.facts()["mass"], found.sources()["LOG"].name, str(next(found.blocks()).word)
+    ('2.986 ± 0.022 kg (95 %)', 'demo_poses.csv', 'OK')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.write(f"{folder}/hand.json").name, found.to_csv(f"{folder}/rest.csv").name
+    ('hand.json', 'rest.csv')
     """
+
+    call: ClassVar[str] = "sensor identify"
 
     sensor: ForceTorqueSensor
     """Sensor with the identified bias, load and mounting."""
@@ -50,6 +64,8 @@ class Identification:
     """Mask (N,) of used readings; the others are outliers, or lie between dwells."""
     confidence: float
     """Confidence level of intervals and regions, 0 to 1."""
+    log: ReadingLog
+    """Readings."""
     doubts: tuple[Doubt, ...] = ()
     """Doubts and notes about units, sign, mounting, poses, readings and intervals."""
     left_out: Array | None = None
@@ -63,6 +79,16 @@ class Identification:
             f"<Identification: {self.mass_text}, com ({place}) mm, noise {number(self.noise[1], 2)} N and "
             f"{number(self.noise[0], 2)} N m{look}>"
         )
+
+    @property
+    def subject(self) -> str:
+        """File of the log."""
+        return Path(self.log.name).name
+
+    @property
+    def brief(self) -> str:
+        """Mass with half of its confidence interval."""
+        return self.mass_text
 
     @property
     def verdict(self) -> Verdict:
@@ -99,6 +125,68 @@ class Identification:
         unknowns, factor = self.fit.unknowns, sign_factor(self.sensor.sign)
         explained = unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
         return np.asarray(log.readings - explained - (0.0 if unknowns.bias else np.asarray(self.sensor.bias)))
+
+    # ── The answer on every surface
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, load and bias with their intervals, readings before and after, and remarks.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        from .views import identification_view
+
+        return identification_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Mass and noise.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        noise = f"{number(self.noise[1], 2)} N, {number(self.noise[0], 2)} N m"
+        return {"mass": self.mass_text, "noise of a reading": noise}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """File of the log, if it was read from one.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        path = Path(self.log.name)
+        return {"LOG": path} if path.is_file() else {}
+
+    def write(self, path: str | Path) -> Path:
+        """Write the sensor file, which :func:`compensate` reads.
+
+        Returns
+        -------
+        path : Path of the file
+
+        Raises
+        ------
+        ValueRangeError
+            The file cannot be written.
+        """
+        write_sensor(self.sensor, path, self.noise, self.uncertainty)
+        return Path(path)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the readings without bias and load as a table, with times if the log has them.
+
+        Returns
+        -------
+        path : Path of the file
+
+        Raises
+        ------
+        ValueRangeError
+            The file cannot be written.
+        """
+        return write_compensated(self.log, self.rest(self.log), path)
 
     @property
     def uncertainty(self) -> Uncertainty:

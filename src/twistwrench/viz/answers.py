@@ -25,6 +25,8 @@ from ..diagnosis.report import DoctorReport
 from ..reports.drawn_motion import motion_of, reported_motion
 from ..reports.torque_report import TorqueReport
 from ..robot import Robot
+from ..sensing.compensation import Compensation
+from ..sensing.result import Identification
 from ..simulation.judgement import worst_moment as worst_moment_of
 from ..simulation.result import SimulationResult
 from ..sizing.choice import Sizing
@@ -36,6 +38,7 @@ from . import page, style
 from .pictures import Plot, drawn, robot_picture
 from .plots.calibration import plot_calibration, plot_measuring_poses
 from .plots.diagnosis import links_drawn, plot_diagnosis
+from .plots.explanation import plot_compensation
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
 from .plots.simulation import plot_simulation, plot_trajectory
@@ -264,3 +267,19 @@ def _(answer: MoveReport) -> Viewer | None:
     robot = Robot(replace(answer.load.robot.model, limits=answer.limits))
     planned = motion_of(replace(answer.load, robot=robot), answer.trajectory.sample(answer.step))
     return _of_size(page.viewer_page(robot, motion=replace(planned, clearance=answer.clearance), embed=True))
+
+
+# ── Force-torque sensors
+
+
+@plots_of.register
+def _(answer: Identification) -> Mapping[str, Plot]:
+    left_out = ~answer.kept
+    draw = partial(plot_compensation, answer.log, answer.sensor, answer.noise, marked=left_out, mark="left out")
+    return {"Readings before and after": draw}
+
+
+@plots_of.register
+def _(answer: Compensation) -> Mapping[str, Plot]:
+    draw = partial(plot_compensation, answer.log, answer.sensor, answer.noise, marked=answer.hits, mark="contact")
+    return {"Readings before and after": draw}

@@ -1,0 +1,369 @@
+"""Compensation of a log by a known sensor: readings without load, contacts, and causes if the sensor does not explain it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..answers.answer import Answer
+from ..answers.blocks import Block
+from ..core.doubts import Doubt, doubt, verdict_from_doubts
+from ..core.errors import ModelWarning, ShapeError, ValueRangeError
+from ..core.glossary import complete
+from ..core.gravity import KGF, STRENGTH
+from ..core.numbers import number, percent
+from ..core.text import Argument
+from ..core.typing import Array
+from ..core.verdict import Verdict, Word
+from .contact_detection import CollisionThreshold, checked_noise
+from .files import SensorFile, read_sensor_file, readings_of, sensor_path, write_compensated
+from .fit import Uncertainty
+from .log import ReadingLog, ReadingsGiven
+from .reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving
+from .result import Identification
+from .sensor import ForceTorqueSensor
+
+SensorGiven: TypeAlias = ForceTorqueSensor | Identification | str | Path
+"""Sensor, with the noise of its readings, or the path of its file."""
+
+_ALARM = 1e-6  # probability that noise alone makes a reading an outlier
+_SOME = 0.1  # fraction of unexplained moments that indicates an unknown inertia
+_NAMED = ("sensor-file-cause", "sensor-moving")  # doubts that name a cause
+_EXACT = 1e-3  # of the load's wrench: smallest model error, used as a lower bound of the noise
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation(Answer):
+    r"""Readings without bias and load, and contacts: result of :func:`compensate`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> found = compensate("demo-motion", "demo", false_alarms=1e-6)
+    >>> found
+    <Compensation: CONTACT, 19 of 301 readings>
+    >>> found.facts(), found.sources()["LOG"].name, str(next(found.blocks()).word)
+    ({'contacts': '19 of 301 readings'}, 'demo_motion.csv', 'CONTACT')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.to_csv(f"{folder}/rest.csv").read_text().partition("\n")[0]
+    'time,mx,my,mz,fx,fy,fz'
+    """
+
+    call: ClassVar[str] = "sensor compensate"
+
+    log: ReadingLog
+    """Readings."""
+    sensor: ForceTorqueSensor
+    """Sensor with its load."""
+    noise: tuple[float, float]
+    """Standard deviations of moments [N m] and forces [N]."""
+    rest: Array
+    """(n, 6) residuals: readings without bias and load [N m, N]."""
+    off: Array
+    """(n,) True for readings that noise does not explain."""
+    doubts: tuple[Doubt, ...]
+    """Reasons why sensor and log do not match, and notes."""
+    threshold: CollisionThreshold | None
+    """Contact threshold; None if contacts are not tested."""
+    files: Mapping[str, Path]
+    """Files of the question, by argument."""
+
+    @property
+    def subject(self) -> str:
+        """File of the log."""
+        return Path(self.log.name).name
+
+    @property
+    def brief(self) -> str:
+        """Number of contacts, if there are any."""
+        return f"{self.hits.sum()} of {len(self.log)} readings" if self.verdict.word is Word.CONTACT else ""
+
+    # ── What was found
+
+    @property
+    def inertia(self) -> Doubt | None:
+        """Doubt about residual moments due to an unknown load inertia, if any."""
+        return next((each for each in self.doubts if each.kind == "sensor-file-inertia"), None)
+
+    @property
+    def explained(self) -> bool:
+        """True unless the sensor file and the log do not match."""
+        return not any(each.refuses and each is not self.inertia for each in self.doubts)
+
+    @cached_property
+    def hits(self) -> Array:
+        """Contacts (n,), as a mask; all False without a contact test, or if the file does not explain the log."""
+        if self.threshold is None or not self.explained:
+            return np.zeros(len(self.log), bool)
+        return self.threshold(self.rest)
+
+    @property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN if a doubt refuses the result; else CONTACT or OK."""
+        if (hits := int(self.hits.sum())) > 0:
+            return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
+        return verdict_from_doubts(self.doubts)
+
+    @property
+    def doubtful(self) -> bool:
+        """True if the verdict is not OK."""
+        return not self.verdict.ok
+
+    # ── The answer on every surface
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, contacts, readings before and after, and remarks."""
+        from .views import compensation_view
+
+        return compensation_view(self)
+
+    def facts(self) -> Mapping[str, str]:
+        """Number of contacts if they were tested, or else the share of the readings that noise explains.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        if self.threshold is not None and self.explained:
+            return {"contacts": f"{self.hits.sum()} of {len(self.log)} readings"}
+        return {"explained": percent(float(np.mean(~self.off)), 3)}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the log and of the sensor.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return self.files
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the readings without bias and load as a table, with times if the log has them.
+
+        Returns
+        -------
+        path : Path of the file
+        """
+        return write_compensated(self.log, self.rest, path)
+
+
+def compensate(
+    log: ReadingsGiven,
+    sensor: SensorGiven,
+    *,
+    noise: tuple[float, float] | None = None,
+    false_alarms: float | None = None,
+    uncertainty: Uncertainty | None = None,
+    gravity: float = STRENGTH,
+) -> Compensation:
+    """Subtract bias, weight and inertial load from a log, and detect contacts if requested.
+
+    Parameters
+    ----------
+    log : ReadingLog, path of a log, "demo" or "demo-motion"
+    sensor : path of a sensor file, Identification, or ForceTorqueSensor with ``noise``
+        Sensor file written by `identify --save`, or 'demo'.
+    noise : (moment [N m], force [N]), optional, standard deviations of a reading; default: those of the file
+    false_alarms : float, optional
+        Detect contacts, with this false-alarm rate per reading, for example 1e-6.
+    uncertainty : Uncertainty, optional, of a sensor without a file, as :attr:`Identification.uncertainty`
+    gravity : float
+        Its size [m/s²], for a log that is read from a file; -z of the world.
+
+    Returns
+    -------
+    found : Compensation
+        ``found.verdict``, ``found.rest``, ``found.hits``.
+
+    Raises
+    ------
+    NotFoundError, ShapeError, ValueRangeError
+        The log or the sensor cannot be read, or the noise is missing.
+
+    Notes
+    -----
+    With the sensor's uncertainty the residual r has the covariance S = diag σ² + A C A' of a new reading, and contacts are
+    detected by Student's quantiles. Otherwise the noise is used, as if the sensor were known exactly. If the inertia is
+    unknown and the log has motion, only forces are tested: the inertia does not affect them.
+
+    Examples
+    --------
+    >>> found = compensate("demo-motion", "demo", false_alarms=1e-6)
+    >>> print(found.headline)
+    CONTACT: 19 of 301 readings, 4.020 to 4.380 s; up to 6.536 N.
+    """
+    known, files = _known_sensor(sensor, noise, uncertainty)
+    readings = readings_of(log, gravity, "compensate")
+    if Path(readings.name).is_file():
+        files = {"LOG": Path(readings.name), **files}
+    return _compensated(readings, known, false_alarms, files)
+
+
+def _known_sensor(
+    given: SensorGiven, noise: tuple[float, float] | None, uncertainty: Uncertainty | None
+) -> tuple[SensorFile, dict[str, Path]]:
+    """Sensor with the noise and the uncertainty of its readings, and its file."""
+    files: dict[str, Path] = {}
+    if isinstance(given, ForceTorqueSensor):
+        if noise is None:
+            raise ValueRangeError("a sensor without a file needs the noise of its readings: {0}.", Argument("noise"))
+        return SensorFile(given, noise, uncertainty), files
+    if isinstance(given, Identification):
+        known = SensorFile(given.sensor, given.noise, given.uncertainty)
+    elif isinstance(given, str | Path):
+        path = sensor_path(given)
+        known, files = read_sensor_file(path), {"SENSOR": path}
+    else:
+        raise ShapeError(
+            f"compensate takes a ForceTorqueSensor, an Identification or the path of a sensor file, got {type(given).__name__}."
+        )
+    return SensorFile(known.sensor, noise or known.noise, uncertainty or known.uncertainty), files
+
+
+def _compensated(
+    log: ReadingLog, known: SensorFile, false_alarms: float | None, files: Mapping[str, Path]
+) -> Compensation:
+    """Residuals of a log, tested by the uncertainty of its sensor."""
+    sensor, noise, uncertainty = known.sensor, known.noise, known.uncertainty
+    missing = sensor.missing_signals(log.V, log.dV)
+    judged = slice(3, 6) if missing else slice(0, 6)
+    S = np.diag(np.repeat(noise, 3) ** 2) if uncertainty is None else uncertainty.predictive(log, sensor)
+    freedom = None if uncertainty is None else uncertainty.noise_freedom
+    threshold, notes = None, []
+    if false_alarms is not None:
+        S = S if uncertainty is not None else np.diag(np.repeat(checked_noise(noise), 3) ** 2)
+        threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=judged)
+        if uncertainty is None:
+            notes.append(doubt("sensor-file-covariance"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # reported as a doubt
+        rest = log.compensated(sensor)
+    own = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
+    load = np.sqrt((own**2).sum(axis=2).mean(axis=0))
+    level = np.maximum(np.hypot(noise, _EXACT * load), 1e-9)
+    inexact = np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
+    if uncertainty is None:
+        inexact, freedom, S = np.zeros((6, 6)), None, np.diag(np.repeat(level, 3) ** 2)
+    test = CollisionThreshold.predictive(S + inexact, freedom, _ALARM, axes=judged)
+    off = test(rest)
+    if missing:
+        shows = CollisionThreshold.of_noise(tuple(level), _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
+        notes.append(doubt("sensor-file-inertia", level="refuse" if shows and threshold is None else None))
+    doubts = _unexplained(log, sensor, noise, rest, off, level, judged)
+    sigma = np.sqrt(np.broadcast_to(np.diagonal(S + inexact, axis1=-2, axis2=-1), rest.shape))
+    if cause := departure(log, sensor, rest, sigma, test if threshold is None else threshold):
+        doubts = doubts if any(found.kind in _NAMED for found in doubts) else [cause]
+    every = (*notes, *doubts, *log.motion_doubts())
+    return Compensation(log, sensor, noise, rest, off, every, threshold, files)
+
+
+# ── Explanations of a log that the sensor's file does not fit
+
+_STRANGE = 5.0  # minimum residual over noise for a search, and minimum reduction of it by the cause
+_TURNS = 0.3  # spread of gravity directions above which a constant residual is a bias
+# Changes only the mass, so it is detected only if the mass is known.
+_ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", KGF, KGF)
+
+
+class _Way(NamedTuple):
+    cause: str
+    cure: str
+    rest: Array  # (n, 6) residual
+
+
+def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> Doubt | None:
+    """Unit, sign or bias error that explains the log much better with this sensor; None if not found."""
+    predicted = log.predicted(sensor)
+    sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
+    if sensor.missing_signals(log.V, log.dV):
+        sigma[0] = np.inf  # the moments due to the inertia are unknown
+
+    def left(rest: Array) -> float:
+        return float(np.median(np.linalg.norm(np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma, axis=1)))
+
+    most = left(log.readings - predicted)
+    if most < _STRANGE:
+        return None
+    for ways in (_ways(log, sensor, predicted), _moved_bias(log, predicted)):
+        best = min(ways, key=lambda way: left(way.rest), default=None)
+        if best is not None and left(best.rest) <= most / _STRANGE:
+            return doubt("sensor-file-cause", cause=best.cause, cure=best.cure)
+    return None
+
+
+def _ways(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[_Way]:
+    r, other = log.readings, "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
+    up = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
+    pointing = (
+        ("gx, gy, gz point up, as an accelerometer logs them", "negate them")
+        if log.by_gravity
+        else ("gravity points up", "orientations are of a world whose z points down")
+    )
+    sign = f"readings have the sign {other}", "change their signs, or identify the sensor from such a log"
+    swap = "forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz"
+    units = (*MIXUPS, _ALL_KILOGRAMS)
+    return [
+        *(_Way(way.cause, way.cure, r * np.repeat([way.moment, way.force], 3) - predicted) for way in units),
+        _Way(*sign, -r - predicted),
+        _Way(*swap, np.roll(r, 3, 1) - predicted),
+        _Way(*pointing, r - up),
+    ]
+
+
+def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Way]:
+    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    if np.ptp(unit, axis=0).max() < _TURNS:  # one orientation: a contact cannot be distinguished from a bias
+        return []
+    moved = np.median(log.readings - predicted, axis=0)
+    cause = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
+    return [_Way(cause, "identify the sensor again", log.readings - moved - predicted)]
+
+
+_NEARLY_ALL = 0.75  # fraction of unexplained readings above which the file does not fit the log
+_NOISY = 5.0  # residual over noise above which an increase counts
+
+
+def _unexplained(
+    log: ReadingLog,
+    sensor: ForceTorqueSensor,
+    noise: tuple[float, float],
+    rest: Array,
+    off: Array,
+    level: Array,
+    judged: slice,
+) -> list[Doubt]:
+    halves = [("moments", "N m", slice(0, 3), level[0]), ("forces", "N", slice(3, 6), level[1])]
+    more = []
+    for what, unit, part, sigma in halves[1 if judged.start else 0 :]:
+        before, after = (float(np.median(np.linalg.norm(x[:, part], axis=1))) for x in (log.readings, rest))
+        if after > before and after > _NOISY * sigma:
+            more.append(
+                f"the {what} are larger than before, {number(after, 3)} after {number(before, 3)} {unit} (medians)"
+            )
+    if known := log_doubt(log, sensor, noise):
+        return [known]
+    if off.mean() >= _NEARLY_ALL:
+        more.insert(0, f"{off.sum()} of {len(log)} readings are off by more than its noise")
+    if not more:
+        return []
+    if seems_moving(log):
+        return [doubt("sensor-moving", evidence=f"The sensor does not explain the log: {'; '.join(more)}")]
+    same = "" if log.V is None else " and, as V and dV, of the same instants as the readings"
+    return [doubt("sensor-file-other", why="; ".join(more), same=same)]
+
+
+def left_over(rest: Array) -> tuple[float, float]:
+    """Root mean square per axis of the moments and the forces of compensated readings (n, 6); zero if empty."""
+    if not len(rest):
+        return 0.0, 0.0
+    moment, force = np.sqrt((rest.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
+    return float(moment), float(force)
+
+
+complete(globals())
