@@ -10,8 +10,8 @@ Source: Dantzig and Wolfe, Decomposition principle for linear programs, 1960 (co
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -31,6 +31,12 @@ _RELAXED = 1e-11
 """Value below zero, relative to the load, that a basic column may reach for the sake of a larger pivot."""
 _ARTIFICIAL = 1e3
 """Price of artificial columns in the second phase."""
+_BALANCED = 1e-9
+"""Load that forces of least norm may leave over, relative to the load, where the last steps do not bring it down further."""
+_DAMPING = 1e-3
+"""Damping of Newton steps, relative to the load left over: where all contacts leave the cones, the slope is singular."""
+_NEWTON = 60
+"""Newton steps, after which forces of least norm are not found."""
 _NEGLIGIBLE = 1e-6
 """Load relative to its growth below which the growth scales the row."""
 
@@ -39,16 +45,33 @@ Sense = Literal["most", "least"]
 
 @dataclass(frozen=True, eq=False)
 class Cones:
-    """Friction cones of c contacts, with upper bounds on normal forces."""
+    """Friction cones of c contacts."""
 
     normals: Array
     """(c, 3)"""
     friction: Array
     """(c,), or (N, c) if each row has its own."""
-    bounded: Array
-    """(k, c) of 0 and 1: contacts of each bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBounds:
+    """Inequalities Σ H_i f_i ≤ h + s r, as of fingers with a largest force, or of joints with a largest torque."""
+
+    maps: Array
+    """(N, k, c, 3): H_i of each row."""
     most: Array
-    """(k,): largest sum of the normal forces of each bound [N]."""
+    """(N, k): h."""
+    rate: Array
+    """(N, k): r, which is zero for bounds that do not grow."""
+
+    def of(self, rows: Any) -> ForceBounds:
+        """ForceBounds of some of the rows."""
+        return ForceBounds(self.maps[rows], self.most[rows], self.rate[rows])
+
+    def joined(self, other: ForceBounds) -> ForceBounds:
+        """These bounds and those of another of the same rows."""
+        pairs = ((self.maps, other.maps), (self.most, other.most), (self.rate, other.rate))
+        return ForceBounds(*(np.concatenate(pair, axis=1) for pair in pairs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +84,8 @@ class ConeOptimum:
     """(N, c, 3): basic solution [N]."""
     prices: Array
     """(N, m): a motion of Farkas' lemma if no forces balance, otherwise one that proves the optimum."""
+    bound_prices: Array
+    """(N, k): prices of the bounds, at least zero."""
     settled: Array
     """(N,) of bool: False for rows that reached the largest number of steps."""
 
@@ -71,64 +96,76 @@ def cone_programme(
     b: Array,
     d: Array | None = None,
     *,
+    bounds: ForceBounds | None = None,
     active: Array | None = None,
     sense: Sense = "most",
 ) -> ConeOptimum:
-    """Largest or least s ≥ 0 with Σ G_i f_i = b + s d and f_i in the cones.
+    """Largest or least s ≥ 0 with Σ G_i f_i = b + s d, f_i in the cones and within the bounds.
 
     Parameters
     ----------
     maps : (N, m, c, 3) array, G_i of each row
     b : (N, m) array
     d : (N, m) array, optional; None: only whether forces balance b
+    bounds : ForceBounds, optional
     active : (N, c) array of bool, optional, contacts of each row; None: all
     sense : "most" or "least" s
     """
-    N, _, c, _ = maps.shape
+    N, m, c, _ = maps.shape
     active = np.ones((N, c), bool) if active is None else active
+    bounds = no_bounds(N, c) if bounds is None else bounds
+    grows = d is not None or bool(bounds.rate.any())
+    d = np.zeros((N, m)) if d is None else d
     found = []
     for start in range(0, max(N, 1), _ROWS):
         part = slice(start, start + _ROWS)
-        rate = None if d is None else d[part]
         own = cones if cones.friction.ndim == 1 else replace(cones, friction=cones.friction[part])
-        found.append(_Simplex(own, maps[part], b[part], rate, active[part], sense).solve())
-    return ConeOptimum(
-        *(np.concatenate([getattr(x, name) for x in found]) for name in ("s", "forces", "prices", "settled"))
-    )
+        simplex = _Simplex(own, maps[part], b[part], d[part], bounds.of(part), active[part], sense if grows else None)
+        found.append(simplex.solve())
+    return ConeOptimum(*(np.concatenate([getattr(x, f.name) for x in found]) for f in fields(ConeOptimum)))
+
+
+def no_bounds(rows: int, contacts: int) -> ForceBounds:
+    """ForceBounds of nothing."""
+    return ForceBounds(np.zeros((rows, 0, contacts, 3)), np.zeros((rows, 0)), np.zeros((rows, 0)))
+
+
+def two_sided(maps: Array, load: Array, most: Array, rate: Array) -> ForceBounds:
+    """ForceBounds abs(load + Σ G_i f_i) ≤ most + s rate; (N, m, c, 3) and (N, m): the upper ones first."""
+    joined = (np.concatenate(pair, axis=1) for pair in ((maps, -maps), (most - load, most + load), (rate, rate)))
+    return ForceBounds(*joined)
 
 
 class _Simplex:
     """Bases of a batch of programmes; m columns each, of one kind: contact, growth, slack or artificial."""
 
-    def __init__(self, cones: Cones, maps: Array, b: Array, d: Array | None, active: Array, sense: Sense) -> None:
-        N, _, c, _ = maps.shape
-        bounds = len(cones.most)
-        rows = np.einsum("kc,cx->kcx", cones.bounded, cones.normals)
+    def __init__(
+        self, cones: Cones, maps: Array, b: Array, d: Array, bounds: ForceBounds, active: Array, sense: Sense | None
+    ) -> None:
+        N, m, c, _ = maps.shape
+        k = bounds.most.shape[1]
         self.cones, self.active, self.sense, self.contacts = cones, active, sense, c
         self.friction = np.broadcast_to(cones.friction, (N, c))
-        self.balanced = maps.shape[1]
-        self.G = np.concatenate([maps, np.broadcast_to(rows, (N, *rows.shape))], axis=1)
-        growth = np.zeros_like(b) if d is None else d
-        load, rate = np.abs(b).max(axis=1, initial=0.0), np.abs(growth).max(axis=1, initial=0.0)
+        self.balanced = m
+        self.G = np.concatenate([maps, bounds.maps], axis=1)
+        load = np.abs(b).max(axis=1, initial=0.0) if m else np.abs(bounds.most).max(axis=1, initial=0.0)
+        rate = np.abs(d).max(axis=1, initial=0.0)
         size = np.maximum(load, _NEGLIGIBLE * rate)
         self.size = np.where(size > 0, size, 1.0)[:, None]
-        most = np.broadcast_to(cones.most, (N, bounds))
-        self.b = np.concatenate([b, most], axis=1) / self.size
-        self.d = np.concatenate([growth, np.zeros((N, bounds))], axis=1) / self.size
-        self.rate = np.where(rate > 0, np.abs(self.d).max(axis=1, initial=0.0), 1.0)
-        self.grows = d is not None
-        m = self.b.shape[1]
-        self.unit = np.eye(m)[self.balanced :]
-        self.basis = np.zeros((N, m, m))
-        self.basis[:, range(m), range(m)] = np.where(self.b < 0, -1.0, 1.0)
+        self.b = np.concatenate([b, bounds.most], axis=1) / self.size
+        self.d = np.concatenate([d, bounds.rate], axis=1) / self.size
+        growth = np.abs(self.d).max(axis=1, initial=0.0)
+        self.rate = np.where(growth > 0, growth, 1.0)
+        self.unit = np.eye(m + k)[m:]
+        self.basis = np.zeros((N, m + k, m + k))
+        self.basis[:, range(m + k), range(m + k)] = np.where(self.b < 0, -1.0, 1.0)
         self.x = np.abs(self.b)
         self.artificial, self.growth = -1, c
-        self.kind = np.full((N, m), self.artificial)
-        self.kind[:, self.balanced :] = (
-            c + 1 + np.arange(bounds)
-        )  # bounds are positive: their slacks begin in the basis
-        self.edge = np.zeros((N, m, 3))
-        self.prices = np.zeros((N, m))
+        self.kind = np.full((N, m + k), self.artificial)
+        slacks = self.b[:, m:] >= 0  # bounds that hold without forces: their slacks begin in the basis
+        self.kind[:, m:] = np.where(slacks, c + 1 + np.arange(k), self.artificial)
+        self.edge = np.zeros((N, m + k, 3))
+        self.prices = np.zeros((N, m + k))
         self.settled = np.ones(N, bool)
 
     def solve(self) -> ConeOptimum:
@@ -138,11 +175,12 @@ class _Simplex:
         left = np.where(self.kind == self.artificial, np.maximum(self.x, 0.0), 0.0).sum(axis=1)
         feasible = left <= _FEASIBLE
         unbounded = np.zeros(len(self.b), bool)
-        if self.grows:
+        if self.sense:
             unbounded = self._improve(np.flatnonzero(feasible & self.settled), phase=2)
         s = np.where(self.kind == self.growth, self.x, 0.0).sum(axis=1)
         s = np.where(feasible, np.where(unbounded, np.inf, s), np.nan)
-        return ConeOptimum(s, self._forces(), self.prices[:, : self.balanced], self.settled)
+        y, z = self.prices[:, : self.balanced], np.maximum(self.prices[:, self.balanced :], 0.0)
+        return ConeOptimum(s, self._forces(), y, z, self.settled)
 
     def _forces(self) -> Array:
         forces = np.zeros((len(self.b), self.contacts, 3))
@@ -195,7 +233,7 @@ class _Simplex:
         edges = np.where(self.active[live], friction * slide - along, -np.inf)
         cost = 0.0 if phase == 1 else 1.0 if self.sense == "most" else -1.0
         growth = (cost + (y * self.d[live]).sum(axis=-1)) / self.rate[live]
-        if not self.grows or (phase == 1 and self.sense == "most"):
+        if not self.sense or (phase == 1 and self.sense == "most"):
             growth = np.full(len(live), -np.inf)
         slacks = -y @ self.unit.T
         return np.concatenate([edges, growth[:, None], slacks], axis=1), across / np.maximum(slide, 1e-14)[..., None]
@@ -203,9 +241,11 @@ class _Simplex:
     def _column(self, live: Array, column: Array, direction: Array) -> tuple[Array, Array]:
         """Entering columns (rows, m), and the edge forces (rows, 3) of those that are contacts."""
         c = self.contacts
-        i = np.minimum(column, c - 1)
-        edge = self.cones.normals[i] - self.friction[live, i][:, None] * direction[np.arange(len(live)), i]
-        entering = np.einsum("nmk,nk->nm", self.G[live, :, i], edge)
+        edge, entering = np.zeros((len(live), 3)), np.zeros((len(live), self.G.shape[1]))
+        if c:
+            i = np.minimum(column, c - 1)
+            edge = self.cones.normals[i] - self.friction[live, i][:, None] * direction[np.arange(len(live)), i]
+            entering = np.einsum("nmk,nk->nm", self.G[live, :, i], edge)
         entering = np.where((column == c)[:, None], -self.d[live], entering)
         if len(self.unit):
             entering = np.where((column > c)[:, None], self.unit[np.maximum(column - c - 1, 0)], entering)
@@ -227,51 +267,70 @@ class _Simplex:
 # ── Forces of least norm
 
 
-def least_norm_in_cones(cones: Cones, maps: Array, b: Array, active: Array) -> tuple[Array, Array]:
-    """Forces (N, c, 3) of least norm in the cones with Σ G_i f_i = b, and a mask of rows where they were found.
+def least_norm_in_cones(
+    cones: Cones, maps: Array, b: Array, active: Array, bounds: ForceBounds | None = None
+) -> tuple[Array, Array]:
+    """Forces (N, c, 3) of least norm in the cones with Σ G_i f_i = b and Σ H_i f_i ≤ h, and a mask of rows with such forces.
 
-    The dual of min ½ |f|² is smooth: f = P(G' y), where P projects onto the cones, and y solves G P(G' y) = b. It is solved
-    by Newton steps of the whole batch with a backtracking search along each. Bounds on normal forces are not counted.
+    The dual of min ½ |f|² is smooth: f = P(G' y - H' z), where P projects onto the cones and z ≥ 0. It is solved by projected
+    Newton steps of the whole batch, with a backtracking search along each. Where forces balance at the edge of what is
+    possible, the dual may have no solution; such rows are not found.
+
+    Source: Bertsekas, Projected Newton methods for optimization problems with simple constraints, 1982.
     """
     N, m, c, _ = maps.shape
-    G = (maps * active[:, None, :, None]).reshape(N, m, 3 * c)
-    size = np.maximum(np.abs(b).max(axis=1, initial=0.0), 1e-300)[:, None]
-    target = b / size
-    y = (np.linalg.pinv(G @ G.swapaxes(1, 2), hermitian=True) @ target[..., None])[..., 0]
-    forces = np.zeros((N, c, 3))
-    found = np.zeros(N, bool)
-    live = np.arange(N)
-    for _ in range(60):
-        pushed = (G[live].swapaxes(1, 2) @ y[live][..., None]).reshape(-1, c, 3)
-        f, slope = _projection(cones, pushed)
+    bounds = no_bounds(N, c) if bounds is None else bounds
+    A = np.concatenate([maps, -bounds.maps], axis=1) * active[:, None, :, None]
+    A = A.reshape(N, A.shape[1], 3 * c)
+    unit = np.linalg.norm(A, axis=2, keepdims=True)
+    unit[:, :m] = 1.0
+    A = A / np.where(unit > 0, unit, 1.0)
+    size = np.abs(b if m else bounds.most).max(axis=1, initial=0.0, keepdims=True)
+    size = np.where(size > 0, size, 1.0)
+    target = np.concatenate([b, -bounds.most / np.where(unit[:, m:, 0] > 0, unit[:, m:, 0], 1.0)], axis=1) / size
+    one_sided = np.arange(A.shape[1]) >= m
+    y = np.zeros(target.shape)
+    y[:, :m] = (np.linalg.pinv(A[:, :m] @ A[:, :m].swapaxes(1, 2), hermitian=True) @ target[:, :m, None])[..., 0]
+    forces, found, live = np.zeros((N, c, 3)), np.zeros(N, bool), np.arange(N)
+    for _ in range(_NEWTON):
+        f, slope = _projection(cones, (A[live].swapaxes(1, 2) @ y[live][..., None]).reshape(len(live), c, 3))
         forces[live] = f
-        left = target[live] - (G[live] @ f.reshape(-1, 3 * c, 1))[..., 0]
-        done = np.abs(left).max(axis=1, initial=0.0) <= 1e-12
-        found[live[done]] = True
-        live, left, slope, f = live[~done], left[~done], slope[~done], f[~done]
+        left = target[live] - (A[live] @ f.reshape(len(live), 3 * c, 1))[..., 0]
+        slack = one_sided & (y[live] <= 0.0) & (left <= 0.0)
+        left = np.where(slack, 0.0, left)
+        rest = np.abs(left).max(axis=1, initial=0.0)
+        done = rest <= 1e-12
+        found[live] = rest <= _BALANCED
+        live, left, slope, slack, rest = live[~done], left[~done], slope[~done], slack[~done], rest[~done]
         if not len(live):
             break
-        H = np.einsum("nmci,ncij,nkcj->nmk", G[live].reshape(-1, m, c, 3), slope, G[live].reshape(-1, m, c, 3))
-        H += 1e-12 * np.eye(m) * (1.0 + np.trace(H, axis1=1, axis2=2))[:, None, None]
+        K = A[live].reshape(len(live), -1, c, 3)
+        H = np.einsum("nmci,ncij,nkcj->nmk", K, slope, K)
+        H = np.where(slack[:, :, None] | slack[:, None, :], 0.0, H)
+        damping = np.maximum(_DAMPING * np.minimum(rest, 1.0), 1e-12) * (1.0 + np.trace(H, axis1=1, axis2=2))
+        H += damping[:, None, None] * np.eye(H.shape[1])
         step = np.linalg.solve(H, left[..., None])[..., 0]
-        y[live] += _search(cones, G[live], target[live], y[live], step, left)[:, None] * step
+        y[live] = _searched(cones, A[live], target[live], y[live], step, left, one_sided)
     return forces * size[..., None] * active[..., None], found
 
 
-def _search(cones: Cones, G: Array, b: Array, y: Array, step: Array, left: Array) -> Array:
-    """Shares (N,) of the steps that raise the dual b · y - ½ |P(G' y)|² enough (Armijo's rule)."""
+def _searched(cones: Cones, A: Array, b: Array, y: Array, step: Array, left: Array, one_sided: Array) -> Array:
+    """Prices after the largest share of each step that raises the dual b · y - ½ |P(A' y)|² enough (Armijo's rule)."""
 
     def dual(at: Array) -> Array:
-        f, _ = _projection(cones, (G.swapaxes(1, 2) @ at[..., None]).reshape(len(at), -1, 3))
+        f, _ = _projection(cones, (A.swapaxes(1, 2) @ at[..., None]).reshape(len(at), A.shape[2] // 3, 3))
         return np.asarray((b * at).sum(axis=1) - 0.5 * (f**2).sum(axis=(1, 2)))
 
-    share, start, rise = np.ones(len(y)), dual(y), (left * step).sum(axis=1)
+    share, start = np.ones((len(y), 1)), dual(y)
     for _ in range(30):
-        short = dual(y + share[:, None] * step) < start + 1e-4 * share * rise - 1e-14 * (1.0 + np.abs(start))
+        after = y + share * step
+        after = np.where(one_sided, np.maximum(after, 0.0), after)
+        rise = (left * (after - y)).sum(axis=1)
+        short = dual(after) < start + 1e-4 * rise - 1e-14 * (1.0 + np.abs(start))
         if not short.any():
             break
-        share = np.where(short, 0.5 * share, share)
-    return share
+        share[short] *= 0.5
+    return after
 
 
 def _projection(cones: Cones, f: Array) -> tuple[Array, Array]:

@@ -1,18 +1,23 @@
-"""Friction cones of point contacts, and linear programmes for contact forces."""
+"""Point contacts with friction: their cones, and maps of their forces to torques."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.errors import ValueRangeError
-from ..core.numbers import printed, vector
+from ..core.numbers import number, printed, vector
+from ..core.text import listed
 from ..core.typing import Array
+from .cone_programme import Cones, ForceBounds
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,153 +150,36 @@ def contacts_of(given: Any) -> tuple[Contact, ...]:
     return found
 
 
-# ── Linear programmes: balance within the cones, or a motion without resistance
-
-_TOLERANCE = 1e-7
-"""Power, as a share of the driving power, above which a motion counts as driven: ten times the solver's tolerance."""
-
-_BALANCED = 1e-6
-"""Largest residual of the load, relative to the forces, that counts as balanced; checked before a positive result."""
-
-_ROUNDING = 1e-14
-"""Rounding tolerance relative to the sum of all contact loads, which may far exceed the load if levers are short."""
-
-
-def force_balance(
-    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, turning: Array, edges: int
-) -> tuple[Array, float | None] | None:
-    """Contact forces (contacts, 3) that balance, with the least limit share, then the least sum; None if impossible.
-
-    The share is None if no torque has a limit above zero.
-    """
-    from scipy.optimize import linprog
-
-    cones = [np.vstack([c.normal, c.edges(edges)]) for c in contacts]  # the normal itself avoids tilted forces
-    size = _size(load)
-    E = np.column_stack([np.zeros((len(load), 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
-    k, fixed, driven = E.shape[1], limits == 0, (limits > 0) & np.isfinite(limits)
-    L = (limits[driven] / size)[:, None]
-    constraints: dict[str, Any] = {
-        "A_ub": np.block([[E[driven], -L], [-E[driven], -L]]),
-        "b_ub": np.concatenate([-load[driven], load[driven]]) / size,
-        "A_eq": np.column_stack([E[fixed], np.zeros(fixed.sum())]),
-        "b_eq": -load[fixed] / size,
-        "method": "highs",
-    }
-    share = 0.0
-    if driven.any():
-        least = linprog([0.0] * k + [1.0], bounds=[(0, None)] * k + [(0, 1)], **constraints)
-        if least.status != 0:
-            return None
-        share = float(least.fun)
-    pressing = np.concatenate([np.zeros(0), *(np.linalg.norm(D, axis=1) for D in cones), [0.0]])
-    found = linprog(pressing, bounds=[(0, None)] * k + [(0, min(1.0, share * (1 + 1e-9) + 1e-9))], **constraints)
-    if found.status != 0 or found.x is None:
-        return None
-    x = _balanced(E, size * found.x[:-1], load, limits, turning)
-    if x is None:
-        return None
-    weights = np.split(x, np.cumsum([len(D) for D in cones])[:-1]) if cones else []
-    forces = np.array([w @ D for w, D in zip(weights, cones, strict=True)]).reshape(-1, 3)
-    return forces, share if driven.any() else None
+def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:
+    """Maps (n, nv, c, 3) of contact forces to torques, and contact points (n, c, 3), in the base frame."""
+    maps, points = np.zeros((len(contacts), len(q), 3, robot.nv)), np.zeros((len(q), len(contacts), 3))
+    for k, c in enumerate(contacts):
+        J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
+        T = np.asarray(robot.forward_kinematics(q, c.frame))
+        arm = T[:, :3, :3] @ c.point
+        maps[k] = J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
+        points[:, k] = T[:, :3, 3] + arm
+    return maps.transpose(1, 3, 0, 2), points
 
 
-def _balanced(E: Array, x: Array, load: Array, limits: Array, turning: Array) -> Array | None:
-    """Non-negative edge forces near ``x`` that balance the load to :data:`_BALANCED`; None if there are none.
-
-    The solver's tolerance is relative to the largest number, which may be far above the load.
-    """
-    fixed = limits == 0
-    for _ in range(3):
-        if (used := x > 0).any():
-            x[used] -= np.linalg.lstsq(E[np.ix_(fixed, used)], (load + E @ x)[fixed], rcond=None)[0]
-            x = np.maximum(x, 0.0)
-    left = np.abs(load + E @ x)
-    whole = float(np.abs(load[fixed]).max(initial=0.0))
-    pushes = float(np.abs(load[fixed & ~turning]).max(initial=0.0)) or whole
-    allowed = np.where(fixed, _BALANCED * np.where(turning, whole, pushes), (1.0 + _BALANCED) * limits)
-    return x if (left <= allowed + _ROUNDING * (np.abs(E) @ x + np.abs(load))).all() else None
-
-
-def least_norm_forces(
-    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
-) -> Array | None:
-    """Contact forces (contacts, 3) of least norm that balance the load within pyramids and limits; None if impossible.
-
-    Least distance programming: min |x| with G x ≥ h has the solution x = -r[:-1] / r[-1]. Here r = E u - e is the
-    residual of the non-negative least squares with E = (G, h)', e = (0, …, 0, 1). Equality constraints (entries with
-    limits of zero) are eliminated first: x = x₀ + N z. Source: Lawson and Hanson, Solving Least Squares Problems,
-    chapter 23.4.
-    """
-    from scipy.optimize import nnls
-
-    if not contacts:
-        return np.zeros((0, 3))
-    B = np.column_stack(maps)  # τ = -load - B f
-    fixed, driven = limits == 0, (limits > 0) & np.isfinite(limits)
-    size = _size(load)
-    U, sigma, Vt = np.linalg.svd(B[fixed]) if fixed.any() else (np.eye(0), np.zeros(0), np.eye(B.shape[1]))
-    rank = int((sigma > 1e-10 * sigma.max(initial=0.0)).sum())
-    x0 = Vt[:rank].T @ (U[:, :rank].T @ (-load[fixed] / size) / sigma[:rank])
-    N = Vt[rank:].T
-    sides = _block_diagonal([pyramid_facets(c, edges) for c in contacts])
-    C = np.vstack([sides, B[driven], -B[driven]])
-    h = np.concatenate([np.zeros(len(sides)), -(load + limits)[driven] / size, (load - limits)[driven] / size])
-    G, h = C @ N, h - C @ x0
-    u, left = nnls(np.vstack([G.T, h]), np.append(np.zeros(N.shape[1]), 1.0), maxiter=50 * len(h) + 100)
-    if left <= 1e-9:
-        return None
-    r = np.vstack([G.T, h]) @ u
-    return size * (x0 + N @ (r[:-1] / (1.0 - r[-1]))).reshape(-1, 3)
-
-
-def pyramid_facets(contact: Contact, edges: int) -> Array:
-    """Inward normals n of a pyramid's sides, n · f ≥ 0; without friction, those of the half line along the normal."""
-    if contact.friction == 0:
-        sideways = tangents(contact.normal)
-        return np.vstack([contact.normal, sideways, -sideways])
-    corners = contact.edges(edges)
-    normals = np.cross(corners, np.roll(corners, -1, axis=0))
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
-
-
-def _block_diagonal(blocks: list[Array]) -> Array:
-    from scipy.linalg import block_diag
-
-    return np.asarray(block_diag(*blocks))
-
-
-def unresisted_motion(
-    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
-) -> tuple[Array | None, float]:
-    """Motion that the load drives against all torques and that no contact force resists, for cones around the true ones."""
-    from scipy.optimize import linprog
-
-    n, size = len(load), _size(load)
-    cones = [c.edges(edges, around=True) for c in contacts]
-    E = np.column_stack([np.zeros((n, 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
-    motors = np.where(np.isfinite(limits), limits, 0.0) / size
-    moves = np.isfinite(limits)  # a joint without limit resists any motion of its own
-    one = np.eye(n)
-    resisted = np.block([[-E.T, np.zeros((E.shape[1], n))], [one, -one], [-one, -one]])
-    drive = np.concatenate([-load / size, motors])  # times (V, abs(V)): negative for a driven motion
-    bounds: Any = [(-1, 1) if m else (0, 0) for m in moves] + [(0, 1)] * n
-    most = linprog(drive, A_ub=resisted, b_ub=np.zeros(len(resisted)), bounds=bounds, method="highs")
-    if most.status != 0 or most.x is None or (power := float(-drive @ most.x)) <= _TOLERANCE:
-        return None, 0.0
-    # Among equally driven motions the least sum of entries is chosen: it has few entries and is easier to read.
-    bounds = [(None, None) if m else (0, 0) for m in moves] + [(0, None)] * n
-    A, b = np.vstack([resisted, drive]), np.append(np.zeros(len(resisted)), -power)
-    plain = linprog([0.0] * n + [1.0] * n, A_ub=A, b_ub=b, bounds=bounds, method="highs")
-    for found in (plain, most):
-        if found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5:  # 1 up to rounding
-            continue
-        motion = found.x[:n] / peak + 0.0  # remove negative zeros
-        power = float(load @ motion - size * motors @ np.abs(motion))
-        if power > 0:
-            return motion, power
-    return None, 0.0
-
-
-def _size(load: Array) -> float:
-    return float(np.abs(load).max(initial=0.0)) or 1.0
+def cones_of(contacts: Sequence[Contact], rows: int = 1) -> tuple[Cones, ForceBounds]:
+    """Cones of forces that a preload has been added to, and bounds of their normal parts; contacts of a group share one."""
+    groups: dict[object, list[int]] = {}
+    for k, c in enumerate(contacts):
+        if c.push < np.inf:
+            groups.setdefault((c.group, c.frame) if c.group is not None else k, []).append(k)
+    bounded = np.zeros((len(groups), len(contacts)))
+    most = np.zeros(len(groups))
+    for row, members in enumerate(groups.values()):
+        bounded[row, members] = 1.0
+        pushes = sorted({contacts[k].push for k in members})
+        if len(pushes) > 1:
+            raise ValueRangeError(
+                f"contacts of group {contacts[members[0]].group!r} have pushes of {listed([number(p) for p in pushes])} N. "
+                "Give all of them the largest sum of their normal forces."
+            )
+        most[row] = contacts[members[0]].push + sum(contacts[k].pull for k in members)
+    normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
+    maps = bounded[..., None] * normals
+    bounds = ForceBounds(*(np.broadcast_to(x, (rows, *x.shape)) for x in (maps, most, np.zeros_like(most))))
+    return Cones(normals, np.array([c.friction for c in contacts])), bounds

@@ -17,7 +17,8 @@ from ..core.typing import Array
 from ..mechanics.lie import so3
 from ..mechanics.lie.labelled import TWIST, WRENCH
 from ..mechanics.model.couplings import refuse_couplings
-from .contacts import Contact, force_balance, least_norm_forces, unresisted_motion
+from .cone_programme import ForceBounds, cone_programme, least_norm_in_cones, two_sided
+from .contacts import Contact, cones_of, contact_maps
 from .torque_limits import effort_limits, one_configuration, resting_torques
 
 if TYPE_CHECKING:
@@ -27,7 +28,14 @@ if TYPE_CHECKING:
 
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
 _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
-_MOST_EDGES = 512
+_DRIVEN = 1e-9
+"""Power of a motion of size 1, as a share of the largest load, above which the motion proves that nothing holds."""
+_BALANCED = 1e-6
+"""Largest residual of the load, relative to the forces, that counts as balanced; checked before a positive result."""
+_ROUNDING = 1e-14
+"""Rounding tolerance relative to the sum of all contact loads, which may far exceed the load if levers are short."""
+_SHARE = 1e-6
+"""Share of a limit above the least one that forces of least norm may use."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,13 +45,12 @@ class Equilibrium:
     Contacts push but do not pull. In equilibrium the powers along every motion add up to zero. Suppose that along some
     motion no contact can absorb power and the loads supply more than the motors can absorb. Then no forces balance.
     This motion, the certificate, proves that the body cannot hold, and can be checked by hand. At each contact n · v ≥
-    μ \|v - n (n · v)\|, with v its row of ``velocities`` and n its normal. Moreover ``power`` > 0; for one body it is F
-    · V of its wrench F = (m, f) and V = ``motion``.
+    μ \|v - n (n · v)\|, with v its row of ``velocities`` and n its normal; a contact with a finite ``push`` may approach.
+    Moreover ``power`` > 0; for one body without ``push`` and ``pull`` it is F · V of its wrench F = (m, f) and V = ``motion``.
     """
 
     holds: bool | None
-    """True if forces balance; None if the friction cones, at the largest number of edges, are not decisive:
-    the case is marginal, within 1e-4 of the friction coefficients."""
+    """True if forces balance; None if rounding prevents an answer."""
     forces: Array | None
     """(contacts, 3) N on the body: in its frame, or for a robot in the base frame; None unless it holds."""
     torques: Array | None
@@ -58,9 +65,7 @@ class Equilibrium:
     velocities: Array | None
     """(contacts, 3) m/s: velocities of the contact points, in the frame of the normals; None unless it cannot hold."""
     power: float | None
-    """Excess of the loads' power in that motion over the most that the motors can absorb [W]; contacts add at least 0."""
-    edges: int
-    """Number of edges of the friction cones."""
+    """Excess of the loads' power in that motion over the most that motors and contacts can absorb [W]."""
     names: tuple[str, ...]
     """Names of the entries of ``motion``."""
     frame: str
@@ -76,7 +81,7 @@ class Equilibrium:
             used = "" if self.share is None else f", torques up to {percent(self.share, 3)} of their limits"
             return f"holds, with contact forces up to {number(largest)} N{used}"
         if self.holds is None:
-            return f"marginal: cones of {self.edges} edges decide neither way"
+            return "marginal: within rounding, neither forces nor a motion are found"
         moving = [
             f"{printed(v, 3, signed=True)} {n}"
             for v, n in zip(np.asarray(self.motion), self.names, strict=True)
@@ -89,12 +94,12 @@ class Equilibrium:
         )
 
 
-def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, edges: int = 8) -> Equilibrium:
+def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike) -> Equilibrium:
     """Force closure of one body: decides if contacts can balance a wrench on it (MR section 12.2).
 
     Finds forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0. If there are none, by Farkas' lemma a twist
-    V exists with F·V > 0 along which no contact force does negative work. Takes one wrench per call (a linear
-    programme).
+    V exists with F·V > 0 along which no contact force does negative work. Takes one wrench per call; :func:`hold` takes
+    many, with margins. The forces are those of least norm.
 
     Parameters
     ----------
@@ -115,7 +120,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points and
     normals, into which the load puts 30 W
     """
-    contacts, edges = _clean(contacts, edges)
+    contacts = _clean(contacts)
     for k, c in enumerate(contacts):
         if c.frame is not None:
             raise FrameError(
@@ -126,10 +131,11 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     # About the mean contact point, to avoid cancellation in moments of distant contacts.
     points = np.array([c.point for c in contacts]).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
-    maps = [np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
+    maps = np.array([np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]).reshape(-1, 6, 3)  # f → (p × f, f)
     about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
     turning = np.arange(6) < 3
-    found = _decide(contacts, maps, about, np.zeros(6), turning, edges, TWIST, _OF_A_BODY)
+    system = _System(contacts, maps.swapaxes(0, 1), about, np.zeros(6), turning)
+    found = system.decide(TWIST, _OF_A_BODY)
     if found.motion is None:
         return found
     w, v = found.motion[:3], found.motion[3:]
@@ -143,14 +149,13 @@ def robot_equilibrium(
     *,
     limits: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
-    edges: int = 8,
 ) -> Equilibrium:
     """Static equilibrium of a robot: decides if contacts and torques within limits hold it at one pose.
 
     Finds forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits and 0 on a floating base,
     with the least largest share of a limit. If there are none, finds a motion dq with -τ₀·dq - Σ L abs(dq) > 0 (τ₀ the
     torques without contacts) along which no contact force does negative work. Joints without a limit bear any torque.
-    Takes one pose per call (a linear programme).
+    Takes one pose per call; :func:`support` takes motions, with margins.
 
     Parameters
     ----------
@@ -164,10 +169,7 @@ def robot_equilibrium(
     >>> print(robot_equilibrium(box, box.neutral, corners).holds)
     True
     """
-    contacts, edges = _clean(contacts, edges)
-    return _decide(
-        contacts, *_balance(robot, q, contacts, limits, wrench_on_robot), edges, robot.model.velocity_names, _OF_A_ROBOT
-    )
+    return _system(robot, q, contacts, limits, wrench_on_robot).decide(robot.model.velocity_names, _OF_A_ROBOT)
 
 
 def least_norm_contact_forces(
@@ -177,13 +179,12 @@ def least_norm_contact_forces(
     *,
     limits: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
-    edges: int = 8,
 ) -> Equilibrium:
     """Contact forces of least norm that hold a robot at rest.
 
-    Minimises Σ f_i² over forces within the friction pyramids, with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits
+    Minimises Σ f_i² over forces within the friction cones, with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits
     and 0 on a floating base. The solution is unique and continuous in the pose. It exists exactly if
-    :func:`robot_equilibrium` holds with pyramids of as many edges.
+    :func:`robot_equilibrium` holds.
 
     Parameters
     ----------
@@ -204,45 +205,31 @@ def least_norm_contact_forces(
     >>> bool(np.allclose(found.forces, found.forces.mean(axis=0)))  # each corner bears a quarter
     True
     """
-    contacts, edges = _clean(contacts, edges)
-    maps, load, most, turning = _balance(robot, q, contacts, limits, wrench_on_robot)
-    found = _decide(contacts, maps, load, most, turning, edges, robot.model.velocity_names, _OF_A_ROBOT)
-    if not found.holds:
-        return found
-    forces = least_norm_forces(contacts, maps, load, most, found.edges)
-    if forces is None:  # at the limit of feasibility the forces of the linear programme are the only ones
-        return found
-    torques = np.where(most == 0, 0.0, -load - sum(M @ f for M, f in zip(maps, forces, strict=True)))
-    limited = (most > 0) & np.isfinite(most)
-    share = float((np.abs(torques[limited]) / most[limited]).max()) if limited.any() else None
-    return replace(found, forces=forces, torques=torques, share=share)
+    system = _system(robot, q, contacts, limits, wrench_on_robot)
+    return system.decide(robot.model.velocity_names, _OF_A_ROBOT, share=1.0)
 
 
-def _balance(
+def _system(
     robot: Robot,
     q: ArrayLike,
     contacts: Sequence[Contact],
     limits: ArrayLike | None,
     wrench_on_robot: Mapping[str, ArrayLike] | None,
-) -> tuple[list[Array], Array, Array, Array]:
-    """Maps of contact forces to torques, f → J_point' f; the load, the limits, and a mask of rotational entries."""
+) -> _System:
     refuse_couplings(robot.model, "robot_equilibrium")
-    q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
+    contacts = _clean(contacts)
+    q = one_configuration(robot, q, "robot_equilibrium", "each pose is decided on its own")
     unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
         raise ValueRangeError(
             f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."
         )
-    maps = []
-    for c in contacts:
-        J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
-        arm = np.asarray(robot.forward_kinematics(q, c.frame))[:3, :3] @ c.point
-        maps.append((J[3:] - so3.hat(arm) @ J[:3]).T)
+    maps, _ = contact_maps(robot, q[None], contacts)
     turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
-    return maps, -unloaded, effort_limits(robot, limits), turning
+    return _System(contacts, maps[0], -unloaded, effort_limits(robot, limits), turning)
 
 
-def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...], int]:
+def _clean(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
     given: Any = contacts
     if not isinstance(given, Iterable):
         raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact.")
@@ -250,50 +237,96 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
     for k, c in enumerate(given):
         if not isinstance(c, Contact):
             raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
-        if c.pull or c.push < np.inf:
-            raise ValueRangeError(
-                f"contacts[{k}] is {c!r}, and this function takes contacts without push and pull. statics.support and "
-                "statics.hold count both."
-            )
-    return given, arguments.whole(edges, "edges", 3)  # cones of fewer edges have no interior
+    return given
 
 
-def _decide(
-    contacts: Sequence[Contact],
-    maps: list[Array],
-    load: Array,
-    limits: Array,
-    turning: Array,
-    edges: int,
-    names: tuple[str, ...],
-    frame: str,
-) -> Equilibrium:
-    """Refine the cones until forces inside them, or a motion against cones around them, decide.
+class _System:
+    """Balance τ + load + Σ G_i f_i = 0 with abs(τ) ≤ limits, one row of the solver; all entries are scaled to N."""
 
-    Rotational rows are divided by the contacts' lever, so that all rows are in N.
-    """
-    units = np.where(turning, _lever(maps, load, turning), 1.0)
-    scaled, weight, most = [M / units[:, None] for M in maps], load / units, limits / units
-    while True:
-        found = force_balance(contacts, scaled, weight, most, turning, edges)
-        if found is not None:
-            forces, share = found
-            pushed = sum((M @ f for M, f in zip(maps, forces, strict=True)), np.zeros_like(load))
-            torques = np.where(limits == 0, 0.0, -load - pushed)
-            return Equilibrium(True, forces, torques, share, None, None, None, edges, names, frame)
-        motion, power = unresisted_motion(contacts, scaled, weight, most, edges)
-        if motion is not None:
-            velocities = np.array([M.T @ motion for M in scaled]).reshape(-1, 3)  # by virtual work
-            no = Equilibrium(False, None, None, None, motion / units, velocities, power, edges, names, frame)
-            return _of_size_one(no)
-        if edges >= _MOST_EDGES:
-            return Equilibrium(None, None, None, None, None, None, None, edges, names, frame)
-        edges *= 2
+    def __init__(self, contacts: tuple[Contact, ...], maps: Array, load: Array, limits: Array, turning: Array) -> None:
+        self.units = np.where(turning, _lever(maps, load, turning), 1.0)
+        self.maps, self.load, self.limits = maps / self.units[:, None, None], load / self.units, limits / self.units
+        self.turning = turning
+        self.cones, self.pushes = cones_of(contacts)
+        self.preload = -np.array([c.pull for c in contacts])[:, None] * self.cones.normals
+        self.beyond = self.load + np.einsum("mck,ck->m", self.maps, self.preload)
+        self.fixed = self.limits == 0
+        self.limited = (self.limits > 0) & np.isfinite(self.limits)
+
+    def decide(self, names: tuple[str, ...], frame: str, share: float | None = None) -> Equilibrium:
+        """Forces of least norm at the least largest share of the limits, or at a given one, or a motion without resistance."""
+        least = cone_programme(
+            self.cones, self.maps[None, self.fixed], -self.beyond[None, self.fixed],
+            bounds=self._bounds(self.limited, np.zeros_like(self.limits), self.limits), sense="least",
+        )  # fmt: skip
+        if least.settled[0] and least.s[0] <= 1.0 + _ROUNDING:
+            allowed = max(float(least.s[0]) * (1.0 + _SHARE) + _SHARE * _SHARE, share or 0.0)
+            for forces in (*self._least_norm(allowed), least.forces[0]):
+                if (torques := self._torques(forces + self.preload)) is not None:
+                    used = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
+                    most = float(used.max()) if used.size else None
+                    return Equilibrium(True, forces + self.preload, torques, most, None, None, None, names, frame)
+        motion, power = self._unresisted_motion()
+        if not power > _DRIVEN * max(float(np.abs(self.load).max(initial=0.0)), float(np.abs(motion).max()) * 1e-300):
+            return Equilibrium(None, None, None, None, None, None, None, names, frame)
+        velocities = np.einsum("mck,m->ck", self.maps, motion)  # by virtual work
+        return _of_size_one(Equilibrium(False, None, None, None, motion / self.units, velocities, power, names, frame))
+
+    def _bounds(self, rows: Array, most: Array, rate: Array) -> ForceBounds:
+        """abs(load + Σ G_i f_i) ≤ most + s rate in some rows, and the pushes of the contacts."""
+        of_torques = two_sided(*(x[None, rows] for x in (self.maps, self.beyond, most, rate)))
+        return of_torques.joined(self.pushes)
+
+    def _least_norm(self, share: float) -> Iterator[Array]:
+        bounds = self._bounds(self.limited, share * self.limits, np.zeros_like(self.limits))
+        active = np.ones((1, self.maps.shape[1]), bool)
+        forces, found = least_norm_in_cones(
+            self.cones, self.maps[None, self.fixed], -self.beyond[None, self.fixed], active, bounds
+        )
+        if found[0]:
+            yield forces[0]
+
+    def _torques(self, forces: Array) -> Array | None:
+        """Torques (nv,) beside contact forces; None if these leave more over than rounding."""
+        pushed = np.einsum("mck,ck->m", self.maps, forces)
+        left = np.abs(self.load + pushed)
+        whole = float(np.abs(self.load[self.fixed]).max(initial=0.0))
+        pushes = float(np.abs(self.load[self.fixed & ~self.turning]).max(initial=0.0)) or whole
+        allowed = np.where(
+            self.fixed, _BALANCED * np.where(self.turning, whole, pushes), (1.0 + _BALANCED) * self.limits
+        )
+        terms = np.einsum("mck,ck->m", np.abs(self.maps), np.abs(forces)) + np.abs(self.load)
+        if (left > allowed + _ROUNDING * terms).any():
+            return None
+        return np.where(self.fixed, 0.0, -(self.load + pushed)) * self.units
+
+    def _unresisted_motion(self) -> tuple[Array, float]:
+        """Motion that the load drives most against all torques and contacts, of those with a sum of entries of 1; its power.
+
+        It has the prices of the least t with abs(load + Σ G_i f_i) ≤ limits + t.
+        """
+        rows = np.isfinite(self.limits)  # a joint without limit resists any motion of its own
+        none = np.zeros((1, 0))
+        found = cone_programme(
+            self.cones, np.zeros((1, 0, *self.maps.shape[1:])), none, none,
+            bounds=self._bounds(rows, self.limits, np.ones_like(self.limits)), sense="least",
+        )  # fmt: skip
+        count = int(rows.sum())
+        motion = np.zeros(len(self.load))
+        motion[rows] = found.bound_prices[0, :count] - found.bound_prices[0, count : 2 * count]
+        v = np.einsum("mck,m->ck", self.maps, motion)
+        rise = (v * self.cones.normals).sum(axis=1)
+        approach = self.cones.friction * np.linalg.norm(v - rise[:, None] * self.cones.normals, axis=1) - rise
+        bounded = np.einsum("kcx,cx->kc", self.pushes.maps[0], self.cones.normals)
+        pressed = (bounded * np.maximum(approach, 0.0)).max(axis=1, initial=0.0) @ self.pushes.most[0]
+        pulled = -(self.preload * v).sum()
+        motors = np.where(rows, self.limits, 0.0) @ np.abs(motion)
+        return motion + 0.0, float(self.load @ motion - motors - pressed - pulled)
 
 
-def _lever(maps: list[Array], load: Array, turning: Array) -> float:
+def _lever(maps: Array, load: Array, turning: Array) -> float:
     """Longest lever of the contacts [m], or of the load if there are no contacts."""
-    longest = max((float(np.abs(M[turning]).max(initial=0.0)) for M in maps), default=0.0)
+    longest = float(np.abs(maps[turning]).max(initial=0.0))
     if longest > 0:
         return longest
     moment, force = (float(np.abs(load[which]).max(initial=0.0)) for which in (turning, ~turning))

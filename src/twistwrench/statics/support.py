@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,15 +13,15 @@ from ..core import arguments
 from ..core.errors import FrameError, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number
-from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import so3
 from ..mechanics.model.couplings import refuse_couplings
+from ..mechanics.model.limits import TOLERANCE, margin
 from ..robot.task_space_methods import require_robot
-from .cone_programme import Cones, Sense, cone_programme, least_norm_in_cones
-from .contacts import Contact, contacts_of, tangents
-from .torque_limits import floating_entries
+from .cone_programme import ConeOptimum, Cones, Sense, cone_programme, least_norm_in_cones, two_sided
+from .contacts import Contact, cones_of, contact_maps, contacts_of, tangents
+from .torque_limits import effort_limits, floating_entries
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -55,7 +55,8 @@ class Support:
     how: Array
     """(n,) of str: "holds", "slips", "tips", "pulls off" or "undecided"."""
     forces: Array
-    """(n, c, 3): forces on the robot or body, of least norm, in the base frame; NaN where it does not hold [N]."""
+    """(n, c, 3): forces on the robot or body, of least norm (see ``least_norm``), in the base frame; NaN where it does not
+    hold [N]."""
     torques: Array
     """(n, nv): joint torques, 0 at undriven joints; (n, 0) for one body; NaN where it does not hold [N m, N]."""
     speed: Array
@@ -76,6 +77,9 @@ class Support:
     """(n,): power of the load in that motion [W]; NaN where it holds."""
     contacts: tuple[Contact, ...]
     """Contacts as given."""
+    least_norm: Array
+    """(n,) of bool: True where ``forces`` are those of least norm. False where it does not hold, and at the edge of what holds,
+    where other forces that balance may be smaller."""
 
     @property
     def worst(self) -> int:
@@ -113,6 +117,7 @@ def support(
     *,
     in_contact: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    limits: ArrayLike | None = None,
     payload_frame: str | None = None,
 ) -> Support:
     """Contact forces of a motion of a robot on contacts, and how much faster, heavier or smoother it still holds.
@@ -127,6 +132,8 @@ def support(
     contacts : sequence of Contact, each at a link of the robot
     in_contact : (n, c) array_like of bool, optional, contacts that carry in each row; None: all
     wrench_on_robot : {frame: (6,)}, optional, constant wrenches on the robot; they are not scaled with the speed
+    limits : (nv,) array_like, optional, largest torques: where those of the least forces exceed them, forces within the limits
+        are chosen, or, if there are none, those with the least largest share of a limit [N m, N]
     payload_frame : str, optional, frame at whose origin the further mass of ``payload`` is
 
     Returns
@@ -162,7 +169,7 @@ def support(
     q, dq, ddq = _rows(robot, q, dq, ddq)
     tau = _torques(robot, q, dq, ddq, wrench_on_robot)
     rest = _torques(robot, q, 0.0 * dq, 0.0 * ddq, wrench_on_robot)
-    maps, points = _contact_maps(robot, q, contacts)
+    maps, points = contact_maps(robot, q, contacts)
     heavier = None
     if payload_frame is not None:
         loaded = robot.with_payload(SpatialInertia.from_com(1.0), payload_frame)
@@ -170,6 +177,10 @@ def support(
     turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
     balance = _Balance(contacts, maps[:, free], tau[:, free], rest[:, free], heavier, turning, in_contact)
     found = balance.solve()
+    if limits is not None:
+        effort = np.where(free, np.inf, effort_limits(robot, limits))
+        forces, least_norm = balance.forces_within(found, maps, tau, effort)
+        found = replace(found, forces=forces, least_norm=least_norm)
     motion = np.full((len(q), robot.nv), np.nan)
     motion[~found.holds] = 0.0
     motion[:, free] = found.motion
@@ -269,18 +280,6 @@ def _torques(robot: Robot, q: Array, dq: Array, ddq: Array, wrench_on_robot: Map
     return np.asarray(robot.inverse_dynamics(q, dq, ddq, wrench_on_robot=wrench_on_robot))
 
 
-def _contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:
-    """Maps (n, nv, c, 3) of contact forces to torques, and contact points (n, c, 3), in the base frame."""
-    maps, points = [], []
-    for c in contacts:
-        J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
-        T = np.asarray(robot.forward_kinematics(q, c.frame))
-        arm = T[:, :3, :3] @ c.point
-        maps.append(J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1))
-        points.append(T[:, :3, 3] + arm)
-    return np.moveaxis(np.stack(maps, axis=1), -1, 1), np.stack(points, axis=1)
-
-
 def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
     """Wrench (n, 6) that contacts give to a floating root, about the base origin; None for other roots."""
     free = [body for body in robot.model.leaders if not body.joint.driven]
@@ -290,27 +289,6 @@ def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
     F = tau[:, free[0].v_index : free[0].v_index + 6]
     m, f = (np.einsum("nij,nj->ni", T[:, :3, :3], x) for x in (F[:, :3], F[:, 3:]))
     return np.concatenate([m + np.cross(T[:, :3, 3], f), f], axis=1)
-
-
-def cones_of(contacts: Sequence[Contact]) -> Cones:
-    """Cones of forces that a preload has been added to; contacts of a group share one bound."""
-    groups: dict[object, list[int]] = {}
-    for k, c in enumerate(contacts):
-        if c.push < np.inf:
-            groups.setdefault((c.group, c.frame) if c.group is not None else k, []).append(k)
-    bounded = np.zeros((len(groups), len(contacts)))
-    most = np.zeros(len(groups))
-    for row, members in enumerate(groups.values()):
-        bounded[row, members] = 1.0
-        pushes = sorted({contacts[k].push for k in members})
-        if len(pushes) > 1:
-            raise ValueRangeError(
-                f"contacts of group {contacts[members[0]].group!r} have pushes of {listed([number(p) for p in pushes])} N. "
-                "Give all of them the largest sum of their normal forces."
-            )
-        most[row] = contacts[members[0]].push + sum(contacts[k].pull for k in members)
-    normals = np.array([c.normal for c in contacts])
-    return Cones(normals, np.array([c.friction for c in contacts]), bounded, most)
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,6 +303,7 @@ class _Found:
     friction: Array
     motion: Array
     power: Array
+    least_norm: Array
 
 
 class _Balance:
@@ -341,7 +320,8 @@ class _Balance:
         in_contact: ArrayLike | None,
     ) -> None:
         n, _, c, _ = maps.shape
-        self.contacts, self.cones = contacts, cones_of(contacts)
+        self.contacts = contacts
+        self.cones, self.bounds = cones_of(contacts, n)
         self.active = np.ones((n, c), bool) if in_contact is None else _carrying(in_contact, n, c)
         lever = float(np.abs(maps[:, turning]).max(initial=0.0)) or 1.0
         self.units = np.where(turning, lever, 1.0)
@@ -356,7 +336,7 @@ class _Balance:
 
     def solve(self) -> _Found:
         """Forces, margins and proofs of all rows."""
-        first = cone_programme(self.cones, self.maps, self.b, active=self.active)
+        first = self._programme(self.b)
         balanced = ~np.isnan(first.s)
         left = np.abs(np.einsum("nmck,nck->nm", self.maps, first.forces) - self.b).max(axis=1, initial=0.0)
         size = np.abs(self.b).max(axis=1, initial=0.0)
@@ -364,26 +344,52 @@ class _Balance:
         decided = first.settled & np.where(balanced, left <= _LEFT_OVER * size + 1e-12, power > 0)
         holds = balanced & decided
         forces = np.full(first.forces.shape, np.nan)
-        forces[holds] = self._least_norm(first.forces, holds) + self.preload[holds]
+        least_norm = np.zeros(len(forces), bool)
+        forces[holds], least_norm[holds] = self._least_norm(first.forces, holds)
         how = np.where(decided, np.where(holds, "holds", how), "undecided")
         failed = decided & ~holds
         speed, slowest = self._speeds(holds)
         return _Found(
             holds, decided, how, forces, speed, slowest, self._payloads(holds), self._friction(),
-            np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan),
+            np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan), least_norm,
         )  # fmt: skip
 
-    def _least_norm(self, basic: Array, rows: Array) -> Array:
-        """Forces of least norm; on the way to them from the basic solution where bounds on normal forces are passed."""
-        cones, basic = self.cones, basic[rows]
-        forces, found = least_norm_in_cones(cones, self.maps[rows], self.b[rows], self.active[rows])
-        forces = np.where(found[:, None, None], forces, basic)
-        if not len(cones.most):
-            return forces
-        normal, before = (np.einsum("nck,ck,gc->ng", f, cones.normals, cones.bounded) for f in (forces, basic))
-        over = normal > cones.most
-        share = np.where(over, (cones.most - before) / np.where(over, normal - before, 1.0), 1.0).min(axis=1)
-        return basic + share[:, None, None] * (forces - basic)
+    def _programme(
+        self,
+        b: Array,
+        d: Array | None = None,
+        rows: Any = slice(None),
+        sense: Sense = "most",
+        cones: Cones | None = None,
+    ) -> ConeOptimum:
+        maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
+        return cone_programme(cones or self.cones, maps, b, d, bounds=bounds, active=active, sense=sense)
+
+    def _least_norm(self, basic: Array, rows: Array) -> tuple[Array, Array]:
+        """Forces of least norm beyond the preload, basic ones where these are not found, and a mask of the former."""
+        maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
+        forces, found = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
+        return np.where(found[:, None, None], forces, basic[rows]) + self.preload[rows], found
+
+    def forces_within(self, found: _Found, maps: Array, tau: Array, limits: Array) -> tuple[Array, Array]:
+        """Forces that keep τ - Σ J_i' f_i within limits, or their largest share least, and a mask of those of least norm."""
+        forces, least_norm = found.forces.copy(), found.least_norm.copy()
+        limited = np.isfinite(limits) & (limits > 0)
+        torques = tau - np.einsum("nvck,nck->nv", maps, forces)
+        rows = np.flatnonzero((np.abs(torques) > limits + margin(limits))[:, limited].any(axis=1))
+        if not len(rows):
+            return forces, least_norm
+        most = np.broadcast_to(limits[limited], (len(rows), limited.sum()))
+        load = np.einsum("nvck,nck->nv", maps[rows], self.preload[rows]) - tau[rows]
+        G, load = maps[rows][:, limited] / most[..., None, None], load[:, limited] / most
+        one, pushes, active = np.ones_like(most), self.bounds.of(rows), self.active[rows]
+        at_least = two_sided(G, load, 0.0 * one, one).joined(pushes)
+        least = cone_programme(self.cones, self.maps[rows], self.b[rows], bounds=at_least, active=active, sense="least")
+        share = np.maximum(least.s * (1.0 + TOLERANCE), 1.0)[:, None]
+        within = two_sided(G, load, share * one, 0.0 * one).joined(pushes)
+        small, least_norm[rows] = least_norm_in_cones(self.cones, self.maps[rows], self.b[rows], active, within)
+        forces[rows] = np.where(least_norm[rows, None, None], small, least.forces) + self.preload[rows]
+        return forces, least_norm
 
     def _speeds(self, holds: Array) -> tuple[Array, Array]:
         """Largest and least factors of the speed: the s² that hold are an interval, as the cones are convex."""
@@ -392,8 +398,8 @@ class _Balance:
             return unknown, unknown
         rate = self.b - self.rest
         start, offset = np.where(holds[:, None], self.b, self.rest), np.where(holds, 1.0, 0.0)
-        most = cone_programme(self.cones, self.maps, start, rate, active=self.active)
-        least = cone_programme(self.cones, self.maps, self.rest, rate, active=self.active, sense="least")
+        most = self._programme(start, rate)
+        least = self._programme(self.rest, rate, sense="least")
         speed = np.sqrt(np.where(most.settled, offset + most.s, np.nan))
         return speed, np.sqrt(np.where(least.settled, least.s, np.nan))
 
@@ -405,8 +411,7 @@ class _Balance:
         sides: tuple[tuple[Array, float, Sense], ...] = ((holds, 1.0, "most"), (~holds, -1.0, "least"))
         for rows, sign, sense in sides:
             if rows.any():
-                rate, active = sign * self.heavier[rows], self.active[rows]
-                found = cone_programme(self.cones, self.maps[rows], self.b[rows], rate, active=active, sense=sense)
+                found = self._programme(self.b[rows], sign * self.heavier[rows], rows, sense)
                 payload[rows] = sign * np.where(found.settled, found.s, np.nan)
         return payload
 
@@ -427,7 +432,7 @@ class _Balance:
 
     def _holds_with(self, share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
         cones = replace(self.cones, friction=friction[rows][:, None] * share)
-        found = cone_programme(cones, self.maps[rows], self.b[rows], active=self.active[rows])
+        found = self._programme(self.b[rows], rows=rows, cones=cones)
         return ~np.isnan(found.s) & found.settled
 
     def _motions(self, prices: Array) -> tuple[Array, Array, Array]:
@@ -461,7 +466,7 @@ def _carrying(given: ArrayLike, n: int, c: int) -> Array:
 def _support(found: _Found, balance: _Balance, torques: Array, motion: Array, zmp: Array, margin: Array) -> Support:
     return Support(
         found.holds, found.decided, found.how, found.forces, torques, found.speed, found.slowest, found.payload,
-        found.friction, zmp, margin, motion, found.power, balance.contacts,
+        found.friction, zmp, margin, motion, found.power, balance.contacts, found.least_norm,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from ..robot.constraints.closures import some_configurations
 from ..robot.constraints.projections import motor_mask, named_motors
 from ..robot.constraints.tolerances import joints
 from ..shapes.visuals import read_visuals
-from ..statics.contacts import Contact, pyramid_facets
+from ..statics.contacts import Contact
 from ..statics.torque_limits import effort_limits
 from .starting_pose import clear_of_stops, starting_pose
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 FRICTION = 0.6
 """Friction coefficient between feet and floor."""
-EDGES = 8
-"""Number of edges of the feet's friction pyramids."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +172,6 @@ def _standing_data(robot: Robot, feet: Sequence[int], soles: Sequence[Array]) ->
         "feet": list(feet),
         "contacts": [{"body": k, "point": p.tolist()} for k, sole in zip(feet, soles, strict=True) for p in sole],
         "limits": [limit if np.isfinite(limit) else None for limit in limits.tolist()],
-        "facets": pyramid_facets(Contact(friction=FRICTION), EDGES).tolist(),
         "friction": FRICTION,
     }
 

@@ -28,7 +28,7 @@ class Standing {
   held(q) {
     const columns = this.columns(q), holding = Array.from(this.mechanics.holding(q)), free = this.limits.map((limit) => (limit === 0 ? 0 : null));
     for (const [limits, over] of [[this.limits, false], [free, true]]) {
-      const f = leastNormForces(columns, holding, limits, this.facets);
+      const f = leastNormForces(columns, holding, limits, this.friction);
       if (!f) continue;
       const tau = holding.map((x, k) => (this.limits[k] === 0 ? 0 : x - columns.reduce((sum, column, j) => sum + column[k] * f[j], 0)));
       return { forces: this.contacts.map((_, k) => f.slice(3 * k, 3 * k + 3)), tau, over };
@@ -39,71 +39,51 @@ class Standing {
   stable(p) { return inHull(this.hull, p); } // a point above the polygon of the feet
 }
 
-// The least sum f^2 with load - B f zero where a limit is, within the others (null: none), and facets . f >= 0 for each
-// contact; null where there are none. Columns are those of B. Least distance programming: Lawson and Hanson, chapter 23.4.
-function leastNormForces(columns, load, limits, facets) {
-  const n = columns.length, size = Math.max(...load.map(Math.abs)) || 1, exact = [];
-  const row = (k) => columns.map((column) => column[k]);
-  for (const [k, limit] of limits.entries()) { // rows at right angles, and what they have to give
-    if (limit !== 0) continue;
-    let g = row(k), b = load[k] / size;
-    const whole = Math.sqrt(inner(g, g));
-    for (let twice = 0; twice < 2; twice++) for (const e of exact) { const s = inner(e.g, g); g = add(g, times(-s, e.g)); b -= s * e.b; }
-    const rest = Math.sqrt(inner(g, g));
-    if (rest > 1e-10 * (whole || 1)) exact.push({ g: times(1 / rest, g), b: b / rest });
-    else if (Math.abs(b) > 1e-9) return null;
-  }
-  const x0 = exact.map(({ g, b }) => times(b, g)).reduce(add, new Array(n).fill(0)), sides = [];
-  const side = (c, h) => {
-    let rest = c;
-    for (const { g } of exact) rest = add(rest, times(-inner(g, rest), g));
-    sides.push([...rest, h - inner(c, x0)]);
-  };
-  for (let k = 0; k < n; k += 3) for (const facet of facets) { const c = new Array(n).fill(0); facet.forEach((x, i) => { c[k + i] = x; }); side(c, 0); }
+// The least sum f^2 with load - B f zero where a limit is, within the others (null: none), and friction * f_z >= |f_xy| for each
+// contact; null where there are none. Columns are those of B. As statics.least_norm_contact_forces: projected Newton steps of
+// the prices y of rows A f = b, and >= b of limits, where f is the force in the cones nearest to A' y.
+function leastNormForces(columns, load, limits, friction) {
+  const size = Math.max(...load.map(Math.abs)) || 1, A = [], b = [], sided = [];
   limits.forEach((limit, k) => {
-    if (limit === null || limit === 0) return;
-    side(row(k), (load[k] - limit) / size);
-    side(times(-1, row(k)), (-load[k] - limit) / size);
+    if (limit === null) return;
+    const row = columns.map((column) => column[k]), unit = Math.sqrt(inner(row, row)) || 1;
+    for (const way of limit ? [1, -1] : [1]) { A.push(times(way / unit, row)); b.push((way * load[k] - limit) / (unit * size)); sided.push(limit !== 0); }
   });
-  const target = [...new Array(n).fill(0), 1], left = nonNegativeRemainder(sides, target);
-  if (Math.sqrt(inner(left, left)) <= 1e-9) return null;
-  return x0.map((x, i) => size * (x - left[i] / left[n]));
-}
-
-// target - E u with u >= 0 of least norm, E by its columns. Lawson and Hanson, chapter 23.3.
-function nonNegativeRemainder(given, target) {
-  const columns = given.map((c) => times(1 / (Math.sqrt(inner(c, c)) || 1), c)), u = new Array(columns.length).fill(0), barred = new Set();
-  let passive = [], left = target.slice();
-  for (let turn_ = 0; turn_ < 3 * columns.length + 30; turn_++) {
-    let best = -1, most = 1e-12;
-    columns.forEach((c, j) => { if (passive.includes(j) || barred.has(j)) return; const w = inner(c, left); if (w > most) [best, most] = [j, w]; });
-    if (best < 0) break;
-    passive.push(best);
-    for (;;) {
-      const s = leastSquares(passive.map((j) => columns[j]), target);
-      if (!s || s[passive.indexOf(best)] <= 0 && u[best] === 0) { passive = passive.filter((j) => j !== best); barred.add(best); break; } // of what is there already
-      const low = passive.map((j, k) => (s[k] <= 0 ? u[j] / (u[j] - s[k]) : Infinity)), share = Math.min(1, ...low);
-      passive.forEach((j, k) => { u[j] += share * (s[k] - u[j]); });
-      if (share === 1 && low.every((x) => x === Infinity)) { barred.clear(); break; }
-      passive = passive.filter((j, k) => { const stays = s[k] > 0 || low[k] > share; if (!stays) u[j] = 0; return stays; });
+  const m = A.length, nearest = (y) => inCones(columns.map((_, i) => A.reduce((sum, row, k) => sum + row[i] * y[k], 0)), friction);
+  const dual = (y) => { const { f } = nearest(y); return inner(b, y) - 0.5 * inner(f, f); };
+  let y = new Array(m).fill(0), best = Infinity, found = null;
+  for (let turn_ = 0; turn_ < 60 && best > 1e-12; turn_++) {
+    const { f, slope } = nearest(y), left = A.map((row, k) => b[k] - inner(row, f));
+    const slack = left.map((x, k) => sided[k] && y[k] <= 0 && x <= 0), grade = left.map((x, k) => (slack[k] ? 0 : x));
+    const rest = Math.max(...grade.map(Math.abs));
+    if (rest < best) [best, found] = [rest, f];
+    const S = A.map(slope), H = A.flatMap((row, k) => S.map((s, j) => (slack[k] || slack[j] ? 0 : inner(row, s))));
+    const trace = A.reduce((sum, _, k) => sum + H[k * m + k], 0), damping = Math.max(1e-3 * Math.min(rest, 1), 1e-12) * (1 + trace);
+    for (let k = 0; k < m; k++) H[k * m + k] += damping;
+    const L = cholesky(H, m), step = raised(L, lowered(L, grade)), start = dual(y);
+    for (let share = 1, halving = 0; halving < 30; halving++, share /= 2) {
+      const next = y.map((x, k) => (sided[k] ? Math.max(0, x + share * step[k]) : x + share * step[k]));
+      const rise = inner(grade, next) - inner(grade, y);
+      if (dual(next) >= start + 1e-4 * rise - 1e-14 * (1 + Math.abs(start)) || halving === 29) { y = next; break; }
     }
-    left = passive.reduce((rest, j) => add(rest, times(-u[j], columns[j])), target);
   }
-  return left;
+  return best <= 1e-9 ? times(size, found) : null;
 }
 
-function leastSquares(columns, target) { // by Gram and Schmidt, twice; null where a column depends on others
-  const Q = [], R = columns.map(() => new Array(columns.length).fill(0));
-  for (const [k, column] of columns.entries()) {
-    let rest = column;
-    for (let twice = 0; twice < 2; twice++) Q.forEach((q, i) => { const s = inner(q, rest); R[i][k] += s; rest = add(rest, times(-s, q)); });
-    R[k][k] = Math.sqrt(inner(rest, rest));
-    if (R[k][k] < 1e-11) return null;
-    Q.push(times(1 / R[k][k], rest));
+// Forces in the cones nearest to g, and the derivative of each with respect to g, applied to a change of all.
+function inCones(g, friction) {
+  const parts = [], f = g.slice();
+  for (let k = 0; k < g.length; k += 3) {
+    const slide = Math.hypot(g[k], g[k + 1]), u = [g[k] / (slide || 1), g[k + 1] / (slide || 1)], whole = Math.sqrt(1 + friction * friction);
+    const edge = [friction * u[0] / whole, friction * u[1] / whole, 1 / whole], along = edge[0] * g[k] + edge[1] * g[k + 1] + edge[2] * g[k + 2];
+    if (slide <= friction * g[k + 2]) parts.push((d) => d);
+    else if (g[k + 2] <= -friction * slide) { f.splice(k, 3, 0, 0, 0); parts.push(() => [0, 0, 0]); } else {
+      f.splice(k, 3, ...times(along, edge));
+      const lean = friction / whole * along / slide;
+      parts.push((d) => { const across = lean * (u[0] * d[1] - u[1] * d[0]); return add(times(inner(edge, d), edge), [-across * u[1], across * u[0], 0]); });
+    }
   }
-  const x = Q.map((q) => inner(q, target));
-  for (let i = x.length - 1; i >= 0; i--) { for (let k = i + 1; k < x.length; k++) x[i] -= R[i][k] * x[k]; x[i] /= R[i][i]; }
-  return x;
+  return { f, slope: (d) => parts.flatMap((part, k) => part(d.slice(3 * k, 3 * k + 3))) };
 }
 
 function hullOf(points) { // corners of the convex hull in the plane of the floor, counterclockwise
