@@ -233,6 +233,7 @@ def _commands() -> str:
 def _book() -> dict[str, str]:
     """Sections of the book as pages to drag, and a page that lists them."""
     import twistwrench as tw
+    from twistwrench.viz.article import ARTICLES, article_text
     from twistwrench.viz.page import viewer_page
     from twistwrench.viz.section_pages import SECTIONS
 
@@ -244,7 +245,11 @@ def _book() -> dict[str, str]:
         before, after = numbers[:k][-1:], numbers[k + 1 :][:1]
         neighbours = {f"← {n}": f"{n}.html" for n in before} | {"All pages": "../book-pages.html"}
         neighbours |= {f"{n} →": f"{n}.html" for n in after}
-        found[f"book/{number}.html"] = viewer_page(robot, section=number, neighbours=neighbours).page
+        page = viewer_page(robot, section=number, neighbours=neighbours).page
+        if number in ARTICLES:
+            found[f"book/{number}-robot.html"] = page
+            page = article_text(number, neighbours=neighbours, instrument=f"{number}-robot.html")
+        found[f"book/{number}.html"] = page
         rows.append(
             f'<a href="book/{number}.html"><img src="book/{number}.webp" alt="" width="360" height="225" loading="lazy">'
             f"<b>{number}</b> {section.title}</a>"

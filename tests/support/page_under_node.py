@@ -30,6 +30,7 @@ _SCRIPTS = (
     "scales.js",
     "readouts.js",
     "tip_readouts.js",
+    "article/near_misses.js",
     "exercises.js",
 )
 _MAIN = """

@@ -155,10 +155,10 @@ def test_answers_are_those_of_the_library(tmp_path, number, name):
 
 def test_numbers_are_right_to_one_percent_as_people_type_them(tmp_path):
     page = write_page(arm("planar_2r"), tmp_path / "page.html", section="3.4")
-    typed = ["1,25", " −3.5 ", "1e-3", "", "3 N", "12.1", "12.2", "0"]
+    typed = ["1,25", " −3.5 ", "1e-3", "", "3 N", "12.1", "12.2", "0", "heavy", "1 2"]
     work = "(m, given) => given.map(typedNumber).concat([isRight(12.1, 12), isRight(12.2, 12), isRight(4e-4, 0), isRight(1e-3, 0)])"
     assert under_node(page, work, typed) == [
-        1.25, -3.5, 1e-3, None, None, 12.1, 12.2, 0, True, False, True, False,
+        1.25, -3.5, 1e-3, None, 3, 12.1, 12.2, 0, None, None, True, False, True, False,
     ]  # fmt: skip
 
 
@@ -176,6 +176,7 @@ def test_exercises_are_checked_in_a_browser(show):
         form.querySelector('input').value = x; form.requestSubmit(); return form.querySelector('output').textContent; }"""
     assert page.run(f"({check})('{answer * 1.005}')") == "Right."
     assert page.run(f"({check})('{answer * 1.02}')") == "Not yet."
+    assert page.run(f"({check})('{-answer}')").startswith("That is minus the answer.")
     assert page.run(f"({check})('heavy')") == "Type a number."
     slide = "const s = document.querySelector('#joints input'); s.value = Number(s.value) + 0.3; s.dispatchEvent(new Event('input'));"
     page.run(slide + "0")

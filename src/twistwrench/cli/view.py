@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from ..core.errors import ValueRangeError
+from ..core.text import listed
 from ..core.verdict import ExitCode
 from ..motion.load_case import parse_wrenches
 from ..motion.motion_log import MotionLog
@@ -38,7 +40,11 @@ from .terminal import frame_progress, show
     LIMITS,
     CLEARANCE,
     option("--no-meshes", "Draw joints and inertias in place of meshes."),
-    option("--section N", "Page of a section of Modern Robotics, such as 3.4, 5.2, 8.1.3 or 8.3; needs --html."),
+    option(
+        "--section N",
+        "Page of a section of Modern Robotics, such as 3.4, 5.2, 8.1.3 or 8.3, with this robot; without ROBOT the article on "
+        "it, such as 8.2; needs --html.",
+    ),
     option("--html OUT.html", "Write the page to this file, without opening a browser."),
     option("--embed", "Write a page without side panel, to embed in another page; needs --html."),
     option(
@@ -51,6 +57,7 @@ from .terminal import frame_progress, show
     examples=(
         "view ur5 demo --payload 5 --html ur5.html",
         "view panda --section 8.1.3 --html mass_matrix.html",
+        "view --section 8.2 --html article.html",
     ),
     robot_first=True,
 )
@@ -60,6 +67,8 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     Exit code: 1 for LOOK AGAIN, if the motion contradicts itself, or if links come too near (--clearance); it is shown
     nevertheless.
     """
+    if given.source is None:
+        return _article(given)
     from ..viz.movie import film, movie_path
     from ..viz.page import open_browser, write_page
     from ..viz.page_loops import closed_by_file
@@ -98,6 +107,38 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
+view_command.params[0].required = False  # ROBOT, as an article has none
+view_command.params[0].metavar = "[ROBOT]"
+_NEEDS_FILE = "--section writes a page. Add --html OUT.html."
+_OF_ARTICLES = frozenset({"section", "html"})
+
+
+def _article(given: Given) -> ExitCode:
+    """Write the article on a section; raises if there is none, or if options need a robot."""
+    context = click.get_current_context()
+    if given.section is None:
+        raise click.MissingParameter(ctx=context, param=context.command.params[0])
+    from ..viz.article import ARTICLES, write_article
+    from ..viz.section_pages import section_panel
+
+    section_panel(given.section)
+    if given.section not in ARTICLES:
+        raise ValueRangeError(
+            f"section {given.section} has no article, only a page with a robot: twistwrench view panda --section "
+            f"{given.section} --html page.html. Articles are on: {listed(ARTICLES, 20)}."
+        )
+    for param in context.command.params:
+        typed = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
+        if typed and param.name not in _OF_ARTICLES:
+            raise ValueRangeError(
+                f"the article on section {given.section} has no robot. Leave {param.opts[0]} out, or name ROBOT first."
+            )
+    if given.html is None:
+        raise ValueRangeError(_NEEDS_FILE)
+    click.echo(f"wrote {write_article(given.section, given.html)}")
+    return ExitCode.FINE
+
+
 def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
     """Load the robot with payloads and wrenches, and its motion, judged as in ``torques``; doubts are printed on stderr."""
     from ..reports.drawn_motion import reported_motion
@@ -133,6 +174,6 @@ def _require_page(section: str, html: str | None, path: Path | None) -> None:
 
     section_panel(section)
     if html is None:
-        raise ValueRangeError("--section writes a page. Add --html OUT.html.")
+        raise ValueRangeError(_NEEDS_FILE)
     if path is not None:
         raise ValueRangeError("--section N shows a robot that is moved by hand. Leave --trajectory out.")

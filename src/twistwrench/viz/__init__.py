@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 from ..reports.drawn_motion import DrawnMotion, motion_of, read_motion
+from .article import write_article
 from .movie import Camera, draw, film, movie
 from .page import write_page
 from .scene import Scene, Shape, scene_of
@@ -26,6 +27,7 @@ __all__ = [
     "plot_split",
     "read_motion",
     "scene_of",
+    "write_article",
     "write_page",
 ]
 

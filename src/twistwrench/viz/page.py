@@ -57,15 +57,13 @@ _SCRIPTS = (
 )  # fmt: skip
 _SCRIPTS_OF = {
     "motion": ("motion.js", "verdict.js", "strip.js"),
-    "book": ("readouts.js", "tip_readouts.js", "exercises.js", "book.js"),
+    "book": ("readouts.js", "tip_readouts.js", "article/near_misses.js", "exercises.js", "book.js"),
     "limbs": ("fold.js",),
     "loops": ("loops.js",),
     "standing": ("standing.js",),
 }
 """Scripts that a page includes only if its header has the entry."""
-_POLICY = (
-    "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
-)
+POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 """Content-Security-Policy of the page without the digests of its scripts: no requests, no other scripts."""
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
@@ -219,12 +217,12 @@ def viewer_page(
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
     names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
-    scripts = programs.script(), "\n".join(_without_comments((parts / name).read_text("utf-8")) for name in names)
+    scripts = programs.script(), "\n".join(without_comments((parts / name).read_text("utf-8")) for name in names)
     digests = tuple(map(digest, scripts))
     page = Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
         sentence=html.escape(_still_sentence(data)),
-        policy=f"{_POLICY} {' '.join(digests)}",
+        policy=f"{POLICY} {' '.join(digests)}",
         style=page_colours() + (parts / "page.css").read_text("utf-8"),
         programs=scripts[0],
         script=scripts[1],
@@ -233,8 +231,8 @@ def viewer_page(
     return Viewer(page, digests)
 
 
-def _without_comments(script: str) -> str:
-    """Script without comment lines and indentation."""
+def without_comments(script: str) -> str:
+    """Return the script without comment lines and indentation."""
     lines = (line.strip() for line in script.splitlines())
     return "\n".join(line for line in lines if line and not line.startswith("//"))
 

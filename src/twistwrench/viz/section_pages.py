@@ -68,8 +68,10 @@ class SectionPanel:
 # ── Formulas as HTML: letters, indices, powers, dots
 
 _TOKEN = re.compile(
-    r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign)|([A-Za-zτθω])([\u0307\u0308]?)"
+    r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign|sin|cos)|([A-Za-zτθωβ𝒱ℱ𝒢𝒫])([\u0307\u0308]?)"
 )
+_SCRIPT = "𝒱ℱ𝒢𝒫"
+"""Letters of twist, wrench, spatial inertia and momentum in articles, upright."""
 _DOTS = {"\u0307": "dot", "\u0308": "ddot"}
 
 
@@ -86,7 +88,11 @@ def formula_html(text: str) -> str:
             inside = plain if braced is None else formula_html(braced) if "_" in braced else braced
             tag = "sub" if script == "_" else "sup"
             return f"<{tag}>{inside}</{tag}>"
-        return word or (f'<i class="{_DOTS[dots]}">{letter}</i>' if dots else f"<i>{letter}</i>")
+        if word is not None:
+            return word
+        tag = "span" if letter in _SCRIPT else "i"
+        kind = f' class="{_DOTS[dots]}"' if dots else ""
+        return letter if tag == "span" and not dots else f"<{tag}{kind}>{letter}</{tag}>"
 
     return _TOKEN.sub(html, text)
 
@@ -158,15 +164,19 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
     }
 
 
+_NEAR = ["sign", "double", "half"]
+"""Near-misses that are named if an exercise lists none: player/article/near_misses.js has their words."""
+
+
 @cache
-def _exercise_table() -> Mapping[str, list[dict[str, str]]]:
+def _exercise_table() -> Mapping[str, list[dict[str, Any]]]:
     import tomllib
 
     return tomllib.loads(Path(__file__).with_name("exercises.toml").read_text(encoding="utf-8"))
 
 
-def exercises(robot: Robot, number: str) -> list[dict[str, str]]:
-    """Exercises of a section: question, unit of the answer for this robot, and formula in HTML."""
+def exercises(robot: Robot, number: str) -> list[dict[str, Any]]:
+    """Exercises of a section: question, unit of the answer for this robot, formula in HTML, and named near-misses."""
     turns = bool(Coordinates.from_model(robot.model).angular_velocity[0])
     length = "rad" if turns else "m"
     units = {"tau": unit_of("tau", turns), "dq": f"{length}/s", "ddq": f"{length}/s²"}
@@ -175,6 +185,7 @@ def exercises(robot: Robot, number: str) -> list[dict[str, str]]:
             "question": Template(row["question"]).substitute(units),
             "unit": Template(row["unit"]).substitute(units),
             "formula": formula_html(row["formula"]),
+            "near": row.get("near", _NEAR),
         }
         for row in _exercise_table()[number]
     ]

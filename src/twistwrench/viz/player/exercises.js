@@ -81,20 +81,15 @@ const ANSWERS = {
   ],
 };
 
-// A typed number is right to 1 % of the answer, or to half of the last of three decimal places.
-const isRight = (typed, answer) => Math.abs(typed - answer) <= Math.max(0.01 * Math.abs(answer), 5e-4);
-
-function typedNumber(text) { // with a comma or a point, and the minus of print
-  const plain = text.trim().replace("−", "-").replace(",", ".");
-  return plain && Number.isFinite(Number(plain)) ? Number(plain) : null;
-}
+// Values of near-misses that need an expression.
+const NEAR_VALUES = { "3.4": [(m, s, found) => ({ frame: [norm(cell(found, 0, 1).slice(3))] })] };
 
 class Exercises {
   constructor(book) {
     this.book = book;
     const place_ = document.getElementById("exercises"), list = place_.querySelector("ol");
     place_.hidden = false;
-    this.rows = book.book.exercises.map(({ question, unit: unit_, formula }, k) => this.row(list, k, question, unit_, formula));
+    this.rows = book.book.exercises.map(({ question, unit: unit_, formula, near }, k) => ({ ...this.row(list, k, question, unit_, formula), near }));
   }
 
   row(list, k, question, unit_, formula) {
@@ -111,14 +106,17 @@ class Exercises {
   }
 
   check(k) {
-    const { field, result } = this.rows[k], typed = typedNumber(field.value), right = typed !== null && isRight(typed, this.answer(k));
-    result.textContent = typed === null ? "Type a number." : right ? "Right." : "Not yet.";
+    const { field, result, near } = this.rows[k], { right, words } = judged(field.value, this.answer(k), this.nearValues(k), near);
+    result.textContent = words;
     result.className = right ? "right" : "wrong";
   }
 
-  answer(k) {
-    const { viewer, state, found, book } = this.book;
-    return ANSWERS[book.number][k](viewer.mechanics, { ...state, q: viewer.q }, found);
+  answer(k) { return this.evaluated(ANSWERS[this.book.book.number][k]); }
+  nearValues(k) { return this.evaluated(NEAR_VALUES[this.book.book.number]?.[k] ?? (() => ({}))); }
+
+  evaluated(expression) {
+    const { viewer, state, found } = this.book;
+    return expression(viewer.mechanics, { ...state, q: viewer.q }, found);
   }
 
   clear() { // results of another pose

@@ -1,0 +1,186 @@
+"""Articles on sections of the book: text, pictures that move, and exercises, in a page without a robot."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from ..answers.page import digest
+from ..core import arguments
+from ..core.colours import page_colours
+from ..core.files import replacing
+from ..core.glossary import complete
+from .colours import quantity_colours
+from .page import POLICY, without_comments
+from .section_pages import SECTIONS, formula_html
+
+__all__ = ["ARTICLES", "article_text", "write_article"]
+
+_FOLDER = resources.files(__package__) / "articles"
+ARTICLES = tuple(sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")))
+"""Sections of the book with an article."""
+_SHARED = ("numbers.js", "matrices.js", "orbit.js")
+_SCRIPTS = (
+    "rigid_body.js", "near_misses.js", "trails.js", "two_cameras.js", "picture.js", "inline_slider.js", "words.js",
+    "predict.js",
+)  # fmt: skip
+_MARKUP = re.compile(r"\{(\w+):((?:[^{}]|\{[^{}]*\})*)\}|\*\*(.+?)\*\*")
+"""``{kind:text}`` with at most one level of braces in the text, and ``**text**``."""
+_VIEW = (
+    '<div class="view"><canvas data-view="{view}" tabindex="0" role="img" aria-label="{label}"></canvas>'
+    '<b>{caption}</b><p class="hint" hidden>Ctrl + scroll to zoom</p></div>'
+)
+_TURNING = "Drag sideways or use the arrow keys to turn the view."
+
+
+def write_article(section: str, path: str | Path) -> Path:
+    """Write the article on a section of Modern Robotics, as a self-contained page.
+
+    Parameters
+    ----------
+    section : str, section of Modern Robotics with an article, such as "8.2"
+
+    Raises
+    ------
+    ValueRangeError
+        The section has no article, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = tw.viz.write_article("8.2", f"{folder}/article.html")
+    ...     "The arrow that stands still" in page.read_text("utf-8")
+    True
+    """
+    text = article_text(section)
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, instrument: str | None = None) -> str:
+    """Return the page of an article as text.
+
+    Parameters
+    ----------
+    neighbours : {label: address}, optional, links to other pages of a site, above the heading
+    instrument : str, optional, address of the section's page with a robot
+    """
+    article = article_of(arguments.choice(section, "section with an article", ARTICLES))
+    player = resources.files(__package__) / "player"
+    names = [*_SHARED, *(f"article/{name}" for name in (*_SCRIPTS, article["script"], "article.js"))]
+    script = "\n".join(without_comments((player / name).read_text("utf-8")) for name in names)
+    data = json.dumps({"section": section, "pictures": article["picture"]}, ensure_ascii=False, separators=(",", ":"))
+    return Template((player / "article/article.html").read_text("utf-8")).substitute(
+        title=html.escape(f"{section} {article['title']}"),
+        policy=f"{POLICY} {digest(script)}",
+        style=page_colours() + quantity_colours() + (player / "article/article.css").read_text("utf-8"),
+        body="\n".join(_body(section, article, neighbours or {}, instrument)),
+        data=data.replace("</", "<\\/"),
+        script=script,
+    )
+
+
+@cache
+def article_of(section: str) -> dict[str, Any]:
+    """Article as its file has it, with lists of sliders for all pictures."""
+    article = tomllib.loads((_FOLDER / f"{section}.toml").read_text("utf-8"))
+    for picture in article["picture"]:
+        picture["sliders"] = picture.pop("slider", [])
+    return article
+
+
+def _body(
+    section: str, article: Mapping[str, Any], neighbours: Mapping[str, str], instrument: str | None
+) -> Iterator[str]:
+    """Lines of the article: heading, pictures, questions, and how to go on."""
+    if neighbours:
+        links = "".join(f'<a href="{html.escape(at)}">{html.escape(label)}</a>' for label, at in neighbours.items())
+        yield f"<nav>{links}</nav>"
+    yield f"<h1><small>{section} {html.escape(SECTIONS[section].title)}</small>{html.escape(article['title'])}</h1>"
+    yield f'<p class="question">{html.escape(article["question"])}</p>'
+    yield from _paragraphs(article["lead"], {})
+    yield "<noscript><p><b>The pictures are drawn by this page's own script, which is switched off.</b></p></noscript>"
+    for number, picture in enumerate(article["picture"], 1):
+        yield from _picture(number, picture)
+    yield "<h2>Without looking back</h2>"
+    for row in article["question_at_end"]:
+        yield f"<details><summary>{_marked(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
+    yield "<h2>Go on</h2>"
+    own = f"twistwrench view my_arm.urdf --section {section} --html page.html"
+    yield f"<p>The grey arrow of the first throw, in Python:</p><pre>{html.escape(article['python'].strip())}</pre>"
+    link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
+    yield f"<p>The same quantities of a link of your own arm{link}:</p><pre>{own}</pre>"
+
+
+def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
+    """Section of one picture: text with its slider, canvases, controls, exercise."""
+    sliders, views, name = {row["name"]: row for row in picture["sliders"]}, picture["views"], picture["name"]
+    predict, exercise = picture.get("predict"), picture.get("exercise")
+    yield f'<section id="{name}"><h2>{number}. {html.escape(picture["title"])}</h2>'
+    yield from _paragraphs(picture["text"], sliders)
+    yield f'<figure data-picture="{name}"{" class=two" if len(views) > 1 else ""}><div class="views">'
+    arrow = " Shift and arrow keys move the guess." if predict and predict["kind"] == "arrow" else ""
+    for view, caption in views:
+        label = html.escape(f"{picture['title']}, {caption}. {_TURNING}{arrow}")
+        yield _VIEW.format(view=view, label=label, caption=html.escape(caption))
+    yield '</div><figcaption><button class="play">Play</button><button class="again">Again</button>'
+    yield '<button class="skip" hidden>Show me</button>'
+    if predict is not None:
+        yield f'<p class="ask" role="status" hidden>{html.escape(predict["ask"])}</p>'
+        if predict["kind"] == "number":
+            yield _guess(name, predict)
+    yield '<div class="numbers"></div></figcaption></figure>'
+    yield '<div class="after">'
+    yield from _paragraphs(picture["after"], sliders)
+    yield "</div>"
+    if exercise is not None:
+        yield f'<form><p id="exercise-{name}">{_marked(exercise["question"], sliders)}</p><div>'
+        yield f'<input type="text" inputmode="decimal" autocomplete="off" aria-labelledby="exercise-{name}"> {exercise["unit"]}'
+        yield "<button>Check</button><output></output></div></form>"
+    yield "</section>"
+
+
+def _guess(name: str, predict: Mapping[str, Any]) -> str:
+    """Slider of a guessed number."""
+    span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}"'
+    label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
+    return f'<div class="guess">{label}<input id="guess-{name}" type="range" {span}><output></output></div>'
+
+
+def _paragraphs(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Paragraphs of a text; one that is a displayed formula alone is a block."""
+    for paragraph in re.split(r"\n\s*\n", text.strip()):
+        shown = _marked(" ".join(paragraph.split()), sliders)
+        yield shown if shown.startswith('<div class="display') else f"<p>{shown}</p>"
+
+
+def _marked(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
+    """Text as HTML: coloured words, sliders with their initial value, formulas, emphasis."""
+
+    def shown(found: re.Match[str]) -> str:
+        kind, inner, strong = found.groups()
+        if strong is not None:
+            return f"<strong>{strong}</strong>"
+        if kind == "slider":
+            row = sliders[inner]
+            return f'<span class="slider {row["colour"]}" data-slider="{inner}">{row["value"]} {row["unit"]}</span>'
+        if kind == "formula":
+            return f'<span class="formula">{formula_html(inner)}</span>'
+        if kind == "display":
+            return f'<div class="display formula">{formula_html(inner)}</div>'
+        return f'<span class="word {kind}" data-arrow="{kind}">{inner}</span>'
+
+    return _MARKUP.sub(shown, html.escape(text, quote=False))
+
+
+complete(globals())

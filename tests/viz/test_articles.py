@@ -1,0 +1,340 @@
+"""Articles on sections: every number of a picture is the library's, mistakes are named, and the page is small and keeps to itself."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from article_under_node import pictures_under_node
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+from twistwrench.viz.article import ARTICLES, article_of, article_text
+from twistwrench.viz.colours import QUANTITIES
+
+pytest_plugins = ("page_fixtures",)
+CARTON = tw.RigidBody(tw.SpatialInertia.from_com(1.0, [0, 0, 0], np.diag([0.02, 0.06, 0.07])))
+THROW = [1.6, 0.35, 2.6, 0, 0, 0]
+
+
+def matrix(state):
+    return np.reshape(state["R"], (3, 3))
+
+
+# ── 8.2: the momentum of a body
+
+
+def test_the_throw_is_the_library_s_flight(tmp_path):
+    """State after 2.8 s and 8 s: pose, twist, momentum on the body and in the room, and ad(V)' P."""
+    work = (
+        "({ throw: p }) => { p.reset(); p.advance(2.8); const a = p.state(); p.advance(5.2); return [a, p.state()]; }"
+    )
+    for state in pictures_under_node("8.2", work, tmp_path):
+        flight = CARTON.fly(np.eye(4), THROW, state["t"], 1e-3, order=6)
+        V, P = np.array(state["twist_body"]), np.array(state["momentum_body"])
+        # Runge-Kutta of order 4 in steps of 1 ms at 3 rad/s: 8 s * (3e-3)^4 / 120 per second, below 1e-11
+        np.testing.assert_allclose(matrix(state), flight.poses[-1, :3, :3], atol=1e-9)
+        np.testing.assert_allclose(V, flight.twists[-1], atol=1e-9)
+        np.testing.assert_allclose(P, CARTON.momentum(V), rtol=1e-14)
+        np.testing.assert_allclose(state["adT_momentum"], tw.ad(V).T @ P, atol=1e-15)
+        np.testing.assert_allclose(state["momentum_room"][:3], [0.032, 0.021, 0.182], rtol=1e-9)
+        if state["t"] == 2.8:
+            np.testing.assert_allclose(P[:3], [-0.0126, -0.1159, 0.1449], atol=5e-5)
+
+
+RANDOM = """(_, throws) => throws.map(({ moments, V, F }) => {
+    const body = new RigidBody(moments, 1), flight = new Flight(body, { R: UPRIGHT, V }, F), P = (t) => body.momentum(flight.at(t).V);
+    const room = (t) => inRoom(flight.at(t).R, P(t)), times_ = [0.5, 3.1, 7.7], half = 1e-4;
+    const drift = Math.max(...times_.concat(10).map((t) => Math.hypot(...add(room(t), times(-1, room(0)))) / Math.hypot(...room(0))));
+    const seen = times_.map((t) => times(0.5 / half, add(P(t + half), times(-1, P(t - half)))));
+    return { drift, seen, states: times_.map((t) => ({ V: flight.at(t).V, P: P(t), change: changeByTurning(flight.at(t).V, P(t)) })) }; })"""
+
+
+def throws(count):
+    rng = np.random.default_rng(4)
+    for _ in range(count):
+        a, b, c = rng.uniform(0.1, 1.0, 3)  # sides of a box
+        moments = np.array([b * b + c * c, c * c + a * a, a * a + b * b]) / 12
+        yield {"moments": moments.tolist(), "V": [*rng.normal(0, 2, 3), *rng.normal(0, 1, 3)], "F": [0.0] * 6}
+
+
+@pytest.mark.parametrize("count", [5, pytest.param(50, marks=pytest.mark.slow)])
+def test_the_momentum_stands_still_in_the_room_and_its_turning_on_the_body_is_ad(tmp_path, count):
+    for flight in pictures_under_node("8.2", RANDOM, tmp_path, list(throws(count))):
+        assert flight["drift"] < 1e-6  # in 10 s
+        for seen, state in zip(flight["seen"], flight["states"], strict=True):
+            np.testing.assert_allclose(state["change"], tw.ad(state["V"]).T @ state["P"], rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(seen, state["change"], atol=1e-6 * np.linalg.norm(state["change"]))
+
+
+def test_the_glimpsed_velocity_is_the_grey_arrow_to_four_digits(tmp_path):
+    work = "({ tangent: p }) => [0, 0.7, 2.8, 8].map((t) => { p.set('time', t); return p.numbers().map(([, text]) => text); })"
+    for seen, change in pictures_under_node("8.2", work, tmp_path):
+        assert seen == change
+
+
+def test_a_push_moves_the_head_along_itself(tmp_path):
+    """In the room the rate of the momentum is the wrench, by central differences of 1e-4 s: error h^2/6 |P'''| < 1e-9."""
+    work = """({ push: p }) => [0.5, 1.9].map((t) => { const at = (s) => { p.rewind(); p.advance(s); return p.state(); };
+        return [at(t - 1e-4).momentum_room, at(t).wrench_room, at(t + 1e-4).momentum_room]; })"""
+    for before, wrench, after in pictures_under_node("8.2", work, tmp_path):
+        np.testing.assert_allclose((np.array(after) - before) / 2e-4, wrench, atol=1e-8)
+
+
+def test_the_tilted_rotor_needs_the_library_s_wrench(tmp_path):
+    work = """({ rotor: p }) => [0, 2, 5, 10, 37, 90].map((tilt) => { p.reset(); p.set("tilt", tilt); p.advance(0.013); return { tilt, ...p.state() }; })"""
+    rotor = tw.RigidBody(tw.SpatialInertia.from_com(1.0, [0, 0, 0], np.diag([0.01, 0.01, 0.02])))
+    sizes = {}
+    for state in pictures_under_node("8.2", work, tmp_path):
+        F, R = np.array(state["wrench_body"]), matrix(state)
+        np.testing.assert_allclose(F, rotor.wrench(state["twist_body"], np.zeros(6)), atol=1e-13)
+        np.testing.assert_allclose(state["wrench_room"], [*(R @ F[:3]), *(R @ F[3:])], atol=1e-13)
+        np.testing.assert_allclose(
+            R @ state["twist_body"][:3], [0, 0, 50], atol=1e-12
+        )  # the shaft is along z of the room
+        sizes[state["tilt"]] = np.linalg.norm(F[:3])
+    np.testing.assert_allclose([sizes[b] for b in (0, 2, 5, 10, 90)], [0, 0.872, 2.171, 4.275, 0], atol=5e-4)
+
+
+def test_a_moved_frame_changes_numbers_and_not_the_motion(tmp_path):
+    work = "({ frame: p }) => [0, 0.1, 0.3].map((x) => { p.set('offset', x); return p.state(); })"
+    box = tw.RigidBody(tw.SpatialInertia.from_com(2.0, [0, 0, 0], np.diag([0.01, 0.01, 0.01])))
+    moments = []
+    for state in pictures_under_node("8.2", work, tmp_path):
+        seen = np.eye(4)
+        seen[1, 3] = -state["offset"]  # the mass centre's frame in the moved one
+        moved, V = box.in_frame(seen), np.array(state["twist_body"])
+        np.testing.assert_allclose(V, tw.Ad(seen) @ [0, 0, 0, 0.2, 0, 0], atol=1e-15)
+        np.testing.assert_allclose(state["momentum_body"], moved.momentum(V), atol=1e-15)
+        np.testing.assert_allclose(state["adT_momentum"], np.zeros(6), atol=1e-15)
+        assert state["energy"] == pytest.approx(0.04, rel=1e-12)
+        moments.append(state["momentum_body"][2])
+    np.testing.assert_allclose(moments, [0, 0.04, 0.12], atol=1e-12)
+
+
+def test_beside_the_mass_centre_v_cross_f_is_the_moment_of_the_string(tmp_path):
+    work = "({ centre: p }) => [0, 0.1, 0.25].map((x) => { p.set('offset', x); return p.state(); })"
+    stone = tw.RigidBody(tw.SpatialInertia.from_com(2.0, [0, 0, 0], np.diag([0.008, 0.008, 0.008])))
+    for state in pictures_under_node("8.2", work, tmp_path):
+        seen = np.eye(4)
+        seen[1, 3] = -state["offset"]
+        there, V = stone.in_frame(seen), np.array(state["twist_body"])
+        np.testing.assert_allclose(state["momentum_body"], there.momentum(V), atol=1e-14)
+        np.testing.assert_allclose(state["wrench_body"], there.wrench(V, np.zeros(6)), atol=1e-14)
+        np.testing.assert_allclose(state["wrench_body"], [0, 0, -4 * state["offset"], -4, 0, 0], atol=1e-14)
+
+
+def test_the_gap_of_four_motions_is_the_bracket_to_third_order(tmp_path):
+    work = "({ bracket: p }) => [0.4, 0.2, 0.1].map((h) => { p.set('h', h); return p.state(); })"
+    turn, drive, rests = np.array([0, 0, 1.0, 0, 0, 0]), np.array([0, 0, 0, 1.0, 0, 0]), []
+    for state in pictures_under_node("8.2", work, tmp_path):
+        h = state["h"]
+        T = np.linalg.multi_dot([tw.se3.exp(h * V) for V in (turn, drive, -turn, -drive)])
+        np.testing.assert_allclose(state["gap"], tw.se3.log(T), atol=1e-14)
+        np.testing.assert_allclose(state["bracket"], h * h * (tw.ad(turn) @ drive), atol=1e-15)
+        rests.append(np.linalg.norm(np.subtract(state["gap"], state["bracket"])))
+    assert np.log2(rests[0] / rests[1]) == pytest.approx(3, abs=0.05)
+    assert np.log2(rests[1] / rests[2]) == pytest.approx(3, abs=0.05)
+
+
+# ── Exercises
+
+NEAR = """({ rotor, frame, bracket }) => { rotor.advance(0.01); const [x] = rotor.state().wrench_room;
+    return [["2.171", "2,171 N m", "−2.171", "4.341", "1.085", String(x), "6.80", "3", "heavy"].map((text) => rotor.check(text)),
+        ...[frame, bracket].map((p) => { const { answer } = p.question(); return [answer, -answer, 2 * answer, answer / 2].map((a) => p.check(String(a))); })]; }"""
+
+
+def test_mistakes_are_named(tmp_path):
+    rotor, *others = pictures_under_node("8.2", NEAR, tmp_path)
+    named = [(found["right"], found["near"]) for found in rotor]
+    wrong = [(False, near) for near in ("sign", "double", "half", "frame", "degrees", None, None)]
+    assert named == [(True, None), (True, None), *wrong]
+    assert [found["words"] for found in rotor[-2:]] == ["Not yet.", "Type a number."]
+    for found in others:
+        assert [each["near"] for each in found] == [None, "sign", "double", "half"]
+
+
+def test_right_wins_over_near_and_near_misses_are_named_in_their_order(tmp_path):
+    work = """() => [judged("0", 0), judged("1.005", 1, { frame: [1.004] }), judged("2", 1, { frame: [2], degrees: [2] }), judged("3", 1, { frame: [3], degrees: [3] }),
+        judged("-1", 1, {}, ["double"])].map(({ right, near }) => [right, near])"""
+    found = pictures_under_node("8.2", work, tmp_path)
+    assert found == [[True, None], [True, None], [False, "double"], [False, "frame"], [False, None]]
+
+
+# ── The page
+
+
+def plain(html):
+    return re.sub(r"<[^>]+>", "", html)
+
+
+@pytest.mark.parametrize("section", ARTICLES)
+def test_an_article_is_short_and_has_one_idea_a_picture(section):
+    text, article = article_text(section), article_of(section)
+    body = text.partition("<main")[2].partition("</main>")[0]
+    assert len(text.encode()) <= 220_000
+    assert len(text.partition("<script>")[2].encode()) <= 60_000
+    assert len(plain(body).split()) <= 2500
+    assert all(len(plain(p).split()) <= 90 for p in re.findall(r"<p>(.*?)</p>", body, re.DOTALL))
+    assert all(len(picture["sliders"]) == 1 for picture in article["picture"])
+    assert len(article["question_at_end"]) == 3
+    assert "http" not in re.sub(r"<meta http-equiv[^>]*>", "", text)
+
+
+def test_a_picture_has_at_most_six_numbers(tmp_path):
+    work = "(pictures) => Object.values(pictures).map((p) => p.numbers().map(([, text]) => text).join(' '))"
+    for section in ARTICLES:
+        for shown in pictures_under_node(section, work, tmp_path):
+            assert 1 <= len(re.findall(r"\d+(?:\.\d+)?", shown)) <= 6
+
+
+def luminance(colour):
+    parts = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+def test_coloured_words_can_be_read_on_light_and_on_dark_paper():
+    for both in QUANTITIES.values():
+        for colour, papers in zip(both, (("#ffffff", "#f5f7fa"), ("#171d24", "#1f2730")), strict=True):
+            for paper in papers:
+                high, low = sorted((luminance(colour), luminance(paper)), reverse=True)
+                assert (high + 0.05) / (low + 0.05) >= 4.5
+
+
+@pytest.fixture(scope="module")
+def article(page, folder):
+    """Opens an article anew, at a size of the screen."""
+
+    def article(section="8.2", width=1280, height=900, mobile=False):
+        path = tw.viz.write_article(section, folder / f"{section}.html")
+        page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+        page.call("Page.navigate", url="about:blank")
+        page.complaints.clear()
+        page.requests.clear()
+        page.open(path.as_uri())
+        page.wait("!!window.viewer")
+        frames(page)
+        assert page.requests == [path.as_uri()]
+        return page
+
+    yield article
+    page.call("Emulation.clearDeviceMetricsOverride")
+
+
+def frames(page):
+    page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def head(page, picture):
+    """Place of the momentum's head on the screen."""
+    return page.run(
+        f"""(() => {{ const canvas = document.querySelector('figure[data-picture={picture}] canvas'); canvas.scrollIntoView({{ block: "center" }});
+        const box = canvas.getBoundingClientRect(); return [box.x, box.y, box.width, box.height]; }})()"""
+    )
+
+
+def test_a_guess_comes_before_the_play(article):
+    """Play is off until the arrow is taken hold of; then the picture runs to the asked second, and the difference is told."""
+    page = article()
+    assert page.run("viewer.article") == "8.2"
+    state = "[document.querySelector('#throw .play').disabled, document.querySelector('#throw .after').hidden]"
+    assert page.run(state) == [True, True]
+    x, y, width, height = head(page, "throw")
+    frames(page)
+    page.run(
+        """(() => { const p = viewer.pictures.throw; window.place = null;
+        const draw = View.prototype.draw; View.prototype.draw = function (...a) { draw.apply(this, a); if (this.canvas.closest('#throw')) window.place = this.heads.find((h) => h.name === 'momentum').to; };
+        p.changed(); })()"""
+    )
+    u, v = page.wait("window.place")
+    assert 0 < u < width and 0 < v < height
+    page.drag((x + u, y + v), (x + u + 90, y + v + 40))
+    assert page.run(state) == [False, True]
+    page.click("#throw .play")
+    page.wait("!document.querySelector('#throw .after').hidden")
+    told = page.run("document.querySelector('#throw .ask').textContent")
+    assert re.match(r"You are \d+° off\. The arrow has not moved", told)
+    assert page.run("viewer.pictures.throw.t") == pytest.approx(1, abs=1e-9)
+    assert page.complaints == []
+
+
+def test_a_number_in_the_sentence_is_moved_by_keys_and_typed(article):
+    page = article()
+    slide = """(key) => { const s = document.querySelector('#rotor .slider'); s.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true })); return s.textContent; }"""
+    assert page.run(f"({slide})('ArrowRight')") == "6°"
+    assert page.run(f"({slide})('End')") == "90°"
+    typed = """(() => { const s = document.querySelector('#rotor .slider'); s.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' }));
+        const field = s.querySelector('input'); field.value = '10 deg'; field.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' })); return s.textContent; })()"""
+    assert page.run(typed) == "10°"
+    assert page.run("viewer.pictures.rotor.value('tilt')") == 10
+    assert page.run("document.querySelector('#rotor .slider').getAttribute('aria-valuenow')") == "10"
+    assert page.complaints == []
+
+
+def test_pointing_at_a_word_lights_its_arrow_and_the_reverse(article):
+    page = article()
+    lit = """(() => { const word = document.querySelector('#body .word.momentum'); word.dispatchEvent(new PointerEvent('pointerenter')); return 1; })()"""
+    page.run(
+        "window.lit = []; const draw = View.prototype.draw; View.prototype.draw = function (...a) { window.lit.push(a[3]); draw.apply(this, a); }; 0"
+    )
+    page.run("document.querySelector('#body').scrollIntoView()")
+    frames(page)
+    page.run(lit)
+    frames(page)
+    assert "momentum" in page.run("window.lit")
+
+
+def test_nothing_runs_out_of_sight_or_at_rest(article):
+    page = article()
+    page.run(
+        "window.drawn = 0; const draw = View.prototype.draw; View.prototype.draw = function (...a) { window.drawn++; draw.apply(this, a); }; 0"
+    )
+    page.run("document.querySelector('#body').scrollIntoView(); document.querySelector('#body .play').click()")
+    page.wait("window.drawn > 2")
+    page.run("scrollTo(0, 0)")
+    page.run("new Promise((done) => setTimeout(done, 200))")
+    page.run("window.drawn = 0")
+    page.run("new Promise((done) => setTimeout(done, 300))")
+    assert page.run("window.drawn") == 0
+
+
+def test_the_wheel_over_a_picture_scrolls_the_page(article):
+    page = article()
+    x, y, width, height = head(page, "body")
+    before = page.run("scrollY")
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x + width / 2, y=y + height / 2, deltaX=0, deltaY=120)
+    page.wait(f"scrollY === {before} + 120")
+
+
+def test_on_a_phone_nothing_scrolls_sideways_and_targets_are_large(article):
+    page = article(width=390, height=844, mobile=True)
+    assert page.run("document.documentElement.scrollWidth") == 390
+    small = """[...document.querySelectorAll('button, form input, .guess input, nav a, summary, .slider')].filter((e) => !e.closest('[hidden]') && !e.hidden)
+        .map((e) => [e.className, e.getBoundingClientRect().height]).filter(([, height]) => height < 39.5)"""
+    assert page.run(small) == []
+    assert page.complaints == []
+
+
+# ── The command
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--section", "5.4"], "section 5.4 has no article, only a page with a robot"),
+        (["--section", "5.44"], "Choose one of: 3.4"),
+        (["--section", "8.2", "--payload", "3"], "Leave --payload out, or name ROBOT first."),
+        ([], "Missing ROBOT"),
+    ],
+)
+def test_without_a_robot_the_command_writes_an_article_or_says_why_not(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(main, ["view", *arguments, "--html", "x.html"])
+    assert found.exit_code == 2
+    assert message in " ".join(found.output.split())
+    assert not any(tmp_path.iterdir())
+    done = CliRunner().invoke(main, ["view", "--section", "8.2", "--html", "x.html"])
+    assert (done.exit_code, done.output) == (0, "wrote x.html\n")
+    assert (tmp_path / "x.html").read_text("utf-8") == article_text("8.2")
