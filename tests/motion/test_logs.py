@@ -190,9 +190,10 @@ def test_joints_are_known_without_the_word_joint_too(model, write):
 
 def test_what_is_not_measured_or_not_of_the_joint_is_not_taken():
     joints = NamedJoints(["elbow", "arm_1", "arm_10"])
+    assert joints.meaning("target_elbow_position").part == "command"
     for name in (
-        "target_elbow_position",
         "elbow_temperature",
+        "target_elbow_velocity",
         "left_elbow",
         "elbow2",
         "elbow_state",

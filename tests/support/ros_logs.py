@@ -23,6 +23,7 @@ ROBOT_PLAN = f"trajectory_msgs/JointTrajectory joint_trajectory\n{RULE}MSG: traj
 SHOWN_PLAN = (
     f"string model_id\nmoveit_msgs/RobotTrajectory[] trajectory\n{RULE}MSG: moveit_msgs/RobotTrajectory\n{ROBOT_PLAN}"
 )
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 STATE = "std_msgs/Header header\nstring[] joint_names\n"
 CONTROLLERS = {"new": ("reference", "feedback", "error", "output"), "old": ("desired", "actual", "error")}
 """Points of a controller's state since ROS 2 Humble, and before."""

@@ -12,13 +12,13 @@ from ..core.errors import TrajectoryError
 from ..core.typing import Array
 from ..mechanics.lie.labelled import WRENCH
 
-SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque"}
+SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque", "command": ".command"}
 """Suffixes of a joint's name in written files, for each part of a motion."""
 
-READ = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort")}
+READ = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort"), "command": (".command",)}
 """Accepted suffixes, shortest first."""
 
-DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2"}
+DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2", "command": "deg"}
 """Bracketed units of columns with angles in degrees."""
 
 ENERGIES = ("kinetic_energy", "potential_energy")
@@ -36,10 +36,21 @@ def is_result(name: str) -> bool:
     return name in ENERGIES or name in MOMENTUM or name.startswith(WORK)
 
 
+def is_command(name: str) -> bool:
+    """True if a column has the name of a command in written files.
+
+    >>> is_command("elbow.command"), is_command("elbow.command [deg]"), is_command("elbow_cmd")
+    (True, True, False)
+    """
+    return split_unit(name)[0].endswith(SUFFIX["command"])
+
+
 # ── Names used by loggers: joint and quantity
 
-PARTS = ("q", "dq", "ddq", "tau")
+STATES = ("q", "dq", "ddq", "tau")
 """Keys of coordinates, velocities, accelerations and torques."""
+PARTS = (*STATES, "command")
+"""The same, and the key of commanded positions."""
 
 CURRENT = "current"
 """Word for a motor current, which a gain converts to a torque."""
@@ -52,6 +63,11 @@ _WORDS = {
 }
 PART_OF = {word: part for part, words in _WORDS.items() for word in words}
 """Part of a motion denoted by each word."""
+COMMANDS = (
+    "command", "commands", "commanded", "cmd", "action", "actions", "target", "desired", "des", "reference", "ref",
+    "setpoint", "goal",
+)  # fmt: skip
+"""Words that make a position a commanded one, in the order in which they are looked for."""
 NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
 NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
 NEUTRAL |= frozenset(("observation", "observations"))
@@ -142,12 +158,16 @@ _FACTORS: dict[tuple[str, bool], dict[str, float]] = {
     ("ddq", False): {f"{u}/s2": f for u, f in _LENGTHS.items()},
     ("jerk", True): {f"{u}/s3": f for u, f in _ANGLES.items()},
     ("jerk", False): {f"{u}/s3": f for u, f in _LENGTHS.items()},
+    ("command", True): _ANGLES,
+    ("command", False): _LENGTHS,
     ("tau", True): {"nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2},
     ("tau", False): {"n": 1.0, "mn": 1e-3, "kn": 1e3},
 }
 _SHOWN = {
     ("q", True): "rad, deg, rev",
     ("q", False): "m, cm, mm",
+    ("command", True): "rad, deg, rev",
+    ("command", False): "m, cm, mm",
     ("dq", True): "rad/s, deg/s, rpm",
     ("dq", False): "m/s, mm/s",
     ("ddq", True): "rad/s^2, deg/s^2",
@@ -175,7 +195,7 @@ def split_unit(text: str) -> tuple[str, str | None]:
 
 
 def si_factor(unit: str, part: str, angular: bool) -> float | None:
-    """Factor from a unit to SI units; ``part`` is q, dq, ddq, jerk or tau; None for units of other quantities.
+    """Factor from a unit to SI units; ``part`` is q, dq, ddq, jerk, tau or command; None for units of other quantities.
 
     >>> si_factor("deg/s^2", "ddq", True) == math.radians(1.0), si_factor("m/s", "dq", True)
     (True, None)

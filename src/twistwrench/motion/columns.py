@@ -19,9 +19,11 @@ from .column_names import (
     PARTS,
     READ,
     ROS_TIME,
+    STATES,
     SUFFIX,
     are_in_degrees,
     current_factor,
+    is_command,
     is_result,
     ros_nanoseconds,
     split_unit,
@@ -33,9 +35,11 @@ from .column_names import (
 from .coordinates import Coordinates, MimicJoint
 from .matching import (
     RULES,
+    Candidate,
     NamedJoints,
     alike,
     candidates,
+    command_candidates,
     counts_rows,
     most_by_prefix,
     rising_columns,
@@ -68,6 +72,10 @@ class Choice:
     """Torque per unit of a current column."""
 
 
+_NONE = Choice(-1)
+"""Column of a joint without one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Options for reading a file."""
@@ -86,6 +94,13 @@ class Reading:
     """Torque per ampere by joint; for ``joint.current``, only if the column is a current by name or unit."""
     locked: Sequence[str] = ()
     """Joints whose columns are ignored."""
+    commands: bool = False
+    """True to read commanded positions too."""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Parts of the motion that are read."""
+        return PARTS if self.commands else STATES
 
 
 def check_header(cells: Sequence[str], where: str) -> None:
@@ -160,7 +175,7 @@ class Assignment:
             found.given["tau"] = {}
         unread = [k for k in sorted(found.free) if k not in of_locked and k not in mimic]
         found.of_locked = [cells[k] for k in of_locked]
-        found.extra = [cells[k] for k in unread if not is_result(cells[k])]
+        found.extra = [cells[k] for k in unread if not (is_result(cells[k]) or is_command(cells[k]))]
         found.check_complete(look)
         if unnamed := [str(k + 1) for k, cell in enumerate(cells) if not cell]:
             found.notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
@@ -321,9 +336,9 @@ class Assignment:
         by_text: dict[str, list[int]] = {}
         for k in self.free:
             by_text.setdefault(self.split[k][0], []).append(k)
-        for part, endings in READ.items():
+        for part in self.reading.parts:
             for k, name in enumerate(self.names[part]):
-                for ending in endings:
+                for ending in READ[part]:
                     columns = by_text.get(f"{name}{ending}", [])
                     if len(columns) > 1 and k not in self.given[part]:
                         raise self.repeated(f"{name}{ending}", len(columns))
@@ -342,6 +357,8 @@ class Assignment:
                 meant = reader.meaning(text)
                 if self.of_motors and kind == "dq" and (meant is None or meant.part in ("tau", CURRENT)):
                     meant = driven.meaning(text)
+                if meant is not None and meant.part == "command" and not self.reading.commands:
+                    continue
                 if meant is not None and (meant.part == "q") == (kind == "q"):
                     found.setdefault((meant.part, meant.name), []).append(k)
                     units[k] = unit or meant.unit or ("A" if meant.part == CURRENT else None)
@@ -370,25 +387,38 @@ class Assignment:
         """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
         texts = {k: self.split[k][0] for k in self.free}
         for meant, found in candidates(texts).items():
-            part, names = ("tau", self.names["tau"]) if meant == CURRENT else (meant, self.names[meant])
-            if self.given[part] or (meant == CURRENT and not self.reading.gain):
+            if meant == CURRENT and not self.reading.gain:
                 continue
-            chosen = ((rule, columns) for rule, of in RULES.items() if (columns := of(found, names, others)))
-            rule, columns = next(chosen, ("", []))
-            for k, (column, _, unit) in enumerate(columns):
-                self.assign(
-                    part, k, Choice(column, self.split[column][1] or unit or ("A" if meant == CURRENT else None))
-                )
-            cells = [self.cells[c.column] for c in columns]
-            if len(cells) > 1:
-                pairs = listed([f"{cell} is {name}" for cell, name in zip(cells, names, strict=True)])
-                note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}."
-                self.notes.append(ReadingNote(note) if rule.startswith("by ") else note)  # their order is a guess
-            elif cells:
-                self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
+            cells = self.assign_group(meant, found, others)
             if meant == "q" and not self.degrees and are_in_degrees(cells):
                 self.degrees = True
                 self.notes.append(f"Columns named {cells[0]} … {cells[-1]} are in degrees, as their maker writes them.")
+        if self.reading.commands:
+            for group in command_candidates({k: text for k, text in texts.items() if k in self.free}):
+                self.assign_group("command", group, others)
+
+    def assign_group(self, meant: str, found: Sequence[Candidate], others: Sequence[str]) -> list[str]:
+        """Assign columns of one quantity by the first rule that matches all joints; returns their names, or none."""
+        part, names = ("tau", self.names["tau"]) if meant == CURRENT else (meant, self.names[meant])
+        if self.given[part]:
+            return []
+        chosen = ((rule, columns) for rule, of in RULES.items() if (columns := of(found, names, others)))
+        rule, columns = next(chosen, ("", []))
+        for k, (column, _, unit) in enumerate(columns):
+            self.assign(part, k, Choice(column, self.split[column][1] or unit or ("A" if meant == CURRENT else None)))
+        cells = [self.cells[c.column] for c in columns]
+        if len(cells) > 1:
+            pairs = listed(
+                [
+                    f"{cell} is {name}{SUFFIX[part] * (part == 'command')}"
+                    for cell, name in zip(cells, names, strict=True)
+                ]
+            )
+            note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}."
+            self.notes.append(ReadingNote(note) if rule.startswith("by ") else note)  # their order is a guess
+        elif cells:
+            self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
+        return cells
 
     def rising_time(self, look: Callable[[int], Array]) -> Choice | None:
         """The only unassigned column that increases in every row; None if a rate is given, or without a unique one."""
@@ -535,7 +565,7 @@ class Columns:
     time_stated: bool
     """True if the file or the caller specifies the unit of time."""
     places: dict[str, Array | None]
-    """Columns of ``q``, ``dq``, ``ddq``, ``tau`` in the robot's order, or None if absent."""
+    """Columns of ``q``, ``dq``, ``ddq``, ``tau``, ``command`` in the robot's order, or None if absent; -1: no command."""
     factors: dict[str, Array]
     """Factors to SI units."""
     angle: Array
@@ -570,18 +600,20 @@ class Columns:
         """
         found = Assignment.from_header(header, coordinates, where, reading, look)
         parts = {part: [given[k] for k in sorted(given)] for part, given in found.given.items()}
+        if commands := found.given["command"]:
+            parts["command"] = [commands.get(k, _NONE) for k in range(len(found.names["command"]))]
         used = [
             *([found.time.column] if found.time else []),
-            *(choice.column for choices in parts.values() for choice in choices),
+            *(choice.column for choices in parts.values() for choice in choices if choice is not _NONE),
             *(choice.column for _, choice in found.mimic_joints),
         ]
         counted, unit = found.time is None, None if found.time is None else found.time.unit
-        place = {column: k + counted for k, column in enumerate(used)}
+        place = {column: k + counted for k, column in enumerate(used)} | {_NONE.column: _NONE.column}
         factors = {}
         for part, choices in parts.items():
             angular = (coordinates.angular if part == "q" else coordinates.angular_velocity).tolist()
             angular = list(coordinates.drive_turns) if part == "tau" and found.of_motors else angular
-            each = zip(choices or [Choice(-1)] * len(angular), angular, strict=True)
+            each = zip(choices or [_NONE] * len(angular), angular, strict=True)
             factors[part] = np.array([found.factor(choice, part, turns) for choice, turns in each])
         return cls(
             header=(*["time"] * counted, *(header[k] for k in used)),
@@ -617,6 +649,10 @@ class Columns:
         return bool((self.angle == math.radians(1.0)).any())
 
     def in_si(self, table: Array, part: str) -> Any:
-        """Columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns) in SI units; None if absent."""
+        """Columns of ``part`` of a table (n, columns) in SI units, NaN for joints without a command; None if absent."""
         where = self.places[part]
-        return None if where is None else table[:, where] * self.factors[part]
+        if where is None:
+            return None
+        found = table[:, where] * self.factors[part]
+        found[:, where == _NONE.column] = np.nan
+        return found

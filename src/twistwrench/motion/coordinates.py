@@ -76,7 +76,7 @@ class Coordinates:
 
         Parameters
         ----------
-        part : "q", "dq", "ddq" or "tau"
+        part : "q", "dq", "ddq", "tau" or "command"
         degrees : bool, use degrees for angles and note them in the names
 
         Returns

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.errors import TrajectoryError
 from ..core.typing import Array
-from .column_names import JOINT, NEUTRAL, PART_OF, UNITS, split_unit
+from .column_names import COMMANDS, JOINT, NEUTRAL, PART_OF, UNITS, split_unit
 
 _FEW = 4
 _LIKE = 0.6
@@ -193,7 +193,11 @@ def _words(text: str) -> list[str]:
 
 
 def _part_of(words: list[str]) -> tuple[str, str | None] | None:
-    """Quantity and unit of the words beside a joint's name; no words mean a position."""
+    """Quantity and unit of the words beside a joint's name; no words mean a position, and a word for commands a command."""
+    rest = [w for w in words if w not in COMMANDS]
+    if len(rest) < len(words):
+        meant = _part_of(rest)
+        return ("command", meant[1]) if meant is not None and meant[0] == "q" else None
     units = [w for w in words if w in UNITS]
     kinds = [w for w in words if w not in UNITS and w not in NEUTRAL]
     if units and kinds[-1:] == ["s"]:  # deg_s
@@ -236,6 +240,20 @@ def candidates(texts: Mapping[int, str]) -> dict[str, list[Candidate]]:
             rest = tuple(w for w, one in zip(words, said, strict=True) if not one)
             found.setdefault(meant[0], []).append(Candidate(column, rest, meant[1]))
     return found
+
+
+def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
+    """Columns that may be commanded positions, grouped by their word for commands.
+
+    >>> command_candidates({1: "actual_q_0", 2: "target_q_0", 3: "target_qd_0", 4: "action1"})
+    [[Candidate(column=4, words=('1',), unit=None)], [Candidate(column=2, words=('0',), unit=None)]]
+    """
+    split = {column: _words(text) for column, text in texts.items()}
+    by_word = [
+        {k: " ".join(w for w in words if w != word) for k, words in split.items() if word in words} for word in COMMANDS
+    ]
+    found = [candidates(of_word).get("q", []) for of_word in by_word]
+    return [group for group in found if group]
 
 
 def _pattern(words: Iterable[str]) -> tuple[str, ...]:

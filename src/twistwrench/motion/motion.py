@@ -103,7 +103,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
     plan: bool = False
     """True for a planned or simulated motion: what no robot does is then a violation of limits, and not an error of a log."""
     command: Array | None = None
-    """(n, nv) commanded positions [rad, m] of the joints at the same times; None if unknown."""
+    """(n, nv) commanded positions [rad, m] of the joints at the same times, NaN for joints without; None if unknown."""
 
     def __post_init__(self) -> None:
         first: object = self.time
@@ -129,7 +129,9 @@ class Motion(MotionDoors, metaclass=HintedClass):
         for label in ("dq", "ddq", "tau", "command"):
             x = getattr(self, label)
             if x is not None:
-                x = np.asarray(arguments.finite(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
+                x = np.asarray(arguments.real(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
+                without = np.isnan(x).all(axis=0) & (label == "command")  # joints without commands
+                arguments.finite(np.where(without, 0.0, x), f"Motion: {label}")
                 if x.shape != (len(t), model.nv):
                     raise ShapeError(f"Motion: {label} has shape {x.shape}; give ({len(t)}, {model.nv}).")
             rates[label] = x
@@ -162,18 +164,20 @@ class Motion(MotionDoors, metaclass=HintedClass):
         degrees: bool = False,
         gain: Mapping[str, float] | None = None,
         topic: str | None = None,
+        command_topic: str | None = None,
         episode: int | None = None,
         plan: bool = False,
     ) -> Motion:
-        """Read a log, a plan or an archive of ``simulate --npz``, like the command ``torques``.
+        """Read a log with its commands, a plan or an archive of ``simulate --npz``, like the command ``torques``.
 
         Parameters
         ----------
         columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, ``.current``
-            Columns that cannot be found by name; ``{"log.csv:joint": column}`` applies only to that file.
+            Columns that cannot be found by name, also ``.command``; ``{"log.csv:joint": column}`` applies only to that file.
         rate : float, optional, sampling rate of a file without a time column [Hz]
         gain : {joint: float}, optional, torque per ampere, for torque columns that are currents [N m/A]
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
+        command_topic : str, optional, topic of the commands in a ROS recording
         episode : int, optional, episode of a LeRobot dataset
         plan : bool, the file is a planner's result and not a recording, as is known of a JointTrajectory
 
@@ -193,7 +197,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
         require_robot(robot, "Motion")
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
-        log = MotionLog.open(path, robot.model, topic=topic, episode=episode, plan=plan, **reading)
+        reading |= {"topic": topic, "command_topic": command_topic, "episode": episode, "plan": plan}
+        log = MotionLog.open(path, robot.model, commands=True, **reading)
         return cls._of_log(log, robot)
 
     @classmethod
@@ -236,7 +241,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
         require_robot(robot, "Motion")
         file, ignored = data_frame_file(frame)
-        log = MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain)
+        reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
+        log = MotionLog.open(file, robot.model, commands=True, **reading)
         found = cls._of_log(log, robot)
         said = tuple(replace(doubt, sentence=in_python_words(doubt.sentence)) for doubt in found.doubts)
         notes = (*map(in_python_words, found.notes), *ignored)
@@ -251,7 +257,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         said = (f"LOOK AGAIN: {doubt}" if doubt.refuses else str(doubt) for doubt in doubts if doubt.level != "note")
         asked = (str(doubt) for doubt in doubts if doubt.level == "note" and doubt.kind in ASKED)
         given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "epoch": log.epoch}
-        given["plan"] = log.plan
+        given |= {"plan": log.plan, "command": rows.command}
         notes = (*log.notes, *said, *asked)
         return cls(rows.time, rows.q, **given, robot=robot, notes=notes, in_seconds=True)._with_log(log)
 
@@ -450,7 +456,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
     # ── as columns ──
 
     def columns(self, *, degrees: bool = False) -> dict[str, Array]:
-        """Columns by their names in files: the coordinate's name, with ``.vel``, ``.acc`` and ``.torque``.
+        """Columns by their names in files: the coordinate's name, with ``.vel``, ``.acc``, ``.torque`` and ``.command``.
 
         Parameters
         ----------
@@ -464,14 +470,21 @@ class Motion(MotionDoors, metaclass=HintedClass):
         unit = np.degrees(1.0) if degrees else 1.0
         q = self.q * np.where(names.angular, unit, 1.0)
         turning = np.where(names.angular_velocity, unit, 1.0)
-        parts: Mapping[str, Array | None] = {"dq": self.dq * turning, "ddq": self.ddq * turning, "tau": self.tau}
+        parts: Mapping[str, Array | None] = {
+            "dq": self.dq * turning,
+            "ddq": self.ddq * turning,
+            "tau": self.tau,
+            "command": None if self.command is None else self.command * turning,
+        }
         found = {
             time_column(names.names): self.time,
             **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
         }
         for part, values in parts.items():
-            if values is not None:
-                found |= {name: values[:, k] for k, name in enumerate(names.headers(part, degrees=degrees))}
+            if values is None:
+                continue
+            named = zip(names.headers(part, degrees=degrees), values.T, strict=True)
+            found |= {name: x for name, x in named if not np.isnan(x[0])}  # NaN: a joint without commands
         return found
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
@@ -511,7 +524,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         return data_frame(columns).set_index(next(iter(columns)))
 
     def to_xarray(self) -> Any:
-        """Dataset of q, dq, ddq, and tau if known, with named axes: time, coordinate, joint.
+        """Dataset of q, dq, ddq, and of tau and command if known, with named axes: time, coordinate, joint.
 
         Returns
         -------
@@ -524,7 +537,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """
         from .motion_io import labelled_dataset
 
-        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, **({} if self.tau is None else {"tau": self.tau})}
+        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq}
+        arrays |= {name: x for name, x in (("tau", self.tau), ("command", self.command)) if x is not None}
         return labelled_dataset(self.robot.model, self.time, arrays)
 
     def with_robot(self, robot: Robot) -> Motion:

@@ -188,20 +188,25 @@ def _distinct(cell: str, path: Path) -> str:
 MotionFile = CsvFile | ArrayFile | JoinedFile
 
 
-def open_motion_file(path: str | Path, topic: str | None = None, episode: int | None = None) -> MotionFile:
+def open_motion_file(
+    path: str | Path, topic: str | None = None, episode: int | None = None, command_topic: str | None = None
+) -> MotionFile:
     """Open a motion file for any robot: CSV, arrays, tables, ROS recordings, or several files, ``a.csv+b.csv``.
 
-    ``topic`` selects a topic of a ROS recording, ``episode`` an episode of a LeRobot dataset. Raises TrajectoryError,
-    NotFoundError and MissingExtraError.
+    ``topic`` selects a topic of a ROS recording, ``command_topic`` that of its commands, and ``episode`` an episode of a
+    LeRobot dataset. Raises TrajectoryError, NotFoundError and MissingExtraError.
     """
     place = as_path(path)
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False if the text cannot be a path
-        return JoinedFile.open(path, partial(open_motion_file, topic=topic, episode=episode))
+        return JoinedFile.open(
+            path, partial(open_motion_file, topic=topic, episode=episode, command_topic=command_topic)
+        )
     ends = FileEnds.from_path(place)
     form = format_of(place, ends.start)
-    given = {name: value for name, value in (("topic", topic), ("episode", episode)) if value is not None}
+    wanted = {"topic": topic, "command_topic": command_topic, "episode": episode}
+    given = {name: value for name, value in wanted.items() if value is not None}
     for name in given:
-        if form is None or form.option != name:
+        if form is None or name not in form.options:
             raise TrajectoryError(f"{path}: {_PURPOSES[name]}, and this is none. Leave it out.", Argument(name))
     if form is None:
         return CsvFile.open(ends)
@@ -213,6 +218,7 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
 
 _PURPOSES = {
     "topic": "{0} is for recordings of ROS",
+    "command_topic": "{0} is for recordings of ROS",
     "episode": "{0} is for LeRobot datasets in parquet",
 }
 

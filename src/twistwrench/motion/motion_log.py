@@ -27,7 +27,7 @@ from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
 from ..mechanics.model.model import Model
 from . import log_table
-from .column_names import date_note, is_called_seconds, time_column
+from .column_names import PARTS, date_note, is_called_seconds, time_column
 from .columns import Columns, MimicJointColumn, Reading
 from .contradictions import Contradictions, stamp_doubts
 from .coordinates import Coordinates
@@ -168,6 +168,8 @@ class LogRows:
     """Accelerations (n, nv)."""
     tau: Array | None = None
     """Logged torques (n, nv) [N m or N], for comparison."""
+    command: Array | None = None
+    """Commanded positions (n, nv) [rad, m], NaN for joints without; None if absent or not read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,8 +232,10 @@ class MotionLog:
         gain: Mapping[str, float] | None = None,
         held: Sequence[str] = (),
         topic: str | None = None,
+        command_topic: str | None = None,
         episode: int | None = None,
         plan: bool = False,
+        commands: bool = False,
     ) -> MotionLog:
         r"""Read and check the header of a motion file, and assign its columns.
 
@@ -250,8 +254,10 @@ class MotionLog:
             ``joint.current``: only for columns that are currents by name or unit.
         held : sequence of str, joints of ``locked`` without a column in the file
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
+        command_topic : str, optional, topic of the commands in a ROS recording
         episode : int, optional, episode of a LeRobot dataset
         plan : bool, the file is a plan and not a recording, as for a JointTrajectory
+        commands : bool, read commanded positions too
 
         Returns
         -------
@@ -281,7 +287,7 @@ class MotionLog:
             )
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
-        file = open_motion_file(path, topic, episode) if isinstance(path, str | Path) else path
+        file = open_motion_file(path, topic, episode, command_topic) if isinstance(path, str | Path) else path
         if isinstance(file, JoinedFile) and not columns:
             file.check_columns()
         file = with_sums(file, columns or {})
@@ -289,7 +295,7 @@ class MotionLog:
         degrees = degrees or dataset == "degrees"
         coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
-        reading = Reading(file.path, columns, rate, degrees, gain, locked)
+        reading = Reading(file.path, columns, rate, degrees, gain, locked, commands)
         found = Columns.from_header(file.header, coordinates, where, reading, file.first)
         unused = varying_columns(file.header, found.extra, file.first) if held else ()
         doubts = _dataset_doubts(file, found, coordinates, degrees=degrees) if dataset else []
@@ -431,11 +437,11 @@ class MotionLog:
         -------
         rows : LogRows
         """
-        q, dq, ddq, tau = (self.columns.in_si(table, part) for part in ("q", "dq", "ddq", "tau"))
+        q, dq, ddq, tau, command = (self.columns.in_si(table, part) for part in PARTS)
         if tau is not None and self.columns.of_motors:
             for at, A, _ in self.coordinates.coupled:
                 tau[:, at] = tau[:, at] @ A
-        return LogRows(table[:, 0].copy(), q, dq, ddq, tau)
+        return LogRows(table[:, 0].copy(), q, dq, ddq, tau, command)
 
     @property
     def notes(self) -> tuple[str, ...]:

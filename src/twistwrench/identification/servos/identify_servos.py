@@ -15,6 +15,7 @@ from ...core.blas_threads import one_blas_thread
 from ...core.errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ...core.estimation.cross_validation import HeldOut
 from ...core.glossary import complete
+from ...core.text import listed
 from ...core.typing import Array
 from ...motion.motion import Motion
 from ...robot import Robot, load
@@ -52,7 +53,8 @@ def identify_servos(
     robot : Robot, path or name
         Robot on a fixed base whose joints have one degree of freedom. Masses and inertias are those of its file.
     logs : Motion, path, or sequence of them
-        Logs with positions and commanded positions, ``Motion(..., command=...)``. Torques are ignored.
+        Logs with positions and commanded positions: columns ``JOINT.command``, or ``Motion(..., command=...)``. Torques are
+        ignored.
     test : Motion, path, or sequence of them, optional
         Test logs that are not used for the fit. Without test logs, the last fifth of each log is predicted from the rest.
     known : mapping, optional, known values by names such as ``joint_2.kp`` and ``joint_2.armature``, in SI units
@@ -142,7 +144,12 @@ def servo_logs(robot: Robot, given: Log | Sequence[Log], what: str) -> list[Serv
             raise ShapeError(f"identify_servos: {name} is of robot {motion.robot.name!r}, whose joints differ.")
         if motion.command is None:
             raise ShapeError(
-                f"identify_servos: {name} has no commands. Give commanded positions, Motion(…, command=…)."
+                f"identify_servos: {name} has no commands. Give columns JOINT.command, or commanded positions, "
+                "Motion(…, command=…)."
+            )
+        if missing := [n for n, c in zip(robot.model.velocity_names, motion.command.T, strict=True) if np.isnan(c[0])]:
+            raise ShapeError(
+                f"identify_servos: {name} has no commands of {listed(missing, 6)}. Lock these joints, or give their commands."
             )
         if len(motion) < _SHORTEST:
             raise ValueRangeError(f"identify_servos: {name} has {len(motion)} rows. Give at least {_SHORTEST}.")

@@ -14,6 +14,7 @@ _UNITS: dict[str, tuple[str, str]] = {
     "ddq": ("rad/s²", "m/s²"),
     "dddq": ("rad/s³", "m/s³"),
     "tau": ("N m", "N"),
+    "command": ("rad", "m"),
 }
 """Units of angular and of linear entries."""
 

@@ -20,8 +20,8 @@ class LogFormat(NamedTuple):
     """First bytes of its files, whatever their names are."""
     member: str | None = None
     """File in each folder that is one recording."""
-    option: str = ""
-    """Option that only this format has: ``topic`` or ``episode``."""
+    options: tuple[str, ...] = ()
+    """Options that only this format has: ``topic`` and ``command_topic``, or ``episode``."""
 
 
 FORMATS = (
@@ -30,13 +30,13 @@ FORMATS = (
         "child_readers:recording_file",
         start=b"SQLite format 3\0",
         member="metadata.yaml",
-        option="topic",
+        options=("topic", "command_topic"),
     ),
     LogFormat(
         (".npy", ".npz", ".mat", ".h5", ".hdf5", ".parquet", ".feather", ".arrow"),
         "child_readers:arrays_file",
         start=b"PK",
-        option="episode",
+        options=("episode",),
     ),
 )
 """Formats of logs other than text with a column for each quantity, in the order in which a file is compared with them."""

@@ -30,7 +30,7 @@ from ...core.text import Argument, listed
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from .. import log_table
-from ..column_names import PART_OF, SUFFIX, time_column
+from ..column_names import PART_OF, STATES, SUFFIX, time_column
 from ..log_table import FileEnds, check_ratio, most_unpacked, slices, table_of
 
 MOST_UNPACKED = 1 << 30
@@ -337,9 +337,9 @@ def simulation_file(file: FileEnds) -> ArrayFile:
                 raise TrajectoryError(f"{path}: an archive of NumPy, but not one that a simulation wrote.")
             said = json.loads(str(archive["said"]))
             columns, header = [np.asarray(archive["times"], float)[:, None]], [time_column(said["coordinate_names"])]
-            for part, ending in SUFFIX.items():
+            for part in STATES:
                 names = said["coordinate_names" if part == "q" else "velocity_names"]
-                header += [f"{name}{ending}" for name in names]
+                header += [f"{name}{SUFFIX[part]}" for name in names]
                 columns.append(np.asarray(archive[part], float).reshape(len(columns[0]), len(names)))
     found = ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), file.size)
     return replace(found, plan=True)  # computed, and not recorded

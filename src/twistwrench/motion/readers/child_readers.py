@@ -32,11 +32,11 @@ def arrays_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
     return array_file_in_child(file.path, episode) if foreign and sandboxed() else array_file(file, episode)
 
 
-def recording_file(file: FileEnds, topic: str | None = None) -> ArrayFile:
+def recording_file(file: FileEnds, topic: str | None = None, command_topic: str | None = None) -> ArrayFile:
     """Open a recording of ROS: in a child process if the sandbox is on."""
     from .ros_recordings import ros_file
 
-    return ros_file_in_child(file.path, topic) if sandboxed() else ros_file(file.path, topic)
+    return (ros_file_in_child if sandboxed() else ros_file)(file.path, topic, command_topic)
 
 
 def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
@@ -68,12 +68,13 @@ def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
     return ArrayFile(path, tuple(header), size, read, tuple(notes), dataset=dataset)
 
 
-def ros_file_in_child(path: Path, topic: str | None) -> ArrayFile:
+def ros_file_in_child(path: Path, topic: str | None, command_topic: str | None = None) -> ArrayFile:
     """As :func:`.ros_file`, with the recording decoded in a child process."""
     items = stream_from_child(
         f"{__name__}:recording",
         str(path),
         topic,
+        command_topic,
         limits=_limits(path),
         error_of=lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}."),
     )
@@ -116,11 +117,11 @@ def _opened(path: str, episode: int | None) -> ArrayFile:
     return array_file(FileEnds.from_path(Path(path)), episode)
 
 
-def recording(path: str, topic: str | None) -> Iterator[Any]:
+def recording(path: str, topic: str | None, command_topic: str | None) -> Iterator[Any]:
     """Header, size, notes, epoch and whether it is a plan, then portions of the rows of a recording."""
     from .ros_recordings import ros_file
 
-    file = ros_file(Path(path), topic)
+    file = ros_file(Path(path), topic, command_topic)
     yield file.header, file.size, file.notes, file.epoch, file.plan
     (table,) = file.read(range(len(file.header)))
     for s in slices(len(table)):

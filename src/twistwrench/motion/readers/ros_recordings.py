@@ -45,9 +45,10 @@ Topics = Mapping[str, tuple[str, int]]
 """Message type and number of messages by topic."""
 
 
-def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
+def ros_file(path: Path, topic: str | None = None, command_topic: str | None = None) -> ArrayFile:
     """Motion from one topic, by default that with most messages; ``NAME:reference``: reference of a controller state.
 
+    ``command_topic`` has joint states whose positions are commands; a command holds until the next one.
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
     if not path.exists():
@@ -56,12 +57,18 @@ def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
     if path.suffix.lower() == ".db3" or (path.suffix.lower() not in (".mcap", ".bag") and path.is_file()):
         read = _database
     chosen: list[str] = []
+    commands: list[Any] = []
 
     def choose(topics: Topics) -> str:
-        chosen[:] = _chosen(path, topics, topic)
+        chosen[:] = _chosen(path, topics, topic, Argument("topic"))
         return chosen[0]
 
+    def choose_commands(topics: Topics) -> str:
+        return _chosen(path, topics, command_topic, Argument("command_topic"))[0]
+
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
+        if command_topic is not None:
+            commands = list(read(path, choose_commands))
         messages = list(read(path, choose))
         name, kind, part, *notes = chosen
         where = f"{path}, topic {name}"
@@ -74,6 +81,9 @@ def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
         else:
             header, table, note = _plan(messages, where)
             notes.append(note)
+        if command_topic is not None:
+            begin = messages[0].header.stamp if hasattr(messages[0], "header") else None
+            header, table = _with_commands(header, table, commands, begin, f"{path}, topic {command_topic}")
     epoch = 0
     if kind in ("JointState", "JointTrajectoryControllerState"):
         stamp = messages[0].header.stamp
@@ -83,7 +93,7 @@ def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
     return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=plan)
 
 
-def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
+def _chosen(path: Path, topics: Topics, wanted: str | None, argument: Argument) -> list[str]:
     """Name of the topic, its type, the selected part, and a note if other topics are possible."""
     name, _, part = (wanted or "").partition(":")
     known = {topic: kind.rpartition("/")[2] for topic, (kind, _) in topics.items()}
@@ -92,7 +102,7 @@ def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
     if wanted is None and not readable:
         raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {shown}.")
     if wanted is not None and name not in readable:
-        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {shown}.", Argument("topic"))
+        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {shown}.", argument)
     if part and (part != "reference" or known[name] != "JointTrajectoryControllerState"):
         raise TrajectoryError(
             f"{path}: {{0}}: only :reference of a JointTrajectoryControllerState is known.",
@@ -135,7 +145,7 @@ def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array
 
 
 def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[list[str], Array]:
-    """Header and table of the measured or reference points of a controller's state."""
+    """Header and table of the measured or reference points of a controller's state; measured ones with their commands."""
     fields = ("reference", "desired") if part else ("feedback", "actual")
     field = fields[0] if hasattr(messages[0], fields[0]) else fields[1]
     names = list(messages[0].joint_names)
@@ -143,9 +153,38 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
     time = np.array([_seconds(m.header.stamp, mine[0].header.stamp) for m in mine])
     q, dq, ddq, effort = _values([getattr(m, field) for m in mine], len(names), where)
     rates = {"q": q, "dq": dq, "ddq": ddq if part else None, "tau": None if part else effort}
+    if not part:
+        wanted = "reference" if hasattr(messages[0], "reference") else "desired"
+        commands = [np.asarray(getattr(m, wanted).positions, float) for m in mine]
+        rates["command"] = np.array(commands) if all(len(x) == len(names) for x in commands) else None
     found = {kind: x for kind, x in rates.items() if x is not None}
     header = ["time [s]", *(f"{n}{SUFFIX[kind]}" for kind in found for n in names)]
     return header, np.concatenate([time[:, None], *found.values()], axis=1)
+
+
+def _with_commands(
+    header: list[str], table: Array, messages: Sequence[Any], begin: Any, where: str
+) -> tuple[list[str], Array]:
+    """Header and table with the latest command before each row; rows before the first command are left out."""
+    if begin is None or not messages or not hasattr(messages[0], "position"):
+        raise TrajectoryError(
+            f"{where}: commands are read from joint states, beside a topic of joint states or of a controller's state. "
+            "{0} must name such a topic.",
+            Argument("command_topic"),
+        )
+    names, time = list(messages[0].name), np.array([_seconds(m.header.stamp, begin) for m in messages])
+    mine = [m for m in messages if list(m.name) == names and len(m.position) == len(names)]
+    if len(mine) < len(messages) or (np.diff(time) < 0.0).any():
+        raise TrajectoryError(
+            f"{where}: each message needs a later stamp and one position for each of {listed(names)}. Record the topic of one "
+            "controller."
+        )
+    latest = np.searchsorted(time, table[:, 0], side="right") - 1
+    rows = latest >= 0
+    if not rows.any():
+        raise TrajectoryError(f"{where}: its first stamp is after the last one of the positions, on another clock.")
+    commands = np.array([np.asarray(m.position, float) for m in mine])[latest[rows]]
+    return [*header, *(f"{name}{SUFFIX['command']}" for name in names)], np.concatenate([table[rows], commands], axis=1)
 
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
