@@ -214,14 +214,52 @@ def test_working_files_are_named_with_size_and_digest(tmp_path):
     assert said in (tmp_path / "r.html").read_text("utf-8")
 
 
-def test_a_report_is_of_one_motion_and_is_not_begun_where_it_cannot_be_written(tmp_path):
+def test_a_report_is_not_begun_if_it_cannot_be_written(tmp_path):
     for arguments, text in (
-        (("--workers", "2", "--report", tmp_path / "r.html"), "--report are of one motion"),
         (("--report", tmp_path / "none" / "r.html"), "no such folder"),
         (("--report", DEMO, "--trajectory", DEMO), "would overwrite"),
     ):
         assert text in spaced(run("torques", "ur5", "--trajectory", "demo", *arguments, code=2))
     assert not list(tmp_path.iterdir())
+
+
+def test_many_motions_have_one_page(tmp_path):
+    """A row for each, and size and digest of each file."""
+    for name in ("first.csv", "second.csv"):
+        shutil.copy(DEMO, tmp_path / name)
+    page = tmp_path / "r.html"
+    run("torques", "ur5", tmp_path / "*.csv", "--payload", "10", "--report", page, code=1)
+    text = page.read_text("utf-8")
+    assert "OVER LIMIT" in text
+    for name in ("first.csv", "second.csv"):
+        assert f'<td class="word">{name}</td>' in text
+        assert re.search(rf"<dt>MOTION</dt><dd>{name}, [\d,]+ bytes, SHA-256", text)
+
+
+SHELL_AND_PYTHON = {
+    "torques": (["ur5", "demo", "--payload", "10"], lambda: tw.check("ur5", "demo", payload=10)),
+    "payload": (["ur5", "--at", "elbow_joint=1"], lambda: tw.payload("ur5", {"elbow_joint": 1.0})),
+    "move": (["ur5", "--to", "1,0,0,0,0,0", "--fastest"], lambda: tw.move("ur5", [1.0, *[0.0] * 5], fastest=True)),
+    "doctor": (["ur5"], lambda: tw.doctor("ur5")),
+}
+
+
+@pytest.mark.parametrize("name", SHELL_AND_PYTHON)
+def test_the_page_of_the_command_is_that_of_the_answer(name, tmp_path, monkeypatch):
+    """Except for the words of the command line, which only the shell has."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    words, ask = SHELL_AND_PYTHON[name]
+    answer = ask()
+    run(name, *words, "--report", tmp_path / "shell.html", code=int(answer.verdict.exit_code))
+    pages = [(tmp_path / "shell.html").read_text("utf-8"), answer.to_html(tmp_path / "python.html").read_text("utf-8")]
+    command = re.compile(r'<dt>command</dt><dd>.*?</dd>|"command":"twistwrench [^"]*",')
+    shell, python = (_unnumbered(command.sub("", page)) for page in pages)
+    assert shell == python
+
+
+def _unnumbered(page):
+    """Page without the numbers that matplotlib gives to parts of a drawing."""
+    return re.sub(r"\b[mp][0-9a-f]{10}\b", "", page)
 
 
 # ── In a browser

@@ -17,7 +17,7 @@ from .data import DataTable, plain, report_data
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
     from .card import Shares
-    from .page import Picture, Viewer
+    from .page import Entry, Picture, Viewer
 
 SCHEMA = 1
 """Version of the keys of :meth:`Answer.to_dict`."""
@@ -100,6 +100,21 @@ class Answer:
         ['MOTION', 'ROBOT']
         """
         return {}
+
+    def origin(self) -> Iterable[Entry]:
+        """Settings of the computation, for the provenance of the page: robot, friction, method, limits.
+
+        Returns
+        -------
+        entries : iterable of (name, text), and of Table
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> [getattr(entry, "title", entry) for entry in tw.check("ur5", "demo").origin()][1:]
+        [('torques', 'no friction, as its file gives none'), 'Limits used']
+        """
+        return []
 
     def shares(self) -> Shares | None:
         """Shares of limits over time, the picture of the card; None without them.
@@ -246,10 +261,7 @@ class Answer:
         """
         from .page import answer_page
 
-        target = as_path(path)
-        with replacing(target) as scratch:
-            scratch.write_text(answer_page(self).html(), encoding="utf-8")
-        return target
+        return answer_page(self).write(as_path(path))
 
     def to_dict(self) -> dict[str, Any]:
         """Data of the answer: verdict, reasons, facts, sentences, tables with all digits, and notes.

@@ -18,11 +18,13 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from ..core.colours import COLOURS, Style, page_colours
+from ..core.files import replacing
 from ..core.version import __version__
 from .blocks import Aligned, Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
 from .data import plain, table_data
@@ -63,6 +65,10 @@ TERMS = {
     "limit curve": "Largest speed along a path at which some acceleration keeps all torque limits.",
 }
 """Explanations of terms that a page may use, equal to those of docs/glossary.md."""
+
+
+Entry: TypeAlias = tuple[str, str] | Table
+"""Entry of the provenance: name and text, or a table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +197,21 @@ class ReportPage:
             data=self.shorten(self._data()).replace("<", "\\u003c"),
         )
 
+    def write(self, path: Path) -> Path:
+        """Write the page, replacing an existing one.
+
+        Parameters
+        ----------
+        path : Path
+
+        Returns
+        -------
+        path : Path
+        """
+        with replacing(path) as scratch:
+            scratch.write_text(self.html(), encoding="utf-8")
+        return path
+
     def _cut(self, part: str) -> str:
         return part if "base64," in part else self.shorten(part)
 
@@ -227,10 +248,23 @@ button.onclick = () => {
 """
 
 
-def answer_page(answer: Answer, *, command: Sequence[str] = (), notes: Sequence[str] = ()) -> ReportPage:
-    """Page of an answer, with the words of the command and the sentences on standard error if it comes from the shell."""
-    blocks = list(answer.blocks())
+def answer_page(
+    answer: Answer,
+    *,
+    command: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    files: Mapping[str, str | Path | None] = MappingProxyType({}),
+    full_paths: bool = False,
+) -> ReportPage:
+    """Page of an answer; if it comes from the shell, with the words of the command line, its files and its notes.
+
+    Folders are cut from paths unless ``full_paths``.
+    """
+    blocks, origin = list(answer.blocks()), list(answer.origin())
+    read = {name: str(path) for name, path in answer.sources().items()}
+    read |= {name: str(path) for name, path in files.items() if path is not None and str(path) not in read.values()}
     typed = [("command", shlex.join(["twistwrench", *command]))] if command else []
+    settings = [entry for entry in origin if not isinstance(entry, Table)]
     return ReportPage(
         answer.call,
         answer.subject,
@@ -239,8 +273,9 @@ def answer_page(answer: Answer, *, command: Sequence[str] = (), notes: Sequence[
         facts=list(answer.facts().items()),
         pictures=list(answer.pictures()),
         notes=notes,
-        provenance=[*typed, *provenance(answer.sources()), *versions()],
-        shorten=without_folders(map(str, answer.sources().values())),
+        provenance=[*typed, *provenance(read), *settings, *versions()],
+        tables=[entry for entry in origin if isinstance(entry, Table)],
+        shorten=str if full_paths else without_folders([*command, *read.values()]),
         viewer=answer.viewer(),
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,10 +19,14 @@ from ..core.errors import ValueRangeError
 from ..core.tables import csv_table
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
+from ..motion.limits_file import robot_origin
 from ..robot import Robot
 from .fit import CalibrationFit
 from .groups import ParameterGroup, ParameterGroups, Remaining
 from .held_out import HeldOutError
+
+if TYPE_CHECKING:
+    from ..answers.page import Entry
 
 PREFIX = "calibration-"
 """Beginning of the doubts' names in the table."""
@@ -247,6 +251,15 @@ class CalibratedRobot(Answer):
         files : {argument: path}
         """
         return {"ROBOT": self.original.model.source, **self.files}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot with its joints.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        return robot_origin(self.robot)
 
     def to_dict(self) -> dict[str, Any]:
         """Data of :meth:`Answer.to_dict`, and all results in SI units.

@@ -12,7 +12,6 @@ from ..formats.xacro import ENDING as XACRO_ENDING
 from ..robot import Robot, load
 from ..testing.verify import VerifyReport, verify
 from .main import option
-from .report import Report
 from .shared import XACRO, RobotOptions, base_option, robot_source, xacro_arguments
 from .skin import Asked, OutputFile, command_of, picture_file
 
@@ -46,7 +45,7 @@ def _changes_links(report: DoctorReport) -> bool:
             missing="no finding changes an inertia, so there is nothing to draw.",
         ),
     ),
-    report=Report(),
+    report=True,
     examples=("doctor ur5", "doctor quadruped --report quadruped.html"),
     with_robot=False,
     reads=lambda source: {"ROBOT": source if Path(source).is_file() else None},

@@ -25,7 +25,7 @@ from ..motion.motion_file import joints_without_column, open_motion_file
 from ..robot import Robot
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, write_report
+from .report import REPORT, answer_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show_answer
 
@@ -126,11 +126,8 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     show_answer(found)
     write_results(found, given, notes)
     if given.report is not None:
-        write_report(
-            given, "identify", found.subject, list(found.blocks()), files={**inputs, **options.files},
-            facts=found.facts().items(), pictures=found.pictures(), robot=found.original,
-            used=[("fit", f"{found.settings}; weights {found.method}")],
-        )  # fmt: skip
+        answer_report(found, given.report, {**inputs, **options.files}, full_paths=given.full_paths)
+        shared.show_written(given.report)
     return found.verdict.exit_code
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..trajectories.move_report import MoveReport, move
-from .report import Report
 from .skin import command_of, of_robot, picture_file, table_file
 
 
@@ -18,11 +17,7 @@ move_command = command_of(
         table_file(MoveReport.to_csv, "Write the motion, which torques and view read", exists=_is_planned),
         picture_file("Draw the motion; with --fastest also the phase plane.", exists=_is_planned),
     ),
-    report=Report(
-        robot=lambda report: report.robot,
-        limits=lambda report: report.limits,
-        in_degrees=lambda report: report.degrees,
-    ),
+    report=True,
     description="""Plan a motion between two configurations and write it: in joint space, at the tip, through waypoints.
 
     Exit code: 1 if the robot cannot follow the path, a limit is exceeded, links come too near (--clearance), or the verdict

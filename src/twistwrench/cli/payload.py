@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..statics.payload_report import PayloadReport, payload
-from .report import Report
 from .skin import command_of, of_robot, picture_file, table_file
 
 payload_command = command_of(
@@ -17,11 +16,7 @@ payload_command = command_of(
             missing="The picture needs a torque limit of every joint that is loaded; none is written.",
         ),
     ),
-    report=Report(
-        robot=lambda report: report.robot,
-        limits=lambda report: report.limits,
-        in_degrees=lambda report: report.degrees,
-    ),
+    report=True,
     description="""Find the largest payload held at rest at a pose, the joint that limits it, and the forces at the tip.
 
     Exit code: 1 if the pose is outside the position limits, or the robot cannot hold itself there.

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from ..answers.answer import Answer
 from ..answers.blocks import Block
@@ -15,13 +13,8 @@ from ..answers.data import report_data
 from ..answers.page import Picture, ReportPage, answer_page, provenance, versions, without_folders
 from ..core.files import replacing
 from ..core.version import __version__
-from ..reports.robot_summary import limits_table
 from .main import Given, kept_answer, option, option_group, printed_blocks, typed_words_and_notes
 from .shared import show_written, write_text
-
-if TYPE_CHECKING:
-    from ..mechanics.model.limits import Limits
-    from ..robot import Robot
 
 REPORT = option_group(
     option("--report OUT.html", "Write a report as one self-contained page."),
@@ -29,39 +22,12 @@ REPORT = option_group(
 )
 
 
-A = TypeVar("A", bound=Answer)
-
-
-def _none(_answer: Any) -> Any:
-    return None
-
-
-@dataclass(frozen=True)
-class Report(Generic[A]):
-    """Origin of an answer on its page: robot, limits and settings."""
-
-    robot: Callable[[A], Robot | None] = _none
-    limits: Callable[[A], Limits | None] = _none
-    in_degrees: Callable[[A], bool] = lambda _answer: False
-    used: Callable[[A], Iterable[tuple[str, str]]] = lambda _answer: ()
-
-
 def answer_report(
-    answer: A, path: str, report: Report[A], files: Mapping[str, str | Path | None], *, full_paths: bool = False
+    answer: Answer, path: str, files: Mapping[str, str | Path | None], *, full_paths: bool = False
 ) -> None:
     """Write the page of an answer, with the words of the command line and the digests of its ``files``."""
     typed, notes = typed_words_and_notes()
-    robot, limits = report.robot(answer), report.limits(answer)
-    origin = [("command", shlex.join(["twistwrench", *typed])), *provenance(files), *_moving(robot)]
-    page = replace(
-        answer_page(answer),
-        notes=notes,
-        provenance=[*origin, *report.used(answer), *versions()],
-        shorten=str if full_paths else without_folders([*typed, *map(str, filter(None, files.values()))]),
-        tables=[limits_table(robot.model, limits, degrees=report.in_degrees(answer))] if robot and limits else [],
-    )
-    with replacing(path) as scratch:
-        scratch.write_text(page.html(), encoding="utf-8")
+    answer_page(answer, command=typed, notes=notes, files=files, full_paths=full_paths).write(Path(path))
 
 
 def write_answer_json(answer: Answer, path: str) -> None:
@@ -82,18 +48,11 @@ def write_report(
     blocks: Sequence[Block],
     *,
     files: Mapping[str, str | Path | None],
-    details: Sequence[Block] = (),
-    facts: Iterable[tuple[str, str]] = (),
     pictures: Iterable[Picture] = (),
-    robot: Robot | None = None,
-    limits: Limits | None = None,
-    degrees: bool = False,
-    used: Iterable[tuple[str, str]] = (),
 ) -> None:
     """Write the page of --report if there is one.
 
-    ``files`` are the inputs by argument, ``details`` blocks that are not printed, ``used`` further entries of the provenance.
-    Angles of ``limits`` are shown in degrees if ``degrees``.
+    ``files`` are the inputs by argument.
     """
     if given.report is None:
         return
@@ -103,18 +62,13 @@ def write_report(
         command,
         subject,
         blocks,
-        details=details,
-        facts=list(facts),
         pictures=list(pictures),
         notes=notes,
         provenance=[
             ("command", shlex.join(["twistwrench", *typed])),
             *provenance(files),
-            *_moving(robot),
-            *used,
             *versions(),
         ],
-        tables=[] if robot is None or limits is None else [limits_table(robot.model, limits, degrees=degrees)],
         shorten=shorten,
     )
     with replacing(given.report) as scratch:
@@ -133,8 +87,3 @@ def write_json(given: Given, code: int | None) -> None:
         data |= {"notes": [*data["notes"], *notes], "version": __version__}
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
     write_text(given.json or "", text)
-
-
-def _moving(robot: Robot | None) -> Iterator[tuple[str, str]]:
-    if robot is not None:
-        yield "robot", f"{robot.name}: {', '.join(robot.model.velocity_names)}"

@@ -13,13 +13,11 @@ from ..core.errors import SimulationError, ValueRangeError
 from ..core.verdict import Verdict, Word
 from ..motion.coordinates import configuration_of, degrees_hint, parse_rates
 from ..motion.load_case import LoadCase, parse_payload, parse_wrenches
-from ..motion.model_doubts import friction_words
 from ..robot import Robot
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
 from . import shared
 from .main import noted_if_failed, option, with_option_names
-from .report import Report
 from .shared import RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
@@ -67,12 +65,6 @@ def _result(answer: Simulated) -> SimulationResult:
     return answer
 
 
-def _used(answer: Simulated) -> list[tuple[str, str]]:
-    if not isinstance(answer, SimulationResult) or answer.simulated is None:
-        return []
-    return [("method", f"{answer.method}, {friction_words(answer.simulated.model, counted=answer.friction)}")]
-
-
 @command_of(
     "simulate",
     Robot.simulate,
@@ -115,14 +107,7 @@ def _used(answer: Simulated) -> list[tuple[str, str]]:
         ),
         picture_file("Draw joints, energies and drift.", exists=_is_simulated, keeps=_is_cut_off),
     ),
-    report=Report(
-        robot=lambda answer: _result(answer).simulated if _is_simulated(answer) else None,
-        limits=lambda answer: (
-            answer.simulated.limits if isinstance(answer, SimulationResult) and answer.simulated else None
-        ),
-        in_degrees=lambda answer: isinstance(answer, SimulationResult) and answer.degrees,
-        used=_used,
-    ),
+    report=True,
     examples=("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
     left_out=(
         *("q0", "dq0", "tau", "wrench_on_robot", "friction", "limits", "contacts"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from ..core.errors import ValueRangeError
 from ..sizing.choice import Sizing
 from ..sizing.sizing import size_drives
-from .report import Report
 from .shared import LogOptions, RobotOptions, motion_path, open_motion
 from .skin import Asked, OutputFile, command_of, picture_file, table_file
 
@@ -27,7 +26,7 @@ def _is_sized(found: Sizing) -> bool:
             exists=_is_sized,
         ),
     ),
-    report=Report(robot=lambda found: found.problem.robot),
+    report=True,
     examples=("size ur5 demo --catalog demo --pause 0.8 --ambient 40 --masses-included",),
 )
 def size_command(robot: RobotOptions, log: LogOptions, asked: Asked, emergency: str | None) -> Sizing:

@@ -27,7 +27,7 @@ from ..motion.load_case import parse_wrenches, payloads_of
 from ..robots.finding import bundled_file
 from .hints import Seconds
 from .main import Decorator, GroupedHelp, check_matplotlib, examples_text, note, option, option_group, plain_errors
-from .report import Report, answer_report, write_answer_json
+from .report import answer_report, write_answer_json
 from .shared import DEGREES, LOG_READING, PLAN, ROBOT, LogOptions, RobotOptions, motion_argument, show_written
 from .terminal import show_answer
 
@@ -456,7 +456,7 @@ def command_of(
     function: Callable[..., Answer],
     *own: Decorator,
     files: Sequence[OutputFile[A]] = (),
-    report: Report[A] | None = None,
+    report: bool = False,
     examples: Sequence[str],
     description: str = "",
     summary: str = "",
@@ -508,7 +508,7 @@ class Call(Generic[A]):
     question: Question
     body: Callable[..., A]
     files: Sequence[OutputFile[A]]
-    report: Report[A] | None
+    report: bool
     own: Sequence[Decorator]
     reads: Callable[..., Mapping[str, str | Path | None]] | None
     with_robot: bool
@@ -532,7 +532,7 @@ class Call(Generic[A]):
         yield from self.question.declarations()
         yield from self.own
         yield from (file.option for file in self.files)
-        if self.report is not None:
+        if self.report:
             yield from (_REPORT, _FULL_PATHS)
         if "degrees" in self.question.parameters:
             yield DEGREES
@@ -576,8 +576,8 @@ class Call(Generic[A]):
         if printed is None:
             show_answer(found)
         outputs.write(found)
-        if outputs.report is not None and self.report is not None:
-            answer_report(found, outputs.report, self.report, outputs.inputs, full_paths=outputs.full_paths)
+        if outputs.report is not None:
+            answer_report(found, outputs.report, outputs.inputs, full_paths=outputs.full_paths)
             show_written(outputs.report, to_error=printed is not None)
         if printed is not None:
             outputs.print(found)

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ..core.errors import ValueRangeError
-from ..motion.model_doubts import friction_words
 from ..reports.check import check
 from ..reports.checked_motions import CheckedMotion, CheckedMotions, checked_motions, expanded_paths
 from ..reports.torque_report import TorqueReport
 from . import shared
 from .main import option
-from .report import Report
 from .shared import LogOptions, RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
@@ -31,10 +29,6 @@ def _of_one(report: Checked) -> TorqueReport:
 
 def _to_csv(report: Checked, path: str) -> Path:
     return report.to_csv(path, split=True) if isinstance(report, TorqueReport) else report.to_csv(path)
-
-
-def _friction(report: TorqueReport) -> str:
-    return friction_words(report.load.robot.model, counted=report.load.friction)
 
 
 def _require_mcap() -> None:
@@ -76,12 +70,7 @@ def _require_rerun() -> None:
             require=_require_rerun,
         ),
     ),
-    report=Report(
-        robot=lambda report: _of_one(report).load.robot,
-        limits=lambda report: _of_one(report).limits,
-        in_degrees=lambda report: _of_one(report).in_degrees,
-        used=lambda report: [("torques", _friction(_of_one(report)))],
-    ),
+    report=True,
     examples=(
         "torques ur5 demo --payload 10 --why",
         "torques ur5 demo --payload 5 --csv torques.csv --plot torques.png",
@@ -105,9 +94,9 @@ def torques_command(
     path = log.path(robot)
     paths = expanded_paths(log.trajectory if path == Path(log.trajectory) else path)
     if paths != [str(path)] or workers is not None or scheduler is not None:
-        if why or not {*outputs.flags} <= {"--csv", "--json"}:
+        if why or not {*outputs.flags} <= {"--csv", "--json", "--report"}:
             raise ValueRangeError(
-                "--plot, --why, --mcap, --rerun and --report are of one motion. Give one file, and no --workers."
+                "--plot, --why, --mcap and --rerun are of one motion. Give one file, and no --workers."
             )
         replace(outputs, inputs={**{f"MOTION {p}": p for p in paths}, **robot.files}).check(overwrite=True)
         work = BatchTorques(robot, log, asked, tuple(paths))

@@ -23,6 +23,7 @@ from ..core.verdict import Verdict
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_of
+from ..motion.limits_file import robot_origin
 from ..motion.motion import Motion
 from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
@@ -43,7 +44,7 @@ from .trajectory_search import (
 )
 
 if TYPE_CHECKING:
-    from ..answers.page import Picture, Viewer
+    from ..answers.page import Entry, Picture, Viewer
 
 _JUDGED = 2001  # minimum number of instants of the final check
 
@@ -222,6 +223,15 @@ class ExcitingMotion(Answer):
         files : {argument: path}
         """
         return {"ROBOT": self.robot.model.source}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot with its joints.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        return robot_origin(self.robot)
 
     def pictures(self) -> Iterable[Picture]:
         """Picture of the motion; none if matplotlib is not installed.

@@ -27,6 +27,7 @@ from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.model import BASE
+from ..motion.limits_file import robot_origin
 from ..robot import Robot
 from .body_changes import BodyChanges, body_changes
 from .consistent import ConsistentRobot, ModelResiduals, check_strength, consistent_robot, model_residuals
@@ -35,7 +36,7 @@ from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
 
 if TYPE_CHECKING:
-    from ..answers.page import Picture
+    from ..answers.page import Entry, Picture
 
 _POOR = 0.3  # relative deviation from which a group is poorly determined
 
@@ -355,6 +356,16 @@ class IdentifiedRobot(Answer):
         files : {argument: path}
         """
         return {"ROBOT": self.original.model.source, **{f"LOG {path}": path for path in self.logs}}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot, settings of the fit, and weights.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        yield from robot_origin(self.original)
+        yield "fit", f"{self.settings}; weights {self.method}"
 
     def pictures(self) -> Iterable[Picture]:
         """Robot, torques, residuals, friction, groups, and bodies; none if matplotlib is not installed.

@@ -1,29 +1,36 @@
 """Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
-The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored.
+The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored. A page
+lists the limits used.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from ..answers.blocks import Table, numbers, words
 from ..core import arguments
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import printed
-from ..mechanics.joints.units import unit_of
-from ..mechanics.model.couplings import refuse_coupled
+from ..core.text import listed
+from ..mechanics.joints.units import heading_unit, unit_of
+from ..mechanics.model.couplings import joint_effort, refuse_coupled
 from ..mechanics.model.limits import Limits, StatedLimits
 from ..mechanics.model.model import Model
 from .column_names import known_units, si_factor, split_unit
 from .coordinates import Coordinates
 from .readers.csv_reader import CsvFile, Dialect, table_errors
+
+if TYPE_CHECKING:
+    from ..answers.page import Entry
+    from ..robot import Robot
 
 COLUMNS = (
     "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
@@ -199,3 +206,36 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
             f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
         )
     return value
+
+
+# ── Limits used
+
+
+def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = False) -> Iterator[Entry]:
+    """Robot with its joints, and the limits used, for the provenance of a page; angles in degrees if ``degrees``."""
+    yield "robot", f"{robot.name}: {', '.join(robot.model.velocity_names)}"
+    if limits is not None:
+        yield limits_table(robot.model, limits, degrees=degrees)
+
+
+def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Table:
+    """Limits used by a report and their source; angles in degrees if ``degrees``."""
+    turning = Coordinates.from_model(model).angular_velocity
+    unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
+    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
+    known = np.isfinite(limits.effort)
+    sources = [
+        ("limits given" if own else "robot's file") if has else "none" for own, has in zip(stated, known, strict=True)
+    ]
+    for c in model.couplings:
+        for joint in c.joints:
+            sources[model.velocity_names.index(joint)] = f"of motors {listed(c.motors)}"
+    return Table(
+        "Limits used",
+        words("joint", model.velocity_names),
+        numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", turning)),
+        numbers("velocity", unit * limits.velocity, unit=heading_unit("dq", turning, degrees=degrees)),
+        numbers("lower", unit * limits.lower, unit=heading_unit("q", turning, degrees=degrees)),
+        numbers("upper", unit * limits.upper, unit=heading_unit("q", turning, degrees=degrees), headed=False),
+        words("source of the torque limit", sources),
+    )

@@ -54,6 +54,13 @@ class CheckedMotion:
     reason: str = ""
     """Reasons against OK, or the error."""
 
+    @property
+    def severity(self) -> float:
+        """Rank of the verdict, 0 for OK, and below 1 the share of the limit."""
+        share = abs(self.peak / self.limit) if self.limit else math.nan
+        rank = len(_SEVEREST_FIRST) - _SEVEREST_FIRST.index(self.verdict) if self.verdict in _SEVEREST_FIRST else 0
+        return rank + (share / (1.0 + share) if math.isfinite(share) else 0.0)
+
     @classmethod
     def from_report(cls, file: str, report: TorqueReport) -> CheckedMotion:
         """The line of a report."""
@@ -77,8 +84,8 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
     >>> import twistwrench as tw
     >>> demo = tw.robots.path_of("ur5").with_name("ur5_demo.csv")
     >>> found = tw.check_each("ur5", [demo, demo], payload=10)
-    >>> found.verdict.word, len(found), found[0].joint, found.subject, found.robot_name
-    (<Word.OVER_LIMIT: 'OVER LIMIT'>, 2, 'shoulder_lift_joint', '2 motions', 'ur5')
+    >>> found.verdict.word, len(found), found[0].joint, found.subject, found.robot_name, len(found.sources())
+    (<Word.OVER_LIMIT: 'OVER LIMIT'>, 2, 'shoulder_lift_joint', '2 motions', 'ur5', 2)
     """
 
     call: ClassVar[str] = "torques"
@@ -135,7 +142,19 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
             column("limit", [Line(quantity(one.limit, one.unit), value=one.limit) for one in self]),
             numbers("at", [Line(quantity(one.time, "s"), value=one.time) for one in self], unit="s", headed=False),
             words("", [one.reason for one in self]),
+            most=12,
+            by=[one.severity for one in self],
+            of_limits=False,
         )
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the motions.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {f"MOTION {one.file}": one.file for one in self if Path(one.file).is_file()}
 
     def to_csv(self, path: str | Path) -> Path:
         """Write one row for each motion.

@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answers import blocks
 from ..core.numbers import number
 from ..core.tables import CsvWriter, html_table
-from ..core.text import listed
-from ..mechanics.joints.units import heading_unit, unit_of
-from ..mechanics.model.couplings import coupled_entries, joint_effort
-from ..mechanics.model.limits import Limits, StatedLimits
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.couplings import coupled_entries
 from ..mechanics.model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.limits_file import COLUMNS, KINDS
@@ -132,27 +129,4 @@ def link_of(model: Model, body: int) -> str:
     names = [name for name, f in model.frames.items() if f.body == body]
     return next(
         (n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}"
-    )
-
-
-def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> blocks.Table:
-    """Limits used by a report and their source; angles in degrees if ``degrees``."""
-    turning = Coordinates.from_model(model).angular_velocity
-    unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
-    known = np.isfinite(limits.effort)
-    sources = [
-        ("--limits" if own else "robot's file") if has else "none" for own, has in zip(stated, known, strict=True)
-    ]
-    for c in model.couplings:
-        for joint in c.joints:
-            sources[model.velocity_names.index(joint)] = f"of motors {listed(c.motors)}"
-    return blocks.Table(
-        "Limits used",
-        blocks.words("joint", model.velocity_names),
-        blocks.numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", turning)),
-        blocks.numbers("velocity", unit * limits.velocity, unit=heading_unit("dq", turning, degrees=degrees)),
-        blocks.numbers("lower", unit * limits.lower, unit=heading_unit("q", turning, degrees=degrees)),
-        blocks.numbers("upper", unit * limits.upper, unit=heading_unit("q", turning, degrees=degrees), headed=False),
-        blocks.words("source of the torque limit", sources),
     )

@@ -19,7 +19,9 @@ from ..core.numbers import MISSING, percent_of_limit, quantity, seconds, torque
 from ..core.typing import Array
 from ..core.verdict import Word
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier
+from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, PayloadMargin
+from ..motion.model_doubts import friction_words
 from ..motion.plausibility import DoubtfulSpans
 from .log_quality import MeasuredTorque
 from .motors import MotorUse
@@ -28,6 +30,7 @@ from .statistics import Gaps, PeakEstimate
 if TYPE_CHECKING:
     from ..answers.blocks import Block
     from ..answers.card import Shares
+    from ..answers.page import Entry
     from ..core.verdict import Verdict
     from ..mechanics.model.limits import Limits
     from ..motion.motion import Motion
@@ -321,6 +324,16 @@ class TorqueReport(Answer):
         files : {argument: path}
         """
         return {"MOTION": self.trajectory, "ROBOT": self.load.robot.model.source}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot, friction, and the limits used.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        yield from robot_origin(self.load.robot, self.limits, degrees=self.in_degrees)
+        yield "torques", friction_words(self.load.robot.model, counted=self.load.friction)
 
     def shares(self) -> Shares:
         """Shares of the torque limits over time.

@@ -20,6 +20,7 @@ from .events import Happening
 
 if TYPE_CHECKING:
     from ..answers.blocks import Block
+    from ..answers.page import Entry
     from ..core.verdict import Verdict
     from ..motion.motion import Motion
     from ..robot import Robot
@@ -199,6 +200,20 @@ class SimulationResult(Answer):
         files : {argument: path}
         """
         return {} if self.simulated is None else {"ROBOT": self.simulated.model.source}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot, method, friction, and the limits of the robot.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        from ..motion.limits_file import robot_origin
+        from ..motion.model_doubts import friction_words
+
+        if self.simulated is not None:
+            yield "method", f"{self.method}, {friction_words(self.simulated.model, counted=self.friction)}"
+            yield from robot_origin(self.simulated, self.simulated.limits, degrees=self.degrees)
 
     # ── Motion and files
 

@@ -23,6 +23,7 @@ from ..formats.yaml import si_unit
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.actuators import RATINGS, moving
 from ..motion.coordinates import Coordinates
+from ..motion.limits_file import robot_origin
 from ..motion.model_doubts import as_it_hangs, base_doubts, model_warnings
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
@@ -44,6 +45,7 @@ from .drives import (
 )
 
 if TYPE_CHECKING:
+    from ..answers.page import Entry
     from ..robot import Robot
 
 _FAR = 2.0
@@ -318,6 +320,15 @@ class Sizing(Answer):
         """
         motion = {} if self.report is None else {"MOTION": self.report.trajectory}
         return {**motion, "ROBOT": self.problem.robot.model.source}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot with its joints.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        return robot_origin(self.problem.robot)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write a row for each figure of each motor and gear, with its limit.

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -25,12 +25,16 @@ from ..mechanics.model.limits import Limits
 from ..motion import limits_file
 from ..motion.coordinates import ConfigurationGiven, configuration_of
 from ..motion.credible_values import credible_limits, credible_load
+from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, LoadsGiven, Payload, limit_doubts, payloads_of, reach, unlimited
 from ..motion.model_doubts import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot, load
 from .equilibrium import BeyondStop, joints_beyond_stops
 from .payload import LargestPayload, PayloadMap, largest_payload, payload_map, plane_and_samples, points
 from .torque_limits import require_fixed_base
+
+if TYPE_CHECKING:
+    from ..answers.page import Entry
 
 SAMPLES = 200_000
 """Number of random configurations of a map."""
@@ -196,6 +200,15 @@ class PayloadReport(Answer):
         files : {argument: path}
         """
         return {"ROBOT": self.robot.model.source}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot, and the limits used.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        return robot_origin(self.robot, self.limits, degrees=self.degrees)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write a row for each joint: name, position, torques, limit; with limits also the largest mass and the share.

@@ -29,6 +29,7 @@ from ..motion import limits_file
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import ConfigurationGiven, Coordinates, configuration_of, degrees_hint
 from ..motion.credible_values import credible_limits
+from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, LoadsGiven, limit_doubts, payloads_of
 from ..motion.model_doubts import as_it_hangs, assumed_words, assumptions, base_doubts, model_warnings
 from ..motion.motion import Motion
@@ -41,6 +42,7 @@ from .paths import JointPath, follow_poses, joint_line, spline
 from .trajectory import Trajectory, fitted, required_torques
 
 if TYPE_CHECKING:
+    from ..answers.page import Entry
     from .doors import PathClearance
 
 Paths: TypeAlias = Literal["joint", "line", "screw"]
@@ -203,6 +205,15 @@ class MoveReport(Answer):
         """
         limits = {"limits": self.limits_file} if self.limits_file else {}
         return {"ROBOT": self.robot.model.source, **limits}
+
+    def origin(self) -> Iterator[Entry]:
+        """Robot, and the limits used.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        return robot_origin(self.robot, self.limits, degrees=self.degrees)
 
     def to_csv(self, path: str | Path, step: float | None = None) -> Path:
         """Write time, q, dq and ddq at a step, as read by :func:`twistwrench.check`; angles in degrees if the report's are.

@@ -16,7 +16,7 @@ from ...core.errors import ValueRangeError
 from ...core.verdict import ExitCode, Word
 from .. import shared
 from ..main import Given, note, option
-from ..report import REPORT, write_report
+from ..report import REPORT, answer_report
 from ..shared import RobotOptions, robot_command
 from ..terminal import show, show_answer
 
@@ -106,10 +106,8 @@ def calibrate_command(options: RobotOptions, given: Given) -> ExitCode:
         found.plot(path=given.plot)
     shared.show_written(written, given.csv, given.plot)
     if given.report is not None:
-        write_report(
-            given, "calibrate", found.subject, list(found.blocks()), files=files, facts=found.facts().items(),
-            pictures=found.pictures(), robot=found.robot, degrees=options.degrees,
-        )  # fmt: skip
+        answer_report(found, given.report, files, full_paths=given.full_paths)
+        shared.show_written(given.report)
     return found.verdict.exit_code
 
 
