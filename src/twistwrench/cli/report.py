@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from ..answers.answer import Answer
-from ..answers.blocks import Block
 from ..answers.data import report_data
-from ..answers.page import Picture, ReportPage, answer_page, provenance, versions, without_folders
+from ..answers.page import answer_page
 from ..core.files import replacing
 from ..core.version import __version__
 from .main import Given, kept_answer, option, option_group, printed_blocks, typed_words_and_notes
-from .shared import show_written, write_text
+from .shared import write_text
 
 REPORT = option_group(
     option("--report OUT.html", "Write a report as one self-contained page."),
@@ -39,41 +37,6 @@ def write_answer_json(answer: Answer, path: str) -> None:
         scratch.write_text(
             json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n", encoding="utf-8", newline=""
         )
-
-
-def write_report(
-    given: Given,
-    command: str,
-    subject: str,
-    blocks: Sequence[Block],
-    *,
-    files: Mapping[str, str | Path | None],
-    pictures: Iterable[Picture] = (),
-) -> None:
-    """Write the page of --report if there is one.
-
-    ``files`` are the inputs by argument.
-    """
-    if given.report is None:
-        return
-    typed, notes = typed_words_and_notes()
-    shorten = str if given.full_paths else without_folders([*typed, *map(str, filter(None, files.values()))])
-    page = ReportPage(
-        command,
-        subject,
-        blocks,
-        pictures=list(pictures),
-        notes=notes,
-        provenance=[
-            ("command", shlex.join(["twistwrench", *typed])),
-            *provenance(files),
-            *versions(),
-        ],
-        shorten=shorten,
-    )
-    with replacing(given.report) as scratch:
-        scratch.write_text(page.html(), encoding="utf-8")
-    show_written(given.report)
 
 
 def write_json(given: Given, code: int | None) -> None:

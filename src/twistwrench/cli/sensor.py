@@ -10,7 +10,6 @@ import click
 from ..sensing import Compensation, Identification, PoseProposal, compensate, identify, propose_poses
 from ..sensing.files import log_path
 from .main import option
-from .report import Report
 from .skin import Asked, OutputFile, Spelling, command_of, picture_file, table_file
 
 _LOG = click.argument("readings", metavar="LOG")
@@ -27,7 +26,7 @@ def _log_file(readings: str | None) -> dict[str, Path | None]:
     compensate,
     _LOG,
     files=(table_file(Compensation.to_csv, _TABLE), picture_file(_PICTURE)),
-    report=Report(),
+    report=True,
     examples=("sensor compensate demo --sensor demo",),
     summary="Subtract weight, inertial load and bias from a log; detect contacts.",
     with_robot=False,
@@ -53,7 +52,7 @@ def compensate_command(readings: str, asked: Asked) -> Compensation:
         table_file(Identification.to_csv, _TABLE),
         picture_file(_PICTURE),
     ),
-    report=Report(),
+    report=True,
     examples=("sensor identify demo", "sensor identify demo --save hand.json"),
     summary="Estimate mass, centre of mass and bias from a log.",
     with_robot=False,
@@ -80,7 +79,7 @@ def identify_command(readings: str, asked: Asked) -> Identification:
     click.argument("readings", metavar="[LOG]", required=False),
     option("--within DEGREES", "Largest tilt.", "degrees", default=180.0),
     files=(table_file(PoseProposal.to_csv, "Write the poses as a table"),),
-    report=Report(),
+    report=True,
     examples=("sensor poses", "sensor poses demo --count 3"),
     summary="Propose the orientations to read next.",
     with_robot=False,
