@@ -17,7 +17,7 @@ from .data import DataTable, plain, report_data
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
     from .card import Shares
-    from .page import Entry, Picture, Viewer
+    from .page import Picture, Setting, Viewer
 
 SCHEMA = 1
 """Version of the keys of :meth:`Answer.to_dict`."""
@@ -101,7 +101,7 @@ class Answer:
         """
         return {}
 
-    def origin(self) -> Iterable[Entry]:
+    def origin(self) -> Iterable[Setting]:
         """Settings of the computation, for the provenance of the page: robot, friction, method, limits.
 
         Returns

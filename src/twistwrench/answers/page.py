@@ -67,7 +67,7 @@ TERMS = {
 """Explanations of terms that a page may use, equal to those of docs/glossary.md."""
 
 
-Entry: TypeAlias = tuple[str, str] | Table
+Setting: TypeAlias = tuple[str, str] | Table
 """Entry of the provenance: name and text, or a table."""
 
 

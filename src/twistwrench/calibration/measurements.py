@@ -118,7 +118,7 @@ class Measurements:
             if values.size and values.max() > LARGEST:
                 row = int(np.unravel_index(values.argmax(), values.shape)[0])
                 raise ValueRangeError(
-                    f"{name}[{row}] has {printed(values.max())}. Give at most {LARGEST:.0e} rad or m."
+                    f"{name}[{row}] has {printed(values.max())}. Give at most {printed(LARGEST)} rad or m."
                 )
         if self.targets is not None and len(self.targets) != n:
             raise ValueRangeError(f"{len(self.targets)} targets for {n} configurations. Give one for each.")

@@ -26,7 +26,7 @@ from .groups import ParameterGroup, ParameterGroups, Remaining
 from .held_out import HeldOutError
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry
+    from ..answers.page import Setting
 
 PREFIX = "calibration-"
 """Beginning of the doubts' names in the table."""
@@ -252,7 +252,7 @@ class CalibratedRobot(Answer):
         """
         return {"ROBOT": self.original.model.source, **self.files}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot with its joints.
 
         Returns

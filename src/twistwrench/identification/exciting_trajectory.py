@@ -44,7 +44,7 @@ from .trajectory_search import (
 )
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry, Picture, Viewer
+    from ..answers.page import Picture, Setting, Viewer
 
 _JUDGED = 2001  # minimum number of instants of the final check
 
@@ -224,7 +224,7 @@ class ExcitingMotion(Answer):
         """
         return {"ROBOT": self.robot.model.source}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot with its joints.
 
         Returns

@@ -36,7 +36,7 @@ from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry, Picture
+    from ..answers.page import Picture, Setting
 
 _POOR = 0.3  # relative deviation from which a group is poorly determined
 
@@ -357,7 +357,7 @@ class IdentifiedRobot(Answer):
         """
         return {"ROBOT": self.original.model.source, **{f"LOG {path}": path for path in self.logs}}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot, settings of the fit, and weights.
 
         Returns

@@ -29,7 +29,7 @@ from .coordinates import Coordinates
 from .readers.csv_reader import CsvFile, Dialect, table_errors
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry
+    from ..answers.page import Setting
     from ..robot import Robot
 
 COLUMNS = (
@@ -211,7 +211,7 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
 # ── Limits used
 
 
-def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = False) -> Iterator[Entry]:
+def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = False) -> Iterator[Setting]:
     """Robot with its joints, and the limits used, for the provenance of a page; angles in degrees if ``degrees``."""
     yield "robot", f"{robot.name}: {', '.join(robot.model.velocity_names)}"
     if limits is not None:

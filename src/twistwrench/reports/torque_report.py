@@ -30,7 +30,7 @@ from .statistics import Gaps, PeakEstimate
 if TYPE_CHECKING:
     from ..answers.blocks import Block
     from ..answers.card import Shares
-    from ..answers.page import Entry
+    from ..answers.page import Setting
     from ..core.verdict import Verdict
     from ..mechanics.model.limits import Limits
     from ..motion.motion import Motion
@@ -325,7 +325,7 @@ class TorqueReport(Answer):
         """
         return {"MOTION": self.trajectory, "ROBOT": self.load.robot.model.source}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot, friction, and the limits used.
 
         Returns

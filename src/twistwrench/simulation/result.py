@@ -20,7 +20,7 @@ from .events import Happening
 
 if TYPE_CHECKING:
     from ..answers.blocks import Block
-    from ..answers.page import Entry
+    from ..answers.page import Setting
     from ..core.verdict import Verdict
     from ..motion.motion import Motion
     from ..robot import Robot
@@ -201,7 +201,7 @@ class SimulationResult(Answer):
         """
         return {} if self.simulated is None else {"ROBOT": self.simulated.model.source}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot, method, friction, and the limits of the robot.
 
         Returns

@@ -45,7 +45,7 @@ from .drives import (
 )
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry
+    from ..answers.page import Setting
     from ..robot import Robot
 
 _FAR = 2.0
@@ -321,7 +321,7 @@ class Sizing(Answer):
         motion = {} if self.report is None else {"MOTION": self.report.trajectory}
         return {**motion, "ROBOT": self.problem.robot.model.source}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot with its joints.
 
         Returns

@@ -34,7 +34,7 @@ from .payload import LargestPayload, PayloadMap, largest_payload, payload_map, p
 from .torque_limits import require_fixed_base
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry
+    from ..answers.page import Setting
 
 SAMPLES = 200_000
 """Number of random configurations of a map."""
@@ -201,7 +201,7 @@ class PayloadReport(Answer):
         """
         return {"ROBOT": self.robot.model.source}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot, and the limits used.
 
         Returns

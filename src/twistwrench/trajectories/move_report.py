@@ -42,7 +42,7 @@ from .paths import JointPath, follow_poses, joint_line, spline
 from .trajectory import Trajectory, fitted, required_torques
 
 if TYPE_CHECKING:
-    from ..answers.page import Entry
+    from ..answers.page import Setting
     from .doors import PathClearance
 
 Paths: TypeAlias = Literal["joint", "line", "screw"]
@@ -206,7 +206,7 @@ class MoveReport(Answer):
         limits = {"limits": self.limits_file} if self.limits_file else {}
         return {"ROBOT": self.robot.model.source, **limits}
 
-    def origin(self) -> Iterator[Entry]:
+    def origin(self) -> Iterator[Setting]:
         """Robot, and the limits used.
 
         Returns
