@@ -82,6 +82,31 @@ def test_zeros_of_known_joints_come_out():
     assert abs(value - np.radians(1.3)) < half + 2e-4 and "zero of elbow_joint off by 1.29" in found.headline
 
 
+def test_how_the_target_is_mounted_is_not_a_zero_of_the_last_joint():
+    """Poses of a target turned by 100° about the last axis: the zero that is off by 1.3° is named, at the same value."""
+    robot = tw.robots.ur5()
+    for turn in (0.0, np.radians(100.0)):
+        ball = tw.se3.pose(tw.so3.exp([0, 0, turn]), [0.05, 0.03, 0.02])
+        m = World.drawn(robot, 4, size=(1e-5, 1e-5), ball=ball).measured("pose", 40)
+        q = m.q - np.radians(1.3) * np.eye(6)[2]
+        found = tw.calibration.calibrate(robot, tw.calibration.Measurements(q, poses=m.poses))
+        assert (
+            "zero of elbow_joint off by 1.29" in found.headline or "zero of elbow_joint off by 1.30" in found.headline
+        )
+        assert "wrist_3_joint" not in found.zeros and len(found.zeros) == 4
+
+
+def test_joints_without_load_do_not_sag():
+    """A vertical first joint and a last one without an offset have no torque of gravity: the rank is that of theory without them."""
+    robot = tw.robots.ur5()
+    world = World.drawn(robot, 11, assume=("sag",), sags=[0, 2e-4, 3e-4, 0, 0, 0])
+    found = tw.calibration.calibrate(robot, world.measured("position", 60), assume="sag")
+    assert world.chain.loaded_joints == ["shoulder_lift_joint", "elbow_joint", "wrist_1_joint"]
+    assert (
+        found.rank == found.theory == 27 + 3 and set(found.sag) == set(world.chain.loaded_joints) and found.verdict.ok
+    )
+
+
 def test_outliers_are_named_with_their_size():
     """Four of forty readings off by 5 mm a coordinate: all are named, no other, and the tip is as right as without."""
     world = World.drawn(tw.robots.ur5(), 5)

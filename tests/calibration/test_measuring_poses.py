@@ -6,7 +6,7 @@ import csv
 
 import numpy as np
 import pytest
-from calibration_worlds import ANGLE, NOISE, World, X, gantry, planar, rail, scara
+from calibration_worlds import ANGLE, CENTRE, NOISE, World, gantry, planar, rail, scara
 
 import twistwrench as tw
 from twistwrench.calibration import Measurements, measuring_poses
@@ -15,27 +15,10 @@ from twistwrench.shapes.capsules import MARGIN, CapsuleDistances, LinkCapsules
 
 ARMS = {f"{n}R": (lambda n=n: planar(n)) for n in (3, 5, 6, 7)} | {"scara": scara, "rail": rail, "gantry": gantry}
 LACKING = {"pose": 0, "position": 3, "distance": 6, "pair": 9}
-CENTRE = (0.2, 0.1, -1.5)
 
 
 def given(kind):
     return {"towards": CENTRE} if kind == "distance" else {}
-
-
-def readings(world, kind, q):
-    """Readings of a world at configurations, with noise."""
-    T = world.poses(q)
-    Y, e = X @ T, NOISE * world.rng.normal(size=(len(q), 3))
-    if kind == "position":
-        return Measurements(q, positions=Y[:, :3, 3] + e)
-    if kind == "pose":
-        turn = tw.so3.exp(ANGLE * world.rng.normal(size=(len(q), 3)))
-        return Measurements(q, poses=tw.se3.pose(turn @ Y[:, :3, :3], Y[:, :3, 3] + e))
-    if kind == "distance":
-        return Measurements(q, distances=np.linalg.norm(T[:, :3, 3] - CENTRE, axis=1) + e[:, 0])
-    pairs = np.arange(len(q)).reshape(-1, 2)
-    far = np.linalg.norm(T[pairs[:, 0], :3, 3] - T[pairs[:, 1], :3, 3], axis=1)
-    return Measurements(q, pairs=pairs, distances=far + e[: len(pairs), 0])
 
 
 @pytest.mark.parametrize("kind", LACKING)
@@ -59,7 +42,7 @@ def test_chosen_configurations_beat_random_ones(kind):
     for seed in range(4):
         world = World.drawn(robot, seed)
         q = robot.random_configuration(seed, 12)
-        found = tw.calibration.calibrate(robot, readings(world, kind, q), noise=(NOISE, ANGLE))
+        found = tw.calibration.calibrate(robot, world.readings(kind, q), noise=(NOISE, ANGLE))
         random.append(found.remaining.rms)
     assert plan.remaining[-1] < min(random)
     assert (np.diff(plan.remaining) < 0).all() and plan.remaining[0] < plan.by_file
@@ -75,7 +58,7 @@ def test_the_prediction_comes_true(kind):
     plan = measuring_poses(robot, 40, kind=kind, noise=(NOISE, ANGLE), **given(kind))
     for seed in range(3):
         world = World.drawn(robot, 20 + seed)
-        found = tw.calibration.calibrate(robot, readings(world, kind, plan.q))
+        found = tw.calibration.calibrate(robot, world.readings(kind, plan.q))
         errors.append(world.error(found))
     assert 0.5 < np.median(errors) / plan.remaining[-1] < 2.0
 
@@ -117,7 +100,7 @@ def test_the_file_with_readings_is_read_by_calibrate(tmp_path, kind, degrees):
     """Columns of readings added to the written file give the measurements of the arrays, to the digits that are written."""
     robot = tw.robots.ur5()
     plan = measuring_poses(robot, 30, kind=kind, **given(kind))
-    m = readings(World.drawn(robot, 1), kind, plan.q)
+    m = World.drawn(robot, 1).readings(kind, plan.q)
     file = plan.to_csv(tmp_path / "poses.csv", degrees=degrees)
     head, *rows = list(csv.reader(file.read_text().splitlines()))
     if kind == "pose":

@@ -199,6 +199,16 @@ def test_exciting_motions_are_better_than_the_best_of_random_ones_as_measured():
             assert f"| {robot}, {name} | {numbers} |" in text
 
 
+def test_errors_of_a_real_arm_are_those_measured():
+    text, found = page("calibration"), kept("calibration")["IRB 120 [mm]"]
+    plain, sag = found["geometry"], found["sag"]
+    assert f"off by {plain['before']} mm" in text and f"by {plain['held out']} mm, held out" in text
+    assert f"by {sag['held out']} mm with sag" in text
+    assert f"by {plain['30 separate']} and {sag['30 separate']} mm" in text
+    twelve = kept("calibration")["planned [mm]"]["12"]
+    assert twelve["chosen"]["median"] < 0.75 * twelve["random"]["median"]
+
+
 def test_what_real_logs_leave_unexplained_is_what_was_measured():
     text, found = page("identification-method"), kept("real_logs")
     robot, one, other, simple = (

@@ -14,6 +14,8 @@ NOISE, ANGLE = 5e-5, 2e-4
 """Standard deviations of a reading [m, rad]."""
 BALL = tw.se3.pose(np.eye(3), [0.05, 0.03, 0.02])
 """Target on the tip, off the last axis."""
+CENTRE = (0.2, 0.1, -1.5)
+"""Fixed end of distances, in the base [m]."""
 X = tw.se3.exp([0.3, -0.2, 1.0, 2.0, -1.0, 0.5])
 """Base in the tracker's frame."""
 
@@ -88,9 +90,12 @@ class World:
         return self.rng.uniform(lower, upper, (count, self.robot.nq))
 
     def measured(self, kind, count, noise=NOISE, angle=ANGLE):
-        """Readings of a kind."""
-        q = self.configurations(count)
-        T = self.poses(q)
+        """Readings of a kind at random configurations."""
+        return self.readings(kind, self.configurations(count), noise, angle)
+
+    def readings(self, kind, q, noise=NOISE, angle=ANGLE):
+        """Readings of a kind at configurations."""
+        T, count = self.poses(q), len(q)
         e = noise * self.rng.normal(size=(count, 3))
         Y = X @ T
         if kind == "position":
@@ -99,7 +104,7 @@ class World:
             turn = tw.so3.exp(angle * self.rng.normal(size=(count, 3)))
             return Measurements(q, poses=tw.se3.pose(turn @ Y[:, :3, :3], Y[:, :3, 3] + e))
         if kind == "distance":
-            return Measurements(q, distances=np.linalg.norm(T[:, :3, 3] - [0.2, 0.1, -1.5], axis=1) + e[:, 0])
+            return Measurements(q, distances=np.linalg.norm(T[:, :3, 3] - CENTRE, axis=1) + e[:, 0])
         if kind == "pair":
             pairs = np.arange(count // 2 * 2).reshape(-1, 2)
             far = np.linalg.norm(T[pairs[:, 0], :3, 3] - T[pairs[:, 1], :3, 3], axis=1)

@@ -26,6 +26,9 @@ from ..robot import Robot
 
 ASSUMED = ("sag", "gears")
 """Effects beside the geometry that can be fitted."""
+_SAMPLES = 100
+_ROUNDING = 1e-9
+"""Torque of gravity, as a share of the largest joint's, below which it is rounding."""
 ANGLES, LENGTHS = ("rx", "ry", "rz"), ("x", "y", "z")
 
 
@@ -145,6 +148,12 @@ class TipChain:
         if "sag" not in self.assume:
             return np.zeros((len(q), len(self.bodies)))
         return np.asarray(self.robot.gravity_forces(q))[:, [self.robot.model.bodies[i].v_index for i in self.bodies]]
+
+    @cached_property
+    def loaded_joints(self) -> list[str]:
+        """Joints that sag: those with a torque of gravity in some configuration, if sag is fitted."""
+        largest = np.abs(self.loads(self.robot.random_configuration(0, _SAMPLES))).max(axis=0)
+        return [joint for joint, load in zip(self.joints, largest, strict=True) if load > _ROUNDING * largest.max()]
 
     # ── Parameters: twists of the joints, gears, sags, twist of the tip
 

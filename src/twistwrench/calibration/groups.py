@@ -44,6 +44,11 @@ class ParameterGroup:
     """True for m; False for rad."""
 
     @property
+    def turns_with_the_tip(self) -> bool:
+        """True if a turn of the target on the tip has the same effect."""
+        return any(name.startswith("tip.r") for name in self.terms)
+
+    @property
     def unit(self) -> str:
         """Unit of the value."""
         if self.name.endswith((".gear", ".sag")):
@@ -127,7 +132,7 @@ class ParameterGroups:
         chain, fit = self.fit.problem.chain, self.fit
         turning, sliding = sum(chain.turning), len(chain.turning) - sum(chain.turning)
         alone = [target.freedom(turning, sliding) - len(target.names) for target in fit.state.targets]
-        extra = sum(len(chain.joints) for _ in chain.assume)
+        extra = ("gears" in chain.assume) * len(chain.joints) + len(chain.loaded_joints)
         return max(alone) + sum(len(target.names) for target in fit.state.targets) + extra
 
     @cached_property

@@ -143,11 +143,14 @@ class CalibratedRobot(Answer):
     def _of(self, word: str) -> dict[str, tuple[float, float]]:
         """Value and half width of each joint's parameter that leads a group."""
         found = {g.name.rpartition(".")[0]: g for g in self._listed if g.name.endswith(f".{word}")}
-        return {joint: (g.value, g.half_width()) for joint, g in found.items()}
+        return {joint: (g.value, g.half_width()) for joint, g in found.items() if not g.turns_with_the_tip}
 
     @property
     def zeros(self) -> dict[str, tuple[float, float]]:
-        """Offset of each joint's zero, and half its 95 % interval [rad or m]."""
+        """Offset of each joint's zero, and half its 95 % interval [rad or m].
+
+        Zeros that cannot be told from how the target is mounted, as the last joint's with poses, are left out.
+        """
         return self._of("zero")
 
     @property

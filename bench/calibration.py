@@ -1,0 +1,115 @@
+"""Calibration of simulated arms: error before and after on configurations that were not measured, coverage, planned readings.
+
+Lengths are off by 1 mm and angles by 2 mrad (standard deviations), readings by 0.05 mm and 0.2 mrad:
+python -m bench.calibration. With IRB120_MEASUREMENTS, the published measurements of a real arm, too (tests/support/irb120.py).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import twistwrench as tw
+from twistwrench.calibration.fit import CalibrationProblem
+from twistwrench.calibration.groups import ParameterGroups
+
+ROOT = Path(__file__).resolve().parent.parent
+KEPT = Path(__file__).with_name("calibration.json")
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+import irb120  # noqa: E402
+from calibration_worlds import ANGLE, NOISE, World, rail, scara  # noqa: E402
+
+ARMS = {
+    "UR5": (tw.robots.ur5, None),
+    "Panda": (tw.robots.panda, "panda_link8"),
+    "SCARA": (scara, None),
+    "rail + 3R": (rail, None),
+}
+CASES = (
+    ("UR5", "position", 30), ("UR5", "position", 60), ("Panda", "pose", 30), ("SCARA", "position", 20), ("SCARA", "pose", 20),
+    ("rail + 3R", "position", 20), ("UR5", "pair", 120), ("UR5", "distance", 60),
+)  # fmt: skip
+WORLDS, COVERED, DRAWS = 7, 67, 5
+
+
+def calibrated(name: str, kind: str, count: int) -> dict[str, Any]:
+    """Median errors [mm] over worlds: by the file, true afterwards, predicted, held out; and how many are OK."""
+    make, tip = ARMS[name]
+    rows, fine = [], 0
+    for seed in range(WORLDS):
+        world = World.drawn(make(), seed, tip=tip)
+        found = tw.calibration.calibrate(world.robot, world.measured(kind, count), tip=tip)
+        rows.append([found.before, world.error(found), found.remaining.rms, found.held_out.rms])
+        fine += found.verdict.ok
+    names = ("before", "after", "predicted", "held out")
+    return {**_millimetres(names, np.median(rows, axis=0)), "OK": f"{fine} of {WORLDS}"}
+
+
+def coverage(name: str, kind: str, count: int) -> dict[str, int]:
+    """Number of 95 % intervals of groups that hold the truth."""
+    make, tip = ARMS[name]
+    robot, inside = make(), list[bool]()
+    for seed in range(COVERED):
+        world = World.drawn(robot, 5000 + seed, tip=tip)
+        fit = CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted()
+        true = dict(zip(world.chain.parameters, world.chain.values(world.truth), strict=True))
+        for group in ParameterGroups(fit).all:
+            value = sum(factor * true.get(name, 0.0) for name, factor in group.terms.items())
+            inside.append(abs(group.value - value) <= group.half_width())
+    return {"hold": int(np.sum(inside)), "intervals": len(inside)}
+
+
+def planned(count: int) -> dict[str, Any]:
+    """True error [mm] of a UR5 after chosen and after random positions: median and largest over draws."""
+    robot, errors = tw.robots.ur5(), {"chosen": list[float](), "random": list[float]()}
+    for seed in range(DRAWS):
+        plan = tw.calibration.measuring_poses(robot, count, noise=(NOISE, ANGLE), clear=False, seed=seed)
+        for how, q in (("chosen", plan.q), ("random", robot.random_configuration(100 + seed, count))):
+            world = World.drawn(robot, 200 + seed)
+            found = tw.calibration.calibrate(robot, world.readings("position", q), noise=(NOISE, ANGLE))
+            errors[how].append(world.error(found))
+    return {how: _millimetres(("median", "largest"), (np.median(x), max(x))) for how, x in errors.items()}
+
+
+def _millimetres(names: tuple[str, ...], values: Any) -> dict[str, float]:
+    return {name: float(f"{1e3 * value:.3g}") for name, value in zip(names, values, strict=True)}
+
+
+def real() -> dict[str, Any]:
+    """Errors [mm] of an ABB IRB 120: by the data sheet, held out, and at 10 and 30 separate positions."""
+    robot, measured, found = irb120.irb120(), irb120.poses(), dict[str, Any]()
+    for assume in ((), ("gears",), ("sag",)):
+        one = tw.calibration.calibrate(robot, measured, assume=assume)
+        separate = [
+            tw.calibration.calibrate(robot, measured, assume=assume, test=test).held_out.rms
+            for test in irb120.separate_positions()
+        ]
+        names = ("before", "held out", "10 separate", "30 separate")
+        found[" ".join(assume) or "geometry"] = {
+            **_millimetres(names, [one.before, one.held_out.rms, *separate]),
+            "first line": one.headline,
+        }
+    return found
+
+
+if __name__ == "__main__":
+    before = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else {}
+    kept = {
+        "date": date.today().isoformat(),
+        "errors [mm]": {
+            f"{name}, {count} of kind {kind}": calibrated(name, kind, count) for name, kind, count in CASES
+        },
+        "coverage": {
+            f"{name}, {count} of kind {kind}": coverage(name, kind, count)
+            for name, kind, count in (("UR5", "position", 30), ("SCARA", "pose", 24), ("rail + 3R", "position", 24))
+        },
+        "planned [mm]": {str(count): planned(count) for count in (12, 20, 30)},
+        "IRB 120 [mm]": before.get("IRB 120 [mm]", {}) if irb120.folder() is None else real(),
+    }
+    KEPT.write_text(json.dumps(kept, indent=1) + "\n", "utf-8")
+    print(KEPT.read_text("utf-8"))
