@@ -137,7 +137,7 @@ if _typing.TYPE_CHECKING:
     from .robot import convert as convert
     from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
-    from .robot.export.saved import Saved as Saved
+    from .robot.export.written import Saved as Saved
     from .robot.export.written import Written as Written
     from .robots.finding import find as find
     from .robots.known_robots import KnownRobots as KnownRobots
@@ -183,7 +183,7 @@ _NAMES = {
     "PayloadReport": "statics.payload_report",
     "RigidBody": "mechanics.bodies.rigid_body",
     "RobotReport": "reports.info",
-    "Saved": "robot.export.saved",
+    "Saved": "robot.export.written",
     "SimulationResult": "simulation.result",
     "Sizing": "sizing.choice",
     "SpatialInertia": "mechanics.bodies.inertia",

@@ -9,8 +9,8 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.cli.shared import RobotOptions
-from twistwrench.cli.skin import SPELLINGS, parameters_of
+from twistwrench.cli.parameters import SPELLINGS, parameters_of
+from twistwrench.cli.shared import LOADING, RobotOptions
 from twistwrench.diagnosis import doctor
 from twistwrench.symbolic import derive
 from twistwrench.testing.verify import verify
@@ -28,6 +28,9 @@ ASKED = {
     "sensor identify": tw.sensing.identify,
     "sensor compensate": tw.sensing.compensate,
     "sensor poses": tw.sensing.propose_poses,
+    "convert": tw.save,
+    "export": tw.Robot.export_c,
+    "robots": tw.robots.known,
 }
 NOT_TYPED = {
     "every": {"robot", "self", "motion", "log", "progress"},
@@ -37,9 +40,14 @@ NOT_TYPED = {
     "size": {"draws"},
     "doctor": {"max_bodies"},
     "simulate": {"controller", "creep", "events", "atol", "max_step"},
+    "convert": {"path", "overwrite"},
+    "robots": {"word"},
 }
 """Parameters that are no options: arguments, functions, arrays of arrays, and settings of programs."""
+OF_ROBOT = {"actuators", "degrees", "overwrite", *LOADING.parameters}
+"""Parameters whose help is that of all commands."""
 OTHER = {
+    "export": {"quantities": "--quantity", "path": "--c", "precision": "--float", "test": "--no-test-program"},
     "simulate": {
         "q0": "--at", "dq0": "--velocity", "tau": "--torque", "limits": "--stop-at-limits", "contacts": "--touch",
         "wrench_on_robot": "--wrench-on-robot", "friction": "--no-friction",
@@ -74,16 +82,19 @@ def test_every_parameter_of_the_function_is_an_option(name):
 @pytest.mark.parametrize("name", sorted(ASKED.keys() - {"simulate"}))
 def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
     """Beside them there are the few that a row names, since only a shell has them."""
-    of_robot = set(RobotOptions.__dataclass_fields__) | {
+    of_robot = {"source", "actuators", "degrees", "chain", "not_floating_base", *LOADING.defaults} | {
         "lock_missing",
         "trajectory",
         "whole_report",
         "overwrite",
         "full_paths",
     }
-    of_shell = {"torques": {"workers", "scheduler", "kind", "joints"}}.get(name, set())
+    of_shell = {
+        "torques": {"workers", "scheduler", "kind", "joints"},
+        "export": {"st", "ros2", "payloads", "gravity_input", "style", "torque", "license"},
+    }.get(name, set())
     for option in options_of(name).values():
-        known = {*parameters_of(ASKED[name]), *of_robot, *of_shell, "fixed_base", "xacro", "columns", "gain"}
+        known = {*parameters_of(ASKED[name]), *of_robot, *of_shell, "columns", "gain"}
         assert option.name in known or option.name.startswith("file_"), (name, option.name)
 
 
@@ -91,12 +102,10 @@ def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
 def test_the_help_is_written_once_in_the_docstring(name):
     for parameter in parameters_of(ASKED[name]).values():
         option = options_of(name).get(parameter.flag)
-        if (
-            option is not None
-            and option.name == parameter.name
-            and parameter.name not in RobotOptions.__dataclass_fields__
-        ):
+        if option is not None and option.name == parameter.name and parameter.name not in OF_ROBOT:
             words = parameter.text.rstrip(".")
+            if parameter.annotation == "bool" and parameter.default:
+                words = f"Do not {words[0].lower()}{words[1:]}"
             assert (words and option.help.startswith(words)) or name == "simulate" or parameter.name in LOG, parameter
 
 
@@ -108,20 +117,35 @@ LOG = {"columns", "gain", "rate", "topic", "episode", "plan"}
 def test_an_option_that_is_left_out_leaves_the_default_of_the_function(name):
     for parameter in parameters_of(ASKED[name]).values():
         option = options_of(name).get(parameter.flag)
-        if (
-            option is not None
-            and option.name == parameter.name
-            and option.name not in RobotOptions.__dataclass_fields__
-        ):
+        if option is not None and option.name == parameter.name and option.name not in OF_ROBOT:
             assert option.default in (None, False, ()) or type(option.default).__name__ == "Sentinel", parameter.name
             if isinstance(parameter.default, float | int) and parameter.default not in (True, False):
                 assert f"[default: {parameter.default}]" in option.help, parameter.name
 
 
 def test_few_options_are_spelled_otherwise_than_their_parameters():
-    assert len(SPELLINGS) + len({*OTHER["simulate"].values()}) <= 12
-    every = {name for function in ASKED.values() for name in inspect.signature(function).parameters}
+    assert len(SPELLINGS) <= 10 and len({*OTHER["simulate"].values()}) <= 8
+    functions = [*ASKED.values(), tw.load]
+    every = {name for function in functions for name in inspect.signature(function).parameters}
     assert SPELLINGS.keys() <= every
+
+
+def test_the_options_of_the_robot_are_the_parameters_of_load():
+    """Their forms, defaults and help are those of its signature and docstring."""
+    left_out = {"source", "format", "max_bodies", "snap", "gravity"}
+    assert LOADING.parameters.keys() == inspect.signature(tw.load).parameters.keys() - left_out
+    texts = {name: parameter.text.rstrip(".") for name, parameter in parameters_of(tw.load).items()}
+    for command in ("torques", "convert", "view", "derive"):
+        options = {p.name: p for p in options_of(command).values()}
+        assert all(options[name].help.startswith(texts[name]) for name in LOADING.parameters), command
+    loaded = RobotOptions.of(
+        {
+            **dict.fromkeys([*LOADING.parameters, "chain", "actuators", "not_floating_base"]),
+            "source": "planar_2r", "mimic": "independent", "lock": ("joint1=0.5",), "not_floating_base": True,
+        }
+    )  # fmt: skip
+    assert loaded.loading == {"mimic": "independent", "lock": {"joint1": 0.5}, "floating_base": False}
+    assert loaded.load().joint_names == ("joint2",)
 
 
 def test_a_value_of_the_shell_is_the_value_of_the_function(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import shlex
 import shutil
@@ -32,7 +33,8 @@ def test_it_writes_what_the_library_writes(run, tmp_path):
     (tmp_path / "other").mkdir()
     for file in tw.robots.planar_2r().export_c("inverse_dynamics", tmp_path / "other" / "arm.c"):
         assert (tmp_path / file.name).read_text() == file.read_text()
-        assert f"wrote {file.name}" in output
+        assert file.name in output
+    assert output.startswith("DONE: wrote arm.c.")
 
 
 def test_written_files_are_a_tuple_and_an_answer(tmp_path):
@@ -51,6 +53,26 @@ def test_written_files_are_a_tuple_and_an_answer(tmp_path):
         assert len(files) == len(written)
         copied = pickle.loads(pickle.dumps(written))
         assert (copied, copied.path) == (written, written.path)
+
+
+@pytest.mark.parametrize(
+    ("options", "export"),
+    [
+        (["--c", "arm.c"], lambda robot, folder: robot.export_c("inverse_dynamics", folder / "arm.c")),
+        (["--st", "arm.st"], lambda robot, folder: robot.export_st("inverse_dynamics", folder / "arm.st")),
+        (["--ros2", "arm_dyn"], lambda robot, folder: robot.export_ros2(folder / "arm_dyn")),
+    ],
+)
+def test_the_data_of_the_command_are_those_of_the_function(options, export, run, tmp_path):
+    code, output = run("planar_2r", *options, "--json", "answer.json")
+    assert code == 0 and output.endswith("wrote answer.json\n"), output
+    (tmp_path / "other").mkdir()
+    told, found = json.loads((tmp_path / "answer.json").read_text()), export(tw.robots.planar_2r(), tmp_path / "other")
+    assert {key: told[key] for key in ("call", "robot", "verdict", "exit_code", "tables")} == {
+        key: found.to_dict()[key] for key in ("call", "robot", "verdict", "exit_code", "tables")
+    }
+    code, output = run("planar_2r", options[0], f"new_{options[1]}", "--json", "-")
+    assert code == 0 and json.loads(output)["call"] == "export"
 
 
 def test_a_folder_takes_files_of_the_robots_name(run, tmp_path):

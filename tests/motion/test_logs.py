@@ -724,7 +724,7 @@ def test_a_chain_holds_all_joints_beside_it(run):
 
 def test_what_is_locked_stays_where_it_was_put_beside_a_chain_too():
     lock, chain = {"wrist_3_joint": 0.7}, ("upper_arm_link", "wrist_1_link")
-    whole, part = robots.ur5(), RobotOptions("ur5", False, lock, None, "follow", "error", None, False, chain).load()
+    whole, part = robots.ur5(), RobotOptions("ur5", {"lock": lock}, chain=chain).load()
     assert part.joint_names == ("elbow_joint", "wrist_1_joint")
     q = np.array([0, 0, 0.3, -0.4, 0, 0.7])
     np.testing.assert_allclose(part.forward_kinematics(q[2:4]), whole.forward_kinematics(q), atol=1e-12)

@@ -40,11 +40,18 @@ Piece: TypeAlias = str | tuple[str, str]
 class Line:
     """Text in pieces, each with an optional style: ``Line(("OK", strong(Style.GOOD)), ": no limit is passed.")``.
 
-    ``value`` is the number of a cell with all digits.
+    ``value`` is the number of a cell with all digits; a ``whole`` line, such as one to copy, is never broken.
     """
 
-    def __init__(self, *pieces: Piece, indent: int = 0, value: float | None = None, level: Level = Level.SHORT) -> None:
-        self.pieces, self.indent, self.value, self.level = list(pieces), indent, value, level
+    def __init__(
+        self,
+        *pieces: Piece,
+        indent: int = 0,
+        value: float | None = None,
+        whole: bool = False,
+        level: Level = Level.SHORT,
+    ) -> None:
+        self.pieces, self.indent, self.value, self.whole, self.level = list(pieces), indent, value, whole, level
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,8 @@ class Headline:
     """Further reasons, one a line."""
     further: Sequence[Line] = ()
     """Lines that belong to the answer: largest payload, least distance, questions to the user."""
+    whole: bool = False
+    """True for a sentence with a path, which is never broken."""
     level: Level = Level.SHORT
 
     @classmethod

@@ -32,6 +32,8 @@ class _Output(Console):
         raise
 
     def print(self, *objects: Any, **options: Any) -> None:
+        if any(isinstance(one, Text) and one.no_wrap for one in objects):  # Rich joins texts, and forgets it
+            options = {"no_wrap": True, "overflow": "ignore", **options}
         super().print(*objects, **{"crop": False, **options})
 
 
@@ -74,6 +76,8 @@ def rendered(block: Block, output: Console) -> RenderableType:
     if isinstance(block, Aligned):
         return _aligned(block, output.width)
     text = _text(block)
+    if isinstance(block, Headline | Line) and block.whole:
+        text.no_wrap = True
     return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
 
 

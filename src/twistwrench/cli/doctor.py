@@ -11,8 +11,7 @@ from ..diagnosis.report import DoctorReport, doctor
 from ..formats.xacro import ENDING as XACRO_ENDING
 from ..robot import Robot, load
 from ..testing.verify import VerifyReport, verify
-from .main import option
-from .shared import XACRO, RobotOptions, base_option, robot_source, xacro_arguments
+from .shared import LOADING, RobotOptions, robot_source
 from .skin import Asked, OutputFile, command_of, picture_file
 
 
@@ -30,8 +29,6 @@ def _changes_links(report: DoctorReport) -> bool:
     "doctor",
     doctor,
     click.argument("source", metavar="ROBOT"),
-    option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
-    XACRO,
     files=(
         OutputFile(
             "--out OUT",
@@ -49,32 +46,31 @@ def _changes_links(report: DoctorReport) -> bool:
     examples=("doctor ur5", "doctor quadruped --report quadruped.html"),
     with_robot=False,
     reads=lambda source: {"ROBOT": source if Path(source).is_file() else None},
+    also=(LOADING.only("xacro"),),
 )
 def doctor_command(
     asked: Asked,
     source: str,
-    meshes: tuple[str, ...],
-    floating_base: bool,
-    fixed_base: bool,
+    meshes: bool | list[str],
+    floating_base: bool | None,
     model: str | None,
-    xacro: tuple[str, ...],
+    xacro: dict[str, str] | None,
 ) -> DoctorReport:
     """Find errors in a robot file, their effect on the mass matrix and gravity torques, and the repair.
 
     Exit code: 1 with errors or warnings.
     """
-    for folder in meshes:
+    for folder in meshes if isinstance(meshes, list) else ():
         if not Path(folder).is_dir():
             raise ValueRangeError(
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
-    found, arguments, base = robot_source(source), xacro_arguments(xacro), base_option(floating_base, fixed_base)
-    if arguments is None and Path(source).suffix.lower() == XACRO_ENDING:
-        arguments = {}  # expanded as by every command
-    robot: str | Path | Robot = found
-    if arguments is not None:
-        robot = load(found, xacro=arguments, inertia="accept", floating_base=base, model=model)
-    return doctor(robot, meshes=meshes or True, floating_base=base, model=model, **asked)
+    if xacro is None and Path(source).suffix.lower() == XACRO_ENDING:
+        xacro = {}  # expanded as by every command
+    robot: str | Path | Robot = robot_source(source)
+    if xacro is not None and not isinstance(robot, Robot):
+        robot = load(robot, xacro=xacro, inertia="accept", floating_base=floating_base, model=model)
+    return doctor(robot, meshes=meshes, floating_base=floating_base, model=model, **asked)
 
 
 # ── ``verify``

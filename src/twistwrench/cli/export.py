@@ -2,99 +2,103 @@
 
 from __future__ import annotations
 
-import shlex
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
-from ..answers.data import plain
 from ..core.arguments import assignments
 from ..core.errors import ValueRangeError
-from ..core.verdict import ExitCode
+from ..motion.load_case import LoadCase, payloads_of
+from ..robot import Robot
+from ..robot.export.written import Saved, Written
 from ..robot.load import save
-from .main import Given, keep_answer, note, option
-from .shared import JSON, PAYLOADS, RobotOptions, load_case, robot_command, show_written
-from .terminal import show
+from .main import note, option
+from .parameters import Question, Spelling
+from .shared import PAYLOADS, RobotOptions
+from .skin import Asked, Outputs, command_of
 
 _LISTS = ("by", "parameters", "rows", "wrenches")
+_OF_C = ("precision", "prefix", "test")
 
 
-@robot_command(
+@command_of(
     "export",
+    Robot.export_c,
     option(
         "--c FOLDER|OUT.c", "Write C99: a header, a source and a test program, into a folder or beside OUT.c.", "path"
     ),
     option("--st FOLDER|OUT.st", "Write Structured Text (IEC 61131-3) for PLCs, with a test; it was not run on a PLC."),
     option("--ros2 DIR", "Write a ROS 2 package, a plug-in of inverse_dynamics_solver; DIR is made and names it."),
-    option("--license NAME", "License in the ROS 2 package.", default="Apache-2.0"),
     option(
         "--quantity NAME[:OPTION=VALUE,…]",
         "Function to export, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Join several values "
-        "of wrenches=, rows=, by= and parameters= by +.",
+        "of wrenches=, rows=, by= and parameters= by +. [default: inverse_dynamics]",
         "quantities",
         multiple=True,
-        default=("inverse_dynamics",),
     ),
     PAYLOADS,
     option("--gravity-input", "Make gravity an input of each function."),
-    option(
-        "--float",
-        "Use single precision. [default: double]",
-        "precision",
-        flag_value="float",
-        default="double",
-        show_default=False,
+    also=(
+        Question(
+            Robot.export_st,
+            left_out=("quantities", "path", *_OF_C),
+            spellings={"torque": Spelling("--torque-side", {"joint": "joint", "motor": "motor"})},
+        ),
+        Question(Robot.export_ros2, left_out=("path",)),
     ),
-    option("--prefix NAME", "Prefix of function names. [default: the robot's name]"),
-    option(
-        "--style",
-        "Structured Text only; 'codesys' adds a block for its interface, to complete by hand.",
-        choices=("function_block", "codesys"),
-        default="function_block",
-    ),
-    option(
-        "--torque-side",
-        "Structured Text only: torques at the joints, or at the motor shafts of --actuators.",
-        "torque",
-        choices=("joint", "motor"),
-        default="joint",
-    ),
-    option("--test-program/--no-test-program", "Write a program that tests the functions.", "test", default=True),
+    left_out=("quantities", "path"),
+    spellings={
+        "precision": Spelling("--float", {"": "float"}),
+        "test": Spelling("--no-test-program", {"": False}),
+    },
     examples=(
         "export panda --c . --quantity inverse_dynamics --quantity mass_matrix",
         "export ur5 --st ur5.st --payload 3 --actuators demo --torque-side motor",
         "export panda --ros2 panda_dynamics --payload 2",
     ),
-    angles=False,
 )
-def export_command(options: RobotOptions, given: Given) -> None:
+def export_command(
+    robot: RobotOptions,
+    asked: Asked,
+    path: str | None,
+    st: str | None,
+    ros2: str | None,
+    quantities: Sequence[str],
+    payloads: tuple[str, ...],
+    gravity_input: bool,
+) -> Written:
     """Write dynamics functions of a robot as C99, Structured Text or a ROS 2 package, with a test program."""
     from ..robot.export.c99 import export_c
     from ..robot.export.ros2 import export_ros2
     from ..robot.export.structured_text import export_st
 
-    if given.path is None and given.st is None and given.ros2 is None:
+    if path is None and st is None and ros2 is None:
         raise ValueRangeError("nothing is to be written. Add --c OUT.c, --st OUT.st or --ros2 DIR.")
-    if given.st is None and (given.style, given.torque) != ("function_block", "joint"):
+    of_st, of_ros2 = _of(asked, "style", "torque"), _of(asked, "license")
+    if st is None and of_st:
         raise ValueRangeError("--style and --torque-side apply to Structured Text. Add --st OUT.st, or leave them out.")
-    robot = load_case(options.load(), options, given).with_load
-    wanted = [_quantity(text) for text in given.quantities]
-    if given.gravity_input:
+    if ros2 is not None and (gravity_input or "precision" in asked or "prefix" in asked):
+        raise ValueRangeError("--gravity-input, --float and --prefix do not apply to --ros2. Leave them out.")
+    loaded = LoadCase(robot.load(), payloads_of(list(payloads), robot.tip)).with_load
+    wanted = [_quantity(text) for text in quantities or ("inverse_dynamics",)]
+    if gravity_input:
         wanted = [(name, {**own, "gravity": "input"}) for name, own in wanted]
-    common = given.pick("precision", "prefix", "test") | {"inputs": options.files}
-    if given.ros2 is not None:
-        if given.gravity_input or given.precision != "double" or given.prefix is not None:
-            raise ValueRangeError("--gravity-input, --float and --prefix do not apply to --ros2. Leave them out.")
-        export_ros2(robot, given.ros2, license=given.license, label="--ros2")
-        show_written(given.ros2)
-    if given.st is not None:
-        show_written(*export_st(robot, wanted, given.st, label="--st", **given.pick("style", "torque"), **common))
-    if given.path is not None:
-        written = export_c(robot, wanted, given.path, label="--c", **common)
-        show_written(*written)
-        if given.test:
-            _, source, test = written
-            click.echo(f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out")
+    common = _of(asked, *_OF_C) | {"inputs": robot.files}
+    written: list[Written] = []
+    if ros2 is not None:
+        written.append(export_ros2(loaded, ros2, label="--ros2", **of_ros2))
+    if st is not None:
+        written.append(export_st(loaded, wanted, st, label="--st", **common, **of_st))
+    if path is not None:
+        written.append(export_c(loaded, wanted, path, label="--c", **common))
+    return Written.joined(written)
+
+
+def _of(asked: Asked, *names: str) -> dict[str, Any]:
+    """Options of one of the functions."""
+    return {name: value for name, value in asked.items() if name in names}
 
 
 def _quantity(text: str) -> tuple[str, dict[str, Any]]:
@@ -108,27 +112,21 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
 # ── ``convert``: a robot into a file of another format
 
 
-@robot_command(
+@command_of(
     "convert",
-    click.argument("out", metavar="OUT"),
-    JSON,
-    option("--strict", "Count properties that the format cannot represent against the verdict."),
+    save,
+    click.argument("path", metavar="OUT"),
+    left_out=("path",),
     examples=("convert panda panda.xml",),
-    robot_first=True,
-    angles=False,
 )
-def convert_command(options: RobotOptions, given: Given) -> ExitCode:
+def convert_command(robot: RobotOptions, asked: Asked, outputs: Outputs[Saved], path: str, overwrite: bool) -> Saved:
     """Write a robot file in another format: OUT.urdf, OUT.xml (MJCF) or OUT.sdf.
 
     Properties that the format cannot represent are listed. With --strict they make the verdict UNSURE and the exit code 1.
     """
-    given.check_files(options.files)
-    robot = options.load()
-    saved = save(robot, given.out, overwrite=given.overwrite, strict=given.strict)
-    keep_answer(saved)
-    line, *lost = saved.blocks()
-    click.echo(plain(line))  # not wrapped, so that the path stays whole
-    show(*lost)
-    if shaped := len(robot.model.shaped):
+    outputs.check(overwrite=overwrite, also={"OUT": path})
+    loaded = robot.load()
+    saved = save(loaded, Path(path), overwrite=overwrite, **asked)
+    if shaped := len(loaded.model.shaped):
         note(f"the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.")
-    return saved.verdict.exit_code
+    return saved

@@ -9,10 +9,9 @@ import click
 from .. import robots
 from ..core.errors import ModelWarning
 from ..reports.info import RobotReport, info
-from .main import plain_command
+from ..robots.known_robots import KnownRobots
 from .shared import RobotOptions
-from .skin import ALL, Asked, command_of, table_file
-from .terminal import show
+from .skin import Asked, command_of, table_file
 
 
 @command_of(
@@ -40,7 +39,14 @@ def info_command(robot: RobotOptions, asked: Asked) -> RobotReport:
 # ── ``robots``: bundled robots, and those of other packages
 
 
-@plain_command("robots", click.argument("word", default=""), ALL, examples=("robots", "robots panda"))
-def robots_command(word: str, whole_report: bool) -> None:  # noqa: ARG001  read by :func:`.terminal.show`
+@command_of(
+    "robots",
+    robots.known,
+    click.argument("word", default=""),
+    with_robot=False,
+    left_out=("word",),
+    examples=("robots", "robots panda"),
+)
+def robots_command(word: str) -> KnownRobots:
     """List the robots known by name, bundled or from installed packages; WORD selects names and descriptions."""
-    show(*robots.known(word).blocks())
+    return robots.known(word)

@@ -51,7 +51,7 @@ _HEADINGS = {
         "workers scheduler srdf topic episode gain rate keep model xacro seed restarts criterion stribeck-speed keep-close "
         "masses-included regeneration rtol every style torque-side prefix full-paths smooth plan chain include-path mimic "
         "inertia mcap rerun npz joint kind weights shift cutoff harmonics method "
-        "fixed-base step jerk contact touch force"
+        "fixed-base step jerk contact touch force control"
     ),
 }
 """Headings of the help by option; options that are not named are of the question."""
@@ -607,7 +607,7 @@ class _Entry(NamedTuple):
 _GROUPS = {
     "Check": {
         "torques": _Entry("torques", "Torques of a motion, against limits, with their causes."),
-        "payload": _Entry("payload", "Largest payload at a pose, and the joint that limits it."),
+        "payload": _Entry("poses", "Largest payload at a pose, and the joint that limits it."),
         "size": _Entry("size", "Size motors and gears for a cyclic motion."),
         "doctor": _Entry("doctor", "Check and repair a robot file."),
         "info": _Entry("info", "Joints, limits, masses, inertias and frames of a robot."),
@@ -621,7 +621,7 @@ _GROUPS = {
         "sensor": _Entry("sensor", "Calibrate a six-axis sensor, and compensate the tool."),
     },
     "Move and show": {
-        "move": _Entry("move", "Plan a motion, also the fastest; writes a file."),
+        "move": _Entry("poses", "Plan a motion, also the fastest; writes a file."),
         "simulate": _Entry("simulate", "Simulate a motion under torques, gravity and contact."),
         "view": _Entry("view", "Show the robot in the browser, or film its motion."),
     },

@@ -10,7 +10,8 @@ import click
 from ..sensing import Compensation, Identification, PoseProposal, compensate, identify, propose_poses
 from ..sensing.files import log_path
 from .main import option
-from .skin import Asked, OutputFile, Spelling, command_of, picture_file, table_file
+from .parameters import Spelling
+from .skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _LOG = click.argument("readings", metavar="LOG")
 _PICTURE = "Draw the readings before and after."

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..answers.blocks import Block, Headline
 from ..core.arguments import assignments, parse_numbers
 from ..core.errors import ModelWarning, ValueRangeError
 from ..core.files import replacing
@@ -21,16 +20,16 @@ from ..core.tables import csv_table
 from ..core.text import listed
 from ..mechanics.model.couplings import refuse_couplings
 from ..motion.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
+from ..robot import load
 from ..robots.finding import bundled_file
 from .main import Decorator, Given, RobotOption, command, note, option, option_group
+from .parameters import Question
 
 if TYPE_CHECKING:
-    from ..core.typing import Array
     from ..formats.actuators import ActuatorFile
     from ..mechanics.model.model import Model
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
-    from ..statics.clearance import PathClearance
 
 
 def robot_source(source: str) -> str | Path:
@@ -63,11 +62,8 @@ def motion_path(options: RobotOptions, motion: str) -> Path:
 # ── The options
 
 
-def base_option(floating: bool, fixed: bool) -> bool | None:
-    """True for --floating-base, False for --fixed-base, None without both."""
-    if floating and fixed:
-        raise ValueRangeError("--floating-base lets the base move, and --fixed-base holds it. Leave one of them out.")
-    return floating if floating or fixed else None
+LOADING = Question(load, left_out=("source", "format", "max_bodies", "snap", "gravity"), kept=("lock", "tip"))
+"""Parameters of :func:`~twistwrench.load` that are options of all commands."""
 
 
 @dataclass(frozen=True)
@@ -75,30 +71,23 @@ class RobotOptions:
     """Options for reading the robot."""
 
     source: str
-    floating_base: bool
-    lock: dict[str, float]
-    tip: str | None
-    mimic: str
-    inertia: str
-    actuators: str | None
+    loading: Mapping[str, Any]
+    """Options of :func:`~twistwrench.load` that are given, by parameter."""
+    actuators: str | None = None
     degrees: bool = False
     chain: tuple[str, str] | None = None
     """Two frames; joints outside their chain are locked at neutral."""
-    keep: str | None = None
-    """Body to read from an MJCF scene."""
-    model: str | None = None
-    """Model to read from an SDF world."""
-    xacro: Mapping[str, str] | None = None
-    """Arguments of a xacro file; None if the option is not given."""
-    include_paths: tuple[str, ...] = ()
-    """Folders from which files that the robot file names may be read, beside its own."""
-    fixed_base: bool = False
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> RobotOptions:
         """Options of the command line by parameter."""
-        own = {field.name: given[field.name] for field in fields(cls) if field.name in given}
-        return cls(**own | {"lock": _parse_locks(own["lock"]), "xacro": xacro_arguments(own["xacro"])})
+        degrees = bool(given.get("degrees"))
+        return cls(given["source"], LOADING.values(given), given["actuators"], degrees, given["chain"])
+
+    @property
+    def tip(self) -> str | None:
+        """Default frame that is given."""
+        return self.loading.get("tip")
 
     def load(self) -> Robot:
         """Load a bundled robot by name, or a file by path."""
@@ -132,27 +121,23 @@ class RobotOptions:
         ``stiff`` treats elastic gears as rigid. ``held`` names further joints to lock at neutral.
         """
         make = self._maker()
-        options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
-        base = base_option(self.floating_base, self.fixed_base)
-        if base is not None:  # some bundled robots have a floating base already
-            options["floating_base"] = base
-        own = {"keep": self.keep, "model": self.model, "xacro": self.xacro, "include_paths": self.include_paths or None}
-        options |= {name: value for name, value in own.items() if value is not None}
-        if not self.lock and held is None and self.chain is None:
-            return self._driven(make(lock={}, **options), stiff=stiff), ()
+        options = {name: value for name, value in self.loading.items() if name != "lock"}
+        given = self.loading.get("lock", {})
+        if not given and held is None and self.chain is None:
+            return self._driven(make(**options), stiff=stiff), ()
         # Units and limits of locked joints require the loaded robot.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             whole = make(**{**options, "inertia": "accept"})
         free = whole.model
-        lock = joints_held(free, self.lock, degrees=self.degrees)
+        lock = joints_held(free, given, degrees=self.degrees)
         if self.chain is not None:
             single = {b.joint.name: float(whole.neutral[b.q_index]) for b in free.leaders if b.joint.nv == 1}
             lock = {name: single[name] for name in joints_beside(free, *self.chain) if name in single} | lock
         if held is not None:
             lock |= self._missing(whole, [name for name in held(free) if name not in lock])
         if self.actuators:
-            robot = self._driven(make(lock={}, **options), stiff=stiff).lock(lock)
+            robot = self._driven(make(**options), stiff=stiff).lock(lock)
         else:
             robot = make(lock=lock, **options)
         moving = {b.joint.name for b in robot.model.bodies}
@@ -180,7 +165,6 @@ class RobotOptions:
         from ..formats import usd_path
         from ..formats.robot_file import RobotFile
         from ..formats.source import is_text
-        from ..robot import load
         from ..robots.finding import plain_name
 
         name = plain_name(self.source)
@@ -191,45 +175,16 @@ class RobotOptions:
         return partial(load, source if is_text(source) or usd_path(source) is not None else RobotFile.from_path(source))
 
 
-_option = partial(option, cls=RobotOption)
-_XACRO = (
-    "--xacro [ARG:=VALUE]",
-    "Expand macros in a file that does not end in .xacro; ARG:=VALUE sets an argument of a xacro file; may be repeated.",
-)
-XACRO = option(*_XACRO, multiple=True, is_flag=False, flag_value="")
-
 ROBOT = option_group(
     click.argument("source", metavar="ROBOT"),
-    _option("--floating-base", "Let the base move freely."),
-    _option("--fixed-base", "Hold the base in place, as a stand does: a robot with legs hangs on purpose."),
-    _option(
-        "--lock JOINT=VALUE",
-        "Lock joints at positions, a=0,b=0.5, or all joints of a pattern: '*wheel*=0'; may be repeated.",
-        multiple=True,
+    *LOADING.declarations(RobotOption),
+    option("--chain BASE TIP", "Lock all joints that are not between these two frames.", nargs=2, cls=RobotOption),
+    option(
+        "--actuators FILE.yaml", "File of motors, gears, rotors and friction; 'demo': the bundled one.", cls=RobotOption
     ),
-    _option("--chain BASE TIP", "Lock all joints that are not between these two frames.", nargs=2),
-    _option("--keep BODY", "Keep only this body of an MJCF scene, with its descendants."),
-    _option("--model NAME", "Model to read from an SDF world."),
-    _option(*_XACRO, multiple=True, is_flag=False, flag_value=""),
-    _option(
-        "--include-path FOLDER",
-        "Further folder from which files that the robot file names may be read; may be repeated.",
-        "include_paths",
-        multiple=True,
-    ),
-    _option("--tip FRAME", "Default frame for payloads, Jacobians and forces. [default: the end effector]"),
-    _option(
-        "--mimic", "Mimic joints follow their leader, or move independently.", choices=("follow", "independent"),
-        default="follow",
-    ),
-    _option(
-        "--inertia", "Physically impossible inertias: stop, keep them, or replace them by the nearest valid ones.",
-        choices=("error", "accept", "repair"), default="error",
-    ),
-    _option("--actuators FILE.yaml", "File of motors, gears, rotors and friction; 'demo': the bundled one."),
-)  # fmt: skip
+)
 """The ROBOT argument and the options shared by all commands."""
-DEGREES = _option("--degrees", "Use degrees for angles in files, options and reports.")
+DEGREES = option("--degrees", "Use degrees for angles in files, options and reports.", cls=RobotOption)
 
 
 def robot_command(
@@ -250,23 +205,6 @@ def robot_command(
         return made
 
     return decorate
-
-
-def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
-    parts = (part for text in texts for part in re.split(r",(?=[^,=]*=)", text))  # a=0,b=0
-    given = assignments(parts, "--lock", "JOINT=VALUE, for example gripper=0.02")
-    return {joint: parse_numbers(value, f"--lock {joint}", "a number", 1)[0] for joint, value in given.items()}
-
-
-def xacro_arguments(texts: Sequence[str]) -> dict[str, str] | None:
-    """Arguments of a xacro file; empty if --xacro has no value, None without the option."""
-    given = [text.strip() for text in texts if text.strip()]
-    for text in given:
-        if not text.partition(":=")[0] or ":=" not in text:
-            raise ValueRangeError(
-                f"--xacro {text!r} is not ARG:=VALUE, for example hand:=true. Without a value, it stands after ROBOT."
-            )
-    return dict(text.partition(":=")[::2] for text in given) if texts else None
 
 
 # ── Options of several commands
@@ -392,7 +330,7 @@ def loaded_motion_options(*, required: bool) -> Decorator:
 class LogOptions:
     """Options for reading the file of a motion."""
 
-    trajectory: str
+    trajectory: str | None
     columns: tuple[str, ...] = ()
     gain: tuple[str, ...] = ()
     rate: float | None = None
@@ -406,8 +344,14 @@ class LogOptions:
         """Options of the command line by parameter."""
         return cls(**{field.name: given[field.name] for field in fields(cls)})
 
+    @property
+    def given(self) -> list[str]:
+        """Names of the options that are given, beside the file."""
+        return [field.name for field in fields(self)[1:] if getattr(self, field.name) != field.default]
+
     def path(self, robot: RobotOptions) -> Path:
         """Path of the motion; ``demo`` is bundled with the robot."""
+        assert self.trajectory is not None, "the commands that need a motion require it"
         return motion_path(robot, self.trajectory)
 
 
@@ -551,31 +495,6 @@ def current_gains(
     found = own | {f"{name}.current": gain for name, gain in side.of_currents.items() if name in names}
     applied = side.gain if of_side else {}
     return {name: 1.0 if name.removesuffix(".current") in applied else gain for name, gain in found.items()}
-
-
-def clearance_along(
-    clearance: float | None, srdf: str | None, robot: Robot, samples: Iterable[tuple[Array, Array]] | None
-) -> PathClearance | None:
-    """Clearance along a motion, given in chunks of times and configurations, if --clearance is given."""
-    if clearance is None:
-        if srdf is not None:
-            raise ValueRangeError(
-                "--srdf leaves out pairs of links for --clearance, and that is not given. Add --clearance."
-            )
-        return None
-    if samples is None:
-        raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")
-    from ..statics.clearance import PathClearance
-
-    return PathClearance.along(robot, samples, clearance, srdf)
-
-
-def clearance_verdict(clearance: PathClearance | None) -> list[Block]:
-    """Verdict on the clearance of a motion unless OK."""
-    if clearance is None or clearance.verdict.ok:
-        return []
-    first, *others = clearance.verdict.reasons
-    return [Headline(clearance.verdict.word, f"{first}.", reasons=[f"{reason}." for reason in others])]
 
 
 # ── Batches: the files of folders and patterns

@@ -14,6 +14,7 @@ from ..core.verdict import Verdict, Word
 from ..motion.coordinates import configuration_of, degrees_hint, parse_rates
 from ..motion.load_case import LoadCase, parse_payload, parse_wrenches
 from ..robot import Robot
+from ..robot.doors import clearance_along
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
 from . import shared
@@ -164,7 +165,7 @@ def simulate_command(
         outputs.interrupt = interrupt
         if result is None:
             raise
-    apart = shared.clearance_along(clearance, srdf, loaded, [(result.times, result.q)])
+    apart = clearance_along(loaded, [(result.times, result.q)], clearance, srdf)
     return replace(
         result, friction=load.friction, degrees=degrees, stopped=with_option_names(result.stopped),
         remarks=(*result.remarks, *hints), clearance=apart, interrupted=interrupted,

@@ -92,7 +92,8 @@ def torques_command(
     The first word is the verdict. Exit code: 0 for OK; 1 for OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN.
     """
     path = log.path(robot)
-    paths = expanded_paths(log.trajectory if path == Path(log.trajectory) else path)
+    typed = log.trajectory or ""
+    paths = expanded_paths(typed if path == Path(typed) else path)
     if paths != [str(path)] or workers is not None or scheduler is not None:
         if why or not {*outputs.flags} <= {"--csv", "--json", "--report"}:
             raise ValueRangeError(

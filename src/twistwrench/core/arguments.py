@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from .errors import ShapeError, TwistWrenchError, UnknownNameError, ValueRangeError
 from .numbers import printed
-from .text import listed
+from .text import Argument, listed
 from .third_party import is_lazy
 from .typing import Array
 
@@ -428,6 +428,16 @@ def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
     if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
         raise ValueRangeError(f"{what} {text!r}: expected {form}.")
     return numbers
+
+
+def refuse_unused_srdf(clearance: float | None, srdf: object) -> None:
+    """Raise :class:`~twistwrench.ValueRangeError` if pairs of links are left out of a check that is not made."""
+    if srdf is not None and clearance is None:
+        raise ValueRangeError(
+            "{0} leaves out pairs of links for {1}, and that is not given. Add {1}.",
+            Argument("srdf"),
+            Argument("clearance"),
+        )
 
 
 def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:

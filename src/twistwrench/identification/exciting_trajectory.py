@@ -26,9 +26,9 @@ from ..motion.bounds import bounds_of
 from ..motion.limits_file import robot_origin
 from ..motion.motion import Motion
 from ..robot import Robot, load
+from ..robot.doors import clearance_along
 from ..robot.task_space_methods import require_robot
 from ..shapes.capsules import CapsuleDistances, LinkCapsules
-from ..statics.clearance import PathClearance
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
 from .trajectory_search import (
     CRITERIA,
@@ -45,6 +45,7 @@ from .trajectory_search import (
 
 if TYPE_CHECKING:
     from ..answers.page import Picture, Setting, Viewer
+    from ..statics.clearance import PathClearance
 
 _JUDGED = 2001  # minimum number of instants of the final check
 
@@ -415,10 +416,8 @@ def exciting_trajectory(
         )
     best = _best_coefficients(search, times, rng, progress, share)
     found = ExcitingMotion(robot, series, best, constraints, information, step, degrees=degrees)
-    if clearance is None:
-        return found
     states = [(found.motion.time, found.motion.q)]
-    return replace(found, clearance=PathClearance.along(robot, states, clearance, srdf))
+    return replace(found, clearance=clearance_along(robot, states, clearance, srdf))
 
 
 excite = exciting_trajectory
@@ -431,10 +430,7 @@ def _check_clearances(clear: Clear | None, clearance: float | None, srdf: str | 
         raise ValueRangeError(
             f"clear is {arguments.shown(clear)}: give a function that maps configurations to distances."
         )
-    if clearance is None and srdf is not None:
-        raise ValueRangeError(
-            "srdf=… leaves out pairs of links for clearance=…, and that is not given. Add clearance=…."
-        )
+    arguments.refuse_unused_srdf(clearance, srdf)
 
 
 def _best_coefficients(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.arguments import refuse_unused_srdf
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.text import listed
 from ..core.typing import Array, Metres, WrenchesGiven
@@ -20,6 +21,7 @@ from ..motion.motion import Motion
 from ..motion.motion_io import data_frame_file
 from ..motion.motion_log import MotionLog
 from ..robot import Robot, load
+from ..robot.doors import clearance_along
 from ..robots.finding import bundled_file
 from .doors import measured_causes
 from .motors import Steps
@@ -28,7 +30,6 @@ from .torque_report import TorqueReport
 
 if TYPE_CHECKING:
     from ..formats.actuators import ActuatorFile
-    from ..statics.clearance import PathClearance
 
 __all__ = ["check"]
 
@@ -145,11 +146,12 @@ def check(
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
     steps = Steps(progress, (_PLANNING_AND_SMOOTHING if smooth else _PLANNING, 1.0))
     differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
+    refuse_unused_srdf(clearance, srdf)
     report = analyse(loads, differentiation, bounds, progress=steps.next())
     return replace(
         report,
         causes=measured_causes(report, log),
-        clearance=clearance_along(report, clearance, srdf),
+        clearance=clearance_along(robot, ((s.time, s.q) for s in differentiation.states(_ROWS)), clearance, srdf),
         degrees=degrees,
         with_why=why,
     )
@@ -208,17 +210,3 @@ def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **
             f"{listed(own)}."
         )
     return MotionLog.from_motion(motion) if motion.log is None else motion.log
-
-
-def clearance_along(report: TorqueReport, distance: float | None, srdf: str | Path | None) -> PathClearance | None:
-    """Least distance between links along the motion of a report; None without a distance to keep."""
-    if distance is None:
-        if srdf is not None:
-            raise ValueRangeError(
-                "srdf=… leaves out pairs of links for clearance=…, and that is not given. Add clearance=…."
-            )
-        return None
-    from ..statics.clearance import PathClearance
-
-    rows = ((s.time, s.q) for s in report.differentiation.states(_ROWS))
-    return PathClearance.along(report.load.robot, rows, distance, srdf)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from .export.written import Written
     from .programs import KernelOptions
     from .robot import Robot
+
+Precision: TypeAlias = Literal["double", "float"]
+BlockStyle: TypeAlias = Literal["function_block", "codesys"]
+TorqueSide: TypeAlias = Literal["joint", "motor"]
 
 
 def _robot_of(robot: RobotBase, model: Model) -> Robot:
@@ -451,7 +455,7 @@ class ExportMethods(ConstraintMethods):
         quantities: Quantities,
         path: str | Path,
         *,
-        precision: Literal["double", "float"] = "double",
+        precision: Precision = "double",
         prefix: str | None = None,
         test: bool = True,
     ) -> Written:
@@ -462,7 +466,11 @@ class ExportMethods(ConstraintMethods):
         Parameters
         ----------
         path : str or Path, a folder, or the .c file; the header is written beside it
-        test : bool, also write a program that compares the functions with the kernels
+        precision : "double" or "float"
+            Use single precision; default: double.
+        prefix : str, optional
+            Prefix of function names; default: the robot's name.
+        test : bool, write a test program, which compares the functions with the kernels
 
         Returns
         -------
@@ -492,11 +500,11 @@ class ExportMethods(ConstraintMethods):
         quantities: Quantities,
         path: str | Path,
         *,
-        precision: Literal["double", "float"] = "double",
+        precision: Precision = "double",
         prefix: str | None = None,
         test: bool = True,
-        style: Literal["function_block", "codesys"] = "function_block",
-        torque: Literal["joint", "motor"] = "joint",
+        style: BlockStyle = "function_block",
+        torque: TorqueSide = "joint",
     ) -> Written:
         """Structured Text export: quantities as function blocks (IEC 61131-3) for PLCs. Not yet run on a PLC.
 
@@ -508,10 +516,11 @@ class ExportMethods(ConstraintMethods):
         precision : "double" or "float", numbers of type LREAL or REAL
         test : bool, also write a program that compares the blocks with stored results
         style : "function_block" or "codesys"
-            "codesys" adds a block for the interface ISMDynamics, to be completed by hand; it exports only
-            ``inverse_dynamics``, with gravity as an input.
+            Structured Text only; 'codesys' adds a block for the interface ISMDynamics, to be completed by hand; it exports
+            only ``inverse_dynamics``, with gravity as an input.
         torque : "joint" or "motor"
-            "motor" converts the torques of ``inverse_dynamics`` to the motor shafts, as :meth:`motor_loads` does.
+            Structured Text only: torques of ``inverse_dynamics`` at the joints, or at the motor shafts, as
+            :meth:`motor_loads` computes them.
 
         Returns
         -------
@@ -549,7 +558,8 @@ class ExportMethods(ConstraintMethods):
         Parameters
         ----------
         path : str or Path, the folder to create; its last part is the name of the package
-        license : str, for package.xml
+        license : str
+            License in package.xml.
 
         Returns
         -------
@@ -579,7 +589,7 @@ class ExportMethods(ConstraintMethods):
         quantities: Quantities,
         path: str | Path,
         *,
-        precision: Literal["double", "float"] = "double",
+        precision: Precision = "double",
         prefix: str | None = None,
     ) -> tuple[Path, ...]:
         """CUDA source export: quantities as CUDA C++ kernels with one thread per sample.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, cast
 
 from numpy.typing import ArrayLike
 
-from ..core.arguments import taking_the_arguments_of
+from ..core.arguments import refuse_unused_srdf, taking_the_arguments_of
 from ..core.glossary import complete
 from ..core.typing import Array, Seconds
 from .arguments import Wrenches
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..simulation.closed import ClosedRollout, ClosedSimulation
     from ..simulation.torque_laws import TorqueLaw
     from ..statics.clearance import Clearance
+    from ..statics.clearance import PathClearance as PathClearance
     from ..viz.page import ShownPage
     from .explanation import Explanation
     from .load import LoadOptions
@@ -56,6 +57,24 @@ def load_by_name(name: str, options: LoadOptions) -> Robot:
     if (wanted := plain_name(name)) in robots.names():  # its function has defaults: some bundled robots float
         return cast("Robot", getattr(robots, wanted)(**given))
     return load(robot_file(name), **cast("LoadOptions", given))
+
+
+def clearance_along(
+    robot: Robot, samples: Iterable[tuple[Array, Array]], distance: float | None, srdf: str | Path | None = None
+) -> PathClearance | None:
+    """Least distance between links at times (n,) [s] and configurations (n, nq), in portions; None if no distance is kept.
+
+    Raises
+    ------
+    ValueRangeError
+        Pairs of links are left out, and no distance is to be kept.
+    """
+    refuse_unused_srdf(distance, srdf)
+    if distance is None:
+        return None
+    from ..statics.clearance import PathClearance
+
+    return PathClearance.along(robot, samples, distance, srdf)
 
 
 class RobotDoors(Generic[MethodName, Simulated, RolledOut]):

@@ -15,13 +15,14 @@ from ..core.errors import ValueRangeError
 from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
+from ..core.typing import Frame
 from .engine import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.model.model import Model
-    from .export.saved import Saved
+    from .export.written import Saved
 
 Mimic = Literal["follow", "independent"]
 Inertia = Literal["error", "accept", "repair"]
@@ -71,7 +72,7 @@ def load(
     max_bodies: int = 20_000,
     xacro: Mapping[str, str | float | bool] | bool | None = None,
     lock: Mapping[str, ArrayLike] | None = None,
-    tip: str | None = None,
+    tip: Frame | None = None,
     mimic: Mimic = "follow",
     inertia: Inertia = "error",
     snap: float = 1e-9,  # equals model.assembly.DEFAULT_SNAP, not imported here
@@ -83,15 +84,27 @@ def load(
     ----------
     source : str or Path, file, XML text, or a name that :func:`twistwrench.find` knows; a file of that name takes precedence
     format : "urdf", "mjcf", "sdf" or "usd", optional; None: from the root element or the suffix
-    floating_base : bool, optional; None: as in the file (URDF and SDF models are fixed, free joints of MJCF and USD
-        bodies without a joint float). True adds a floating base if there is none; False fixes floating bodies in place
-        and states that something holds the base, so that a robot with legs hangs on purpose
-    keep : str, optional, read only this body of an MJCF scene and its descendants
-    model : str, optional, read one model of an SDF world, or one articulation of a USD stage
-    include_paths : folders, in addition to the file's, from which included files, layers and meshes may be read
+    floating_base : bool, optional
+        Let the base move freely; False fixes it in place, and states that something holds it, so that a robot with legs
+        hangs on purpose. Default: as in the file (URDF and SDF models are fixed, free joints of MJCF and USD bodies without
+        a joint float).
+    keep : str, optional
+        Keep only this body of an MJCF scene, with its descendants.
+    model : str, optional
+        Model to read from an SDF world, or articulation of a USD stage.
+    include_paths : folders, optional
+        Further folder from which files that the robot file names may be read.
     max_bodies : int, largest number of bodies accepted
-    xacro : True or {argument: value}, optional, expand the macros of a file that does not end in ``.xacro``; arguments
-    mimic : "follow" or "independent", treat mimic joints as followers of their leaders or as independent joints
+    xacro : True or {argument: value}, optional
+        Expand macros in a file that does not end in ``.xacro``; a mapping sets arguments of the macros.
+    lock : {joint: position}, optional
+        Lock joints at positions [rad, m], or all joints of a pattern, such as '*wheel*'.
+    tip : str, optional
+        Default frame for payloads, Jacobians and forces; default: the end effector.
+    mimic : "follow" or "independent"
+        Mimic joints follow their leader, or move independently.
+    inertia : "error", "accept" or "repair"
+        Physically impossible inertias: stop, keep them, or replace them by the nearest valid ones.
     snap : float, entries of fixed rotations within this distance of 0 or ±1 are set to it exactly; 0 disables
     gravity : (3,) array_like, optional, in the base frame [m/s²]; None: from the file, else (0, 0, -9.81)
 
@@ -352,7 +365,8 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: boo
     Parameters
     ----------
     path : str or Path, whose suffix selects the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
-    strict : bool, lost properties count against the verdict
+    strict : bool
+        Count lost properties against the verdict.
 
     Returns
     -------
@@ -377,7 +391,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: boo
     """
     from ..core.files import check_outputs, refuse_existing, replacing
     from ..formats.writers import SUFFIXES, WRITERS
-    from .export.saved import Saved
+    from .export.written import Saved
 
     require_robot(robot, "save")
     path = as_path(path)

@@ -11,7 +11,7 @@ Source: Montaut et al., "GJK++: Leveraging Acceleration Methods for Faster Colli
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..answers.blocks import Block, Headline
 from ..core import arguments
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
 from ..core.glossary import complete
@@ -428,6 +429,12 @@ class PathClearance:
             f"{self.words}.",
             *([f"Not judged, as in contact in 95 % of configurations: {left_out}."] if left_out else []),
         ]
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict unless OK, and the nearest links."""
+        if not self.verdict.ok:
+            yield Headline.from_verdict(self.verdict)
+        yield from self.lines
 
     @cached_property
     def verdict(self) -> Verdict:

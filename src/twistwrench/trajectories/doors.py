@@ -1,4 +1,4 @@
-"""Plots of trajectories and distances between links, which stand above or beside this package."""
+"""Plots of trajectories, which stand above this package."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..core.glossary import complete
-from ..core.typing import Array
 from ..mechanics.model.limits import Limits
 
 if TYPE_CHECKING:
-    from ..robot import Robot
-    from ..statics.clearance import PathClearance as PathClearance
     from .trajectory import Trajectory
 
 
@@ -32,13 +29,6 @@ class TrajectoryDoors:
         from ..viz.plots.simulation import plot_trajectory
 
         return plot_trajectory(cast("Trajectory", self), path, bounds, friction=friction)
-
-
-def clearance_along(robot: Robot, times: Array, q: Array, distance: float, srdf: str | Path | None) -> PathClearance:
-    """Least distance between links at times (n,) [s] and configurations (n, nq), and whether it is at least ``distance``."""
-    from ..statics.clearance import PathClearance
-
-    return PathClearance.along(robot, [(times, q)], distance, srdf)
 
 
 complete(globals())

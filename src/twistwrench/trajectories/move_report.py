@@ -35,7 +35,7 @@ from ..motion.model_doubts import as_it_hangs, assumed_words, assumptions, base_
 from ..motion.motion import Motion
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot, load
-from .doors import clearance_along
+from ..robot.doors import clearance_along
 from .fastest import Fastest
 from .fastest import fastest as fastest_timing
 from .paths import JointPath, follow_poses, joint_line, spline
@@ -43,7 +43,7 @@ from .trajectory import Trajectory, fitted, required_torques
 
 if TYPE_CHECKING:
     from ..answers.page import Setting
-    from .doors import PathClearance
+    from ..robot.doors import PathClearance
 
 Paths: TypeAlias = Literal["joint", "line", "screw"]
 """Straight line of the joints, straight line of the tip, or its screw."""
@@ -320,10 +320,7 @@ def move(
         raise ValueRangeError(f"step=… is {printed(step)}. Give seconds above zero.")
     if fastest and duration is not None:
         raise ValueRangeError("fastest=True computes the duration, and duration=… sets it. Leave one of them out.")
-    if srdf is not None and clearance is None:
-        raise ValueRangeError(
-            "srdf=… leaves out pairs of links for clearance=…, and that is not given. Add clearance=…."
-        )
+    arguments.refuse_unused_srdf(clearance, srdf)
     loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(payload), friction=friction)
     arm = loads.with_load
     bounds = _bounds(arm, limits_file.limits_of(limits, arm.model, degrees=degrees), acceleration, jerk)
@@ -349,7 +346,7 @@ def move(
         return report
     times = np.linspace(0.0, report.trajectory.duration, SAMPLES)
     q = report.trajectory(times)[0]
-    apart = None if clearance is None else clearance_along(arm, times, q, clearance, srdf)
+    apart = clearance_along(arm, [(times, q)], clearance, srdf)
     return replace(report, clearance=apart, early_end="" if trouble is None else str(trouble))
 
 

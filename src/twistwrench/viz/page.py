@@ -97,12 +97,14 @@ def write_page(
         None: joints with an actuator, otherwise as many as there are degrees of freedom.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and included in holding torques
         A motion has its own wrenches. [N m, N]
-    section : str, optional, section of Modern Robotics that the page shows with this robot
-        One of those in the user guide, such as "3.4", "5.4", "8.3"; for arms of at most nine joints.
-    embed : bool, optional, omit the side panel, for a frame within another page
-        ``#embed`` in the address of any page has the same effect, ``#full`` the opposite.
-    control : str, optional, the control shown on an embedded page and on a small screen
-        "payload", "push", "speed", "fall", "q:JOINT" or "section"; None: the first of these on the page.
+    section : str, optional
+        Section of Modern Robotics for the page, such as 3.4, 5.4, 8.1.3 or 8.3; for arms of at most nine joints.
+    embed : bool, optional
+        Omit the side panel, for a frame within another page; '#embed' in the address of any page has the same effect,
+        '#full' the opposite.
+    control : str, optional
+        Control shown on an embedded page and on a small screen: payload, push, speed, fall, q:JOINT or section; default: the
+        first of these on the page.
 
     Raises
     ------

@@ -321,7 +321,8 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     Parameters
     ----------
     robot : Robot
-    meshes : bool, use the file's visuals
+    meshes : bool
+        Draw the file's meshes; otherwise joints, tubes and ellipsoids of inertia.
 
     Returns
     -------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -208,7 +209,8 @@ def export_c(
     with replacing_together(list(paths.values())) as scratch:
         for end, file in zip(paths, scratch, strict=True):
             file.write_text(texts[end], encoding="utf-8", newline="\n")
-    return Written(paths.values(), plain, robot.name)
+    check = f"cc -O2 {quote(str(plain))} {quote(str(paths['_test.c']))} -lm && ./a.out" if test else ""
+    return Written(paths.values(), plain, robot.name, check)
 
 
 def export_cuda(

@@ -1,16 +1,41 @@
-"""Result of an export: the written files."""
+"""Results of writing a robot: the files of an export, and what a robot file cannot represent."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ...answers.answer import Answer
-from ...answers.blocks import Block, Headline, Table, words
+from ...answers.blocks import Block, Headline, Line, Table, words
 from ...core.verdict import Verdict, Word
+from ...mechanics.model.description import grouped
 
 
-class Written(tuple[Path, ...], Answer):
+class _Files(Answer):
+    """Written files of a robot: nothing is judged, and the truth of it is that of a list or tuple."""
+
+    path: Path
+    """The file, the folder, or the main file."""
+    _robot: str
+
+    def __bool__(self) -> bool:
+        return len(self) > 0
+
+    def __len__(self) -> int:
+        raise NotImplementedError  # of the list or tuple that the class also is
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self._robot
+
+    @property
+    def verdict(self) -> Verdict:
+        """DONE."""
+        return Verdict(Word.DONE)
+
+
+class Written(tuple[Path, ...], _Files):
     """Written files as a tuple of paths, and the answer of ``twistwrench export``; the verdict is DONE.
 
     The truth of it is that of a tuple.
@@ -20,6 +45,7 @@ class Written(tuple[Path, ...], Answer):
     files : iterable of Path
     path : Path of the folder, or of the main file
     robot : str, name of the robot
+    check : str, command that compiles and runs the test program; empty without one
 
     Examples
     --------
@@ -31,43 +57,104 @@ class Written(tuple[Path, ...], Answer):
     """
 
     call = "export"
-    path: Path
-    """The folder, or the main file."""
-    _robot: str
+    check: str
+    """Command that compiles and runs the test program."""
 
-    def __new__(cls, files: Iterable[Path], path: Path, robot: str) -> Written:
+    def __new__(cls, files: Iterable[Path], path: Path, robot: str, check: str = "") -> Written:
         """Tuple of the files."""
         written = super().__new__(cls, files)
-        written.path, written._robot = path, robot
+        written.path, written._robot, written.check = path, robot, check
         return written
 
-    def __getnewargs__(self) -> tuple[tuple[Path, ...], Path, str]:
-        return tuple(self), self.path, self._robot
+    @classmethod
+    def joined(cls, exports: Sequence[Written]) -> Written:
+        """Files of several exports of one robot.
 
-    def __bool__(self) -> bool:
-        return len(self) > 0
+        Parameters
+        ----------
+        exports : sequence of Written, at least one
 
-    @property
-    def robot_name(self) -> str:
-        """Name of the robot."""
-        return self._robot
+        Returns
+        -------
+        written : Written
+
+        Examples
+        --------
+        >>> one, other = (Written([Path(name)], Path(name), "arm") for name in ("arm.st", "arm.c"))
+        >>> Written.joined([one, other]).brief
+        '2 files'
+        """
+        first, *others = exports
+        if not others:
+            return first
+        files = [file for export in exports for file in export]
+        return cls(files, first.path, first.robot_name, "".join(export.check for export in exports))
+
+    def __getnewargs__(self) -> tuple[tuple[Path, ...], Path, str, str]:
+        return tuple(self), self.path, self._robot, self.check
 
     @property
     def brief(self) -> str:
         """Number of files."""
         return f"{len(self)} file{'s' * (len(self) != 1)}"
 
-    @property
-    def verdict(self) -> Verdict:
-        """DONE."""
-        return Verdict(Word.DONE)
-
     def blocks(self) -> Iterator[Block]:
-        """Verdict with the file or folder, and the files.
+        """Verdict with the file or folder, the files, and how to check them.
 
         Returns
         -------
         blocks : iterator of Block
         """
-        yield Headline(Word.DONE, f"wrote {self.path}.")
+        yield Headline(Word.DONE, f"wrote {self.path}.", whole=True)
         yield Table("", words("file", [file.name for file in self], fold=False))
+        if self.check:
+            yield Line(f"to check it: {self.check}", whole=True)
+
+
+class Saved(list[str], _Files):
+    """Lost properties of a robot in a file, as a list of sentences, and the answer of ``twistwrench convert``.
+
+    The verdict is DONE; if ``strict``, UNSURE with lost properties. The truth of it is that of a list.
+
+    Parameters
+    ----------
+    lost : iterable of str, sentences
+    path : Path of the file
+    robot : str, name of the robot
+    strict : bool, lost properties count against the verdict
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     saved = tw.save(tw.robots.planar_2r(), f"{folder}/arm.urdf")
+    >>> saved, str(saved.verdict.word), saved.path.name
+    ([], 'DONE', 'arm.urdf')
+    """
+
+    call = "convert"
+
+    def __init__(self, lost: Iterable[str], path: Path, robot: str, *, strict: bool = False) -> None:
+        super().__init__(lost)
+        self.path, self._robot, self.strict = path, robot, strict
+        """The file, the robot's name, and True if lost properties count against the verdict."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """DONE, or UNSURE if ``strict`` and the format cannot represent everything."""
+        return Verdict(Word.UNSURE, (self._loss,)) if self and self.strict else super().verdict
+
+    @property
+    def _loss(self) -> str:
+        return f"The format cannot represent {len(self)} propert{'y' if len(self) == 1 else 'ies'}" if self else ""
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict with the file, and the lost properties.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        loss = f" {self._loss}." if self else ""
+        yield Headline(self.verdict.word, f"wrote {self.path}.{loss}", whole=True)
+        yield from (f"lost: {sentence}" for sentence in grouped(self))

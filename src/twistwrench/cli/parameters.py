@@ -1,0 +1,341 @@
+"""Parameters of a function as options of a command: their forms, help texts and values.
+
+A parameter's annotation selects the form of its option (:data:`_KINDS`); its name is the option's name, and its paragraph
+in the docstring the help.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, get_args, get_origin
+
+import click
+
+from ..core.arguments import assignments, parse_numbers
+from ..core.errors import ValueRangeError
+from ..motion.load_case import parse_wrenches, payloads_of
+from ..robots.finding import bundled_file
+from .hints import Seconds
+from .main import Decorator, option
+
+# ── Parameters of a function
+
+
+@dataclass(frozen=True)
+class FunctionParameter:
+    """Parameter of a function: name, annotation without ``| None``, default and description."""
+
+    name: str
+    annotation: str
+    default: Any
+    text: str
+
+    @property
+    def flag(self) -> str:
+        """Option of the same name."""
+        return f"--{self.name.replace('_', '-')}"
+
+
+def parameters_of(function: Callable[..., Any]) -> dict[str, FunctionParameter]:
+    """Parameters by name, with the descriptions in the docstring's section ``Parameters``.
+
+    >>> from twistwrench import check
+    >>> parameters_of(check)["clearance"]
+    FunctionParameter(name='clearance', annotation='Metres', default=None, text='Check the least distance between links [m].')
+    """
+    texts, given = _descriptions(inspect.getdoc(function) or ""), inspect.signature(function).parameters
+    return {
+        name: FunctionParameter(
+            name, str(one.annotation).removesuffix(" | None"), one.default, _in_the_shell(texts.get(name, ""), given)
+        )
+        for name, one in given.items()
+    }
+
+
+def _descriptions(docstring: str) -> dict[str, str]:
+    """Description of each parameter: its indented lines, or without them the words after its type."""
+    section = re.search(r"^Parameters\n-+\n(.*?)(?:\n\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
+    found: dict[str, str] = {}
+    for entry in re.split(r"\n(?=\S)", section[1] if section else ""):
+        head, *lines = entry.split("\n")
+        names, _, rest = head.partition(" : ")
+        words = " ".join(line.strip() for line in lines) or _without_type(rest)
+        text = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)
+        for name in names.split(", "):
+            found[name] = f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
+    return found
+
+
+def _in_the_shell(text: str, parameters: Container[str]) -> str:
+    """Description with options in place of parameters between backticks."""
+    return re.sub(r"``(.*?)``", lambda found: f"--{found[1]}" if found[1] in parameters else found[1], text)
+
+
+def _without_type(rest: str) -> str:
+    """Words after ``float, optional,``."""
+    _, optional, after = rest.partition(", optional, ")
+    return after if optional else rest.partition(", ")[2]
+
+
+# ── Forms of options, by annotation
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Form of the option of a parameter: its placeholder, and how its text becomes a value."""
+
+    form: str
+    parse: Callable[[Any, str], Any] = lambda value, _flag: value
+    settings: Mapping[str, Any] | None = None
+    is_file: bool = False
+    bundled: tuple[str, str] | None = None
+    """Ending and name of the file that ``demo`` means, beside a bundled robot."""
+
+
+def _vector(text: str, flag: str) -> list[float]:
+    return parse_numbers(text, flag, "x,y,z in metres, for example 0,0,0.1", 3)
+
+
+def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
+    """Parser of comma-separated numbers, as many as one of the counts."""
+    form = f"{' or '.join(map(str, counts))} numbers separated by commas"
+    return lambda text, flag: parse_numbers(text, flag, form, *counts)
+
+
+def _sensor_file(text: str, _flag: str) -> Path:
+    from ..sensing.files import sensor_path
+
+    return sensor_path(text)
+
+
+def _several(texts: Sequence[str], _flag: str) -> list[str] | None:
+    return list(texts) or None
+
+
+def _listed(text: str, _flag: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _positions(texts: Iterable[str], flag: str) -> dict[str, float]:
+    parts = (part for text in texts for part in re.split(r",(?=[^,=]*=)", text))  # a=0,b=0
+    given = assignments(parts, flag, "JOINT=VALUE, for example gripper=0.02")
+    return {joint: parse_numbers(value, f"{flag} {joint}", "a number", 1)[0] for joint, value in given.items()}
+
+
+def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
+    """Arguments of a xacro file; empty if the option has no value."""
+    given = [text.strip() for text in texts if text.strip()]
+    for text in given:
+        if not text.partition(":=")[0] or ":=" not in text:
+            raise ValueRangeError(
+                f"{flag} {text!r} is not ARG:=VALUE, for example hand:=true. Without a value, it stands after ROBOT."
+            )
+    return dict(text.partition(":=")[::2] for text in given)
+
+
+DEMO = "demo"
+_REPEATED = {"multiple": True}
+_KINDS = {
+    "str": Kind("NAME"),
+    "MethodName": Kind("NAME"),
+    "int": Kind("N", settings={"type": int}),
+    "float": Kind("VALUE", settings={"type": float}),
+    "Seconds": Kind("SECONDS", settings={"type": Seconds()}),
+    "Metres": Kind("[DISTANCE]", settings={"type": float, "is_flag": False, "flag_value": 0.0}),
+    "Hours": Kind("HOURS", settings={"type": float}),
+    "Celsius": Kind("CELSIUS", settings={"type": float}),
+    "Frame": Kind("FRAME"),
+    "Vector": Kind("x,y,z", _vector),
+    "LoadsGiven": Kind("MASS[,x,y,z][@FRAME]", settings=_REPEATED),
+    "WrenchesGiven": Kind("FRAME:m,m,m,f,f,f", lambda texts, _flag: parse_wrenches(texts), _REPEATED),
+    "ConfigurationGiven": Kind("v,v,…|NAME|JOINT=VALUE", _several, _REPEATED),
+    "limits_file.Given": Kind("FILE.csv", is_file=True),
+    "Any": Kind("FILE", is_file=True, bundled=(".csv", "motion")),
+    "Source | Catalog": Kind("FILE.yaml", is_file=True, bundled=(".drives.yaml", "catalogue")),
+    "str | Path": Kind("FILE", is_file=True),
+    "str | Path | ArrayLike": Kind("FILE.csv", is_file=True),
+    "str | Sequence[str]": Kind("NAME", _several, _REPEATED),
+    "bool | Sequence[str | Path]": Kind("DIR", _several, _REPEATED),
+    "Names": Kind("NAME,…", _listed),
+    "Causes": Kind("CAUSE"),
+    "SensorGiven": Kind("SENSOR.json", _sensor_file, is_file=True),
+    "BiasGiven": Kind("m,m,m,f,f,f", _numbers(6)),
+    "NoiseGiven": Kind("M,F", _numbers(2, 6)),
+    "NoisePair": Kind("M,F", _numbers(2)),
+    "Mapping[str, ArrayLike]": Kind("JOINT=VALUE", _positions, _REPEATED),
+    "Mapping[str, str | float | bool] | bool": Kind(
+        "[ARG:=VALUE]", _macro_arguments, {**_REPEATED, "is_flag": False, "flag_value": ""}
+    ),
+    "Sequence[str | Path]": Kind("FOLDER", settings=_REPEATED),
+}
+"""Forms by annotation. A bool is a flag, and a Literal a choice."""
+_OF_READING = frozenset({"columns", "gain", "rate", "topic", "episode", "plan"})
+_OF_ROBOT = frozenset({"lock", "actuators", "tip", "degrees"})
+_ARGUMENTS = frozenset({"robot", "motion", "log", "self"})
+_NOT_OPTIONS = frozenset({*_ARGUMENTS, "progress", "draws", "max_bodies", "overwrite", *_OF_READING, *_OF_ROBOT})
+
+
+@dataclass(frozen=True)
+class Spelling:
+    """Option that is not spelled as its parameter: its form, its values by text, and its help."""
+
+    form: str
+    values: Mapping[str, Any] | None = None
+    """Values by text; that of a flag has the text ``""``."""
+    text: str = ""
+    """Help, if the parameter's does not fit."""
+    opposite: tuple[str, str] | None = None
+    """Flag of False for a parameter whose default is neither True nor False, and its help."""
+
+
+SPELLINGS = {
+    "dt": Spelling("--step SECONDS"),
+    "start": Spelling("--from v,v,…|JOINT=VALUE"),
+    "add_masses": Spelling("--masses-included", {"": False}),
+    "shared_supply": Spelling("--regeneration", {"shared": True, "none": False}),
+    "include_paths": Spelling("--include-path FOLDER"),
+    "floating_base": Spelling(
+        "--floating-base",
+        {"": True},
+        opposite=(
+            "--fixed-base",
+            "Hold the base in place, as a stand does: a robot with legs hangs on purpose.",
+        ),
+    ),
+}
+"""Options that are spelled otherwise than their parameters, as a speaker of the shell would."""
+
+
+class Question:
+    """Function of a command, and its parameters as options.
+
+    Parameters that are ``left_out`` have no option; ``kept`` have one, although other commands leave them to the robot or the
+    log. ``spellings`` are of this command alone.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        left_out: Collection[str] = (),
+        spellings: Mapping[str, Spelling] = MappingProxyType({}),
+        kept: Collection[str] = (),
+    ) -> None:
+        self.function = function
+        self.parameters = {name: one for name, one in parameters_of(function).items() if name not in left_out}
+        self.spellings = {**SPELLINGS, **spellings}
+        self._kept = kept
+
+    def only(self, *names: str) -> Question:
+        """Question about some of its parameters."""
+        return Question(self.function, parameters_of(self.function).keys() - set(names), self.spellings, names)
+
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """Default of each option, by parameter."""
+        return {each.name: each.default for each in self.options}
+
+    @cached_property
+    def options(self) -> list[FunctionParameter]:
+        """Parameters that become options of the command alone."""
+        return [each for each in self.parameters.values() if each.name in self._kept or each.name not in _NOT_OPTIONS]
+
+    def choices(self, parameter: FunctionParameter) -> tuple[str, ...]:
+        """Values of a Literal, or of one and a sequence of it; empty for other parameters."""
+        annotation = self._type(parameter)
+        literal = next((each for each in (annotation, *get_args(annotation)) if get_origin(each) is Literal), None)
+        return get_args(literal)
+
+    def _type(self, parameter: FunctionParameter) -> Any:
+        return getattr(self.function, "__globals__", {}).get(parameter.annotation)
+
+    def _is_flag(self, parameter: FunctionParameter) -> bool:
+        """True if the option has no value."""
+        spelled = self.spellings.get(parameter.name)
+        values = None if spelled is None else spelled.values
+        return parameter.annotation == "bool" if values is None else "" in values
+
+    def declarations(self, cls: type[click.Option] = click.Option) -> Iterator[Decorator]:
+        """Options in the order of the signature. An option that is not given is None or empty: the default applies."""
+        for parameter in self.options:
+            yield self._declaration(parameter, cls)
+            spelled = self.spellings.get(parameter.name)
+            if spelled is not None and spelled.opposite is not None:
+                yield option(*spelled.opposite, _opposite(parameter), cls=cls)
+
+    def _declaration(self, parameter: FunctionParameter, cls: type[click.Option]) -> Decorator:
+        spelled, kind = self.spellings.get(parameter.name), _KINDS.get(parameter.annotation)
+        text = (spelled.text if spelled else "") or parameter.text
+        if self._is_flag(parameter):
+            flag = f"--no-{parameter.flag[2:]}" if parameter.default else parameter.flag
+            if parameter.annotation == "bool" and parameter.default:
+                text = f"Do not {text[:1].lower()}{text[1:]}"
+            return option(spelled.form if spelled else flag, text, parameter.name, cls=cls)
+        if parameter.default not in (None, (), "", inspect.Parameter.empty) and not spelled:
+            text += f" [default: {_printed(parameter.default)}]"
+        form = f"{parameter.flag} {kind.form}" if kind else parameter.flag
+        settings: dict[str, Any] = {"required": parameter.default is inspect.Parameter.empty}
+        if choices := tuple(spelled.values) if spelled and spelled.values else self.choices(parameter):
+            settings["choices"] = choices
+            if get_args(self._type(parameter)) and get_origin(self._type(parameter)) is not Literal:
+                settings |= _REPEATED
+        else:
+            assert kind is not None, parameter
+            settings |= kind.settings or {}
+        if "multiple" in settings:
+            text = f"{text[:-1]}; may be repeated."
+        return option(spelled.form if spelled else form, text, parameter.name, cls=cls, **settings)
+
+    def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Values of the options that are given, by parameter; ``demo`` is a file of the robot."""
+        found: dict[str, Any] = {}
+        for parameter in self.options:
+            spelled, value = self.spellings.get(parameter.name), given[parameter.name]
+            is_given = value is not None and value != () and not (self._is_flag(parameter) and value is False)
+            if spelled is not None and spelled.opposite is not None and given[_opposite(parameter)]:
+                if is_given:
+                    raise ValueRangeError(
+                        f"{spelled.form} and {spelled.opposite[0]} contradict each other. Leave one of them out."
+                    )
+                found[parameter.name] = False
+            elif is_given:
+                found[parameter.name] = self._value(parameter, value, given)
+        return found
+
+    def _value(self, parameter: FunctionParameter, value: Any, given: Mapping[str, Any]) -> Any:
+        """Value of a parameter whose option is given."""
+        spelled, kind = self.spellings.get(parameter.name), _KINDS.get(parameter.annotation)
+        if spelled is not None and spelled.values:
+            return spelled.values["" if value is True else value]
+        if parameter.annotation == "bool":
+            return not parameter.default
+        if parameter.annotation == "LoadsGiven":
+            return list(payloads_of(value, given.get("tip")))
+        if kind is None:
+            return value
+        if kind.bundled and value == DEMO:
+            return bundled_file(value, given["source"], *kind.bundled)
+        return kind.parse(value, parameter.flag)
+
+    def files(self, values: Mapping[str, Any]) -> dict[str, str]:
+        """Files that the function reads, by option."""
+        kinds = {each: _KINDS.get(each.annotation) for each in self.options}
+        return {
+            each.flag: str(values[each.name])
+            for each, kind in kinds.items()
+            if kind is not None and kind.is_file and each.name in values
+        }
+
+
+def _opposite(parameter: FunctionParameter) -> str:
+    """Parameter of the flag of False."""
+    return f"not_{parameter.name}"
+
+
+def _printed(value: object) -> str:
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
