@@ -404,6 +404,78 @@ def _ends(robot, table):
     raise AssertionError("the table is not the robot")
 
 
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+
+
+def _kinematics(path, off):
+    """The YAML of UR's ROS tools: each joint's frame, Tx(a) Rx(α) of the link before it and Rz(θ) Tz(d) of its own."""
+    d, a = (
+        np.array([0.089159, 0, 0, 0.10915, 0.09465, 0.0823]) + off["d"],
+        np.array([0, -0.425, -0.39225, 0, 0, 0]) + off["a"],
+    )
+    alpha = np.array([1, 0, 0, 1, -1, 0]) * np.pi / 2 + off["alpha"]
+    text = "kinematics:\n"
+    for i, link in enumerate(LINKS):
+        T = tw.se3.exp([alpha[i - 1], 0, 0, a[i - 1], 0, 0]) if i else np.eye(4)
+        T = T @ tw.se3.exp([0, 0, off["theta"][i], 0, 0, d[i]])
+        angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
+        values = zip(("x", "y", "z", "roll", "pitch", "yaw"), [*T[:3, 3], *angles], strict=True)
+        text += f"  {link}:\n" + "".join(f"    {name}: {float(value)!r}\n" for name, value in values)
+    path.write_text(f"{text}  hash: calib_123456\n")
+    return path
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_both_files_of_a_factory_calibration_give_one_robot(tmp_path, size):
+    """The controller's corrections, and the YAML that UR's tools make of them; without corrections, the robot of the file."""
+    rng, robot = np.random.default_rng(1), tw.robots.ur5()
+    off = {
+        name: size * s * rng.normal(size=6) for name, s in (("theta", 1e-3), ("d", 2e-4), ("a", 3e-4), ("alpha", 1e-3))
+    }
+    off["a"][5] = off["alpha"][5] = 0.0
+    found = tw.calibration.factory(robot, _kinematics(tmp_path / "kinematics.yaml", off))
+    of_controller = tw.calibration.factory(robot, _conf(tmp_path / "calibration.conf", off))
+    q = robot.random_configuration(0, (20,))
+    for frame in (*robot.link_names,):
+        assert np.allclose(
+            found.forward_kinematics(q, frame=frame), of_controller.forward_kinematics(q, frame=frame), atol=1e-9
+        )
+        if not size:
+            assert np.allclose(
+                found.forward_kinematics(q, frame=frame), robot.forward_kinematics(q, frame=frame), atol=1e-9
+            )
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda text: text.replace("wrist_2", "wrist_9"), "wrist_2"),
+        (lambda text: text.replace("roll: ", "roll: 1_", 1), "plain number"),
+        (lambda text: text.replace("0.089159", ".nan"), "plain number"),
+        (lambda text: text.replace("kinematics", "joints"), "kinematics"),
+        (lambda text: "kinematics: !!python/object/apply:os.system ['true']\n", "kinematics"),
+        (lambda text: "a: &a [*a, *a]\nkinematics: *a\n", "YAML"),
+    ],
+)
+def test_kinematics_files_made_to_do_harm_end_in_one_error(tmp_path, edit, words):
+    """Names, numbers and tags that are not those of six poses; nothing is created from a tag."""
+    path = _kinematics(tmp_path / "k.yaml", {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")})
+    path.write_text(edit(path.read_text()))
+    with pytest.raises(TwistWrenchError, match=words) as told:
+        tw.calibration.factory(tw.robots.ur5(), path)
+    assert len(str(told.value)) < 1000
+
+
+def test_a_kinematics_file_of_another_model_is_refused(tmp_path):
+    off = {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")}
+    longer = {**off, "d": np.array([0, 0, 0, 0, 0, 0.0343])}  # the flange of a UR10e
+    with pytest.raises(TwistWrenchError, match="another model"):
+        tw.calibration.factory(tw.robots.ur5(), _kinematics(tmp_path / "a.yaml", longer))
+    wider = {**off, "a": np.array([0, 0.1, 0, 0, 0, 0])}
+    with pytest.raises(TwistWrenchError, match="another model"):
+        tw.calibration.factory(tw.robots.ur5(), _kinematics(tmp_path / "b.yaml", wider))
+
+
 def test_a_factory_calibration_of_another_model_or_robot_is_refused(tmp_path):
     zeros = {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")}
     path = _conf(tmp_path / "c.conf", zeros | {"a": np.array([0, 0.1, 0, 0, 0, 0])})

@@ -163,7 +163,7 @@ KINDS: dict[str, Kind] = {
         Kind("actuators", "actuator files", robot_seeds.actuators, ("actuators", "log side"), {"*": (yaml_values, yaml_values, yaml_text, *TEXT)}, ("info of actuators",)),
         Kind("catalogue", "catalogues", robot_seeds.catalogue, ("catalogue",), {"*": (yaml_values, yaml_values, yaml_text, *TEXT)}, ("size",)),
         Kind("limits", "limits", robot_seeds.limits, ("limits",), {"*": (cells, cells, encoded, *TEXT)}, ("torques with limits",)),
-        Kind("factory calibration", "factory calibrations", robot_seeds.factory_calibration, ("factory calibration",), {"*": (encoded, *TEXT, tokens)}, share=0.3),
+        Kind("factory calibration", "factory calibrations", robot_seeds.factory_calibration, ("factory calibration",), {"*.yaml": (yaml_values, yaml_text, *TEXT), "*": (encoded, *TEXT, tokens)}, share=0.3),
         Kind("measurements", "CSV logs", robot_seeds.measurements, ("measurements", "calibrated"), {"*": (cells, cells, encoded, *TEXT)}, ("calibrate",), share=0.5),
         Kind("waypoints", "CSV logs", robot_seeds.waypoints, ("waypoints",), {"*": (cells, encoded, *TEXT)}, share=0.3),
         Kind("map of columns", "CSV logs", robot_seeds.column_map, ("torques with map",), {"map.csv": (cells, encoded, *TEXT), "*": (cells,)}, share=0.3),

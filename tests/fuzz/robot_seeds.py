@@ -386,7 +386,13 @@ def limits() -> list[Case]:
 
 def factory_calibration() -> list[Case]:
     rows = "".join(f"delta_{name} = [ 0, 1.0e-4, -2e-4, 0, 0.0003, 0]\n" for name in ("theta", "a", "d", "alpha"))
-    return single("calibration.conf", f"[mounting]\n# of a robot\n{rows}calibration_status = 0\n".encode())
+    links = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+    pose = "".join(f"    {name}: 0.1\n" for name in ("x", "y", "z", "roll", "pitch", "yaw"))
+    kinematics = "kinematics:\n" + "".join(f"  {link}:\n{pose}" for link in links) + "  hash: calib_1\n"
+    return [
+        *single("calibration.conf", f"[mounting]\n# of a robot\n{rows}calibration_status = 0\n".encode()),
+        *single("kinematics.yaml", kinematics.encode()),
+    ]
 
 
 def measurements() -> list[Case]:

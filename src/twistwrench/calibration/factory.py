@@ -1,8 +1,9 @@
-"""Factory calibration of UR robots, from ``calibration.conf`` of the controller.
+"""Factory calibration of UR robots, from ``calibration.conf`` of the controller or the YAML of UR's ROS tools.
 
-UR's corrections are those of a Denavit-Hartenberg table, whose frames lie hundreds of metres away if axes 2, 3 and 4 are nearly
-parallel. With screw axes they need no correction algorithm: e^[S_1]q_1 … e^[S_6]q_6 M depends on the axes and on M alone.
-Each link frame is moved the shortest way onto its new axis: turned by the smallest rotation, shifted along the normal.
+The controller's corrections are those of a Denavit-Hartenberg table, whose frames lie hundreds of metres away if axes 2, 3
+and 4 are nearly parallel. With screw axes they need no correction algorithm: e^[S_1]q_1 … e^[S_6]q_6 M depends on the axes
+and on M alone. Each link frame is moved the shortest way onto its new axis: turned by the smallest rotation, shifted along
+the normal.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from ..core.files import as_path, read_text
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.typing import Array
+from ..formats.urdf import rotation_of_rpy
+from ..formats.yaml import Section, read_yaml
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.adjoint import Ad
 from ..robot import Robot
@@ -32,6 +35,10 @@ _GEOMETRY = 1e-5
 _OTHER_MODEL = 20e-3
 """Shift [m] of an axis above which the corrections are of another model."""
 _LISTS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
+_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""Entries of the YAML: poses of the joints' frames in their predecessors, which turn about z."""
+_FLANGE = 5e-3
+"""Largest difference [m] of the flange's distance from the file's frame there."""
 
 
 def factory(robot: Robot, path: str | Path) -> Robot:
@@ -39,7 +46,7 @@ def factory(robot: Robot, path: str | Path) -> Robot:
 
     Parameters
     ----------
-    path : str or Path, ``calibration.conf`` of the controller
+    path : str or Path, ``calibration.conf`` of the controller, or the YAML with ``kinematics:`` that UR's ROS tools write
 
     Returns
     -------
@@ -74,17 +81,12 @@ def factory(robot: Robot, path: str | Path) -> Robot:
         raise ModelError(
             f"robot {robot.name!r} has not the six turning joints of a UR, so its factory calibration means nothing."
         )
-    try:
-        text = read_text(file)
-    except FileNotFoundError:
-        raise NotFoundError(
-            f"no factory calibration {str(file)!r}. Copy calibration.conf from the robot's controller."
-        ) from None
-    except (OSError, UnicodeDecodeError) as problem:
-        raise RobotFileError(f"{file}: cannot be read as text: {str(problem).splitlines()[0]}.") from None
     old, table = _nominal(chain)
-    theta, d, a, alpha = _corrections(text, file)
-    new = _frames(old[0], theta, table[0] + d, table[1] + a, _ALPHA + alpha)
+    if file.suffix.lower() in (".yaml", ".yml"):
+        new = _frames_of_placements(chain, old, _placements(file))
+    else:
+        theta, d, a, alpha = _corrections(file)
+        new = _frames(old[0], theta, table[0] + d, table[1] + a, _ALPHA + alpha)
     moved = max(_axis_shift(T, S) for T, S in zip(old, new, strict=True))
     if moved > _OTHER_MODEL:
         raise ModelError(
@@ -131,6 +133,29 @@ def _frames(X: Array, theta: Array, d: Array, a: Array, alpha: Array) -> list[Ar
     return found
 
 
+def _frames_of_placements(chain: TipChain, old: list[Array], placements: list[Array]) -> list[Array]:
+    """Frames of the joints from their placements, and after the last; the table's last frame moves to the flange.
+
+    Without corrections the placements are Tx(a) Rx(α) Rz(θ) Tz(d) of the table, with the distance d_6 of the flange.
+    """
+    frames = [old[0] @ placements[0]]
+    for P in placements[1:]:
+        frames.append(frames[-1] @ P)
+    last = placements[-1]
+    given = float(last[:3, 2] @ last[:3, 3])
+    home, body = _homes(chain)[-1], chain.bodies[-1]
+    inside = np.asarray(se3.inverse(old[_JOINTS - 1])) @ home
+    heights = [float((inside @ frame.pose)[2, 3]) for frame in chain.robot.model.frames.values() if frame.body == body]
+    flange = min(heights, key=lambda height: abs(height - given))
+    if abs(flange - given) > _FLANGE:
+        raise ModelError(
+            f"robot {chain.robot.name!r} has no frame at the flange, {number(1e3 * given)} mm along the last axis; the nearest "
+            f"is at {number(1e3 * flange)} mm. Was the calibration made for another model? Load that one."
+        )
+    old[_JOINTS] = old[_JOINTS] @ np.asarray(se3.exp(np.array([0, 0, 0, 0, 0, flange])))
+    return [*frames, frames[-1]]
+
+
 def _axis_shift(old: Array, new: Array) -> float:
     """Distance [m] of the old frame's nearest axis point from the new axis; ends compare their origins."""
     z = new[:3, 2]
@@ -162,8 +187,16 @@ def _with_frames(chain: TipChain, old: Sequence[Array], new: Sequence[Array]) ->
 # ── Files
 
 
-def _corrections(text: str, path: Path) -> list[Array]:
+def _corrections(path: Path) -> list[Array]:
     """Corrections of θ, d, a and α (6,) of ``calibration.conf``."""
+    try:
+        text = read_text(path)
+    except FileNotFoundError:
+        raise NotFoundError(
+            f"no factory calibration {str(path)!r}. Copy calibration.conf from the robot's controller."
+        ) from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise RobotFileError(f"{path}: cannot be read as text: {str(problem).splitlines()[0]}.") from None
     parser = configparser.ConfigParser(inline_comment_prefixes=("#",), interpolation=None)
     try:
         parser.read_string(text)
@@ -173,6 +206,21 @@ def _corrections(text: str, path: Path) -> list[Array]:
             f"{path}: is not a calibration.conf of a UR ({str(problem).splitlines()[0]}). "
             f"It has the lists {', '.join(_LISTS)} of six numbers below [mounting]."
         ) from None
+
+
+def _placements(path: Path) -> list[Array]:
+    """Poses (4, 4) of the joints in their predecessors, of UR's YAML: x, y, z, and fixed-axis roll, pitch, yaw."""
+    content, _ = read_yaml(path, "factory calibration", "kinematics")
+    try:
+        links = Section(content, "").section("kinematics")
+        entries = [links.section(name) for name in _LINKS]
+        values = [[entry.number(name, "") for name in ("x", "y", "z", "roll", "pitch", "yaw")] for entry in entries]
+    except (KeyError, ModelError) as problem:
+        raise RobotFileError(
+            f"{path}: is not a kinematics file of a UR ({str(problem).splitlines()[0]}). "
+            f"It has x, y, z, roll, pitch and yaw of {', '.join(_LINKS)} below kinematics."
+        ) from None
+    return [np.asarray(se3.pose(rotation_of_rpy(x[3:]), np.array(x[:3]))) for x in values]
 
 
 def _numbers(text: str) -> Array:

@@ -171,7 +171,7 @@ Source = str | os.PathLike[str] | Mapping[str, Any]
 _MOST_BYTES = 2**18
 """Largest accepted file: parsing is slow, and a robot with a hundred motors takes 40 kB."""
 
-_BELOW = {"actuators": "joints", "motors": "motors of the catalogue"}
+_BELOW = {"actuators": "joints", "motors": "motors of the catalogue", "kinematics": "six links of a UR"}
 
 _MOST_LEVELS = 50
 """Largest nesting depth: an actuator file needs five levels, and parsing time grows quadratically."""
