@@ -78,6 +78,14 @@ _SERVOS = """
 Reasons of [`identify_servos`](identification.md#logs-without-torques).
 
 """
+_THRESHOLD = """
+## Thresholds of the residual
+
+Reasons of [`observer.threshold`](control.md#thresholds-for-collision-detection).
+
+"""
+_ROOMS = ("sensor", "calibrate", "servos", "threshold")
+"""Answers whose rows have a section of their own."""
 _SEARCHED = "S >= 0.25 and t at 0.01 over the number of causes"
 _LEVELS = {"refuse": "LOOK AGAIN", "unsure": "UNSURE", "note": "note", "effect": "by effect"}
 _OTHER = (
@@ -117,20 +125,20 @@ _OTHER = (
 def page() -> str:
     """The page, as it has to be."""
     kinds = [k for k in doubt_table().values() if k.level != "note" or "UNSURE" in k.threshold]
-    sensor = [k for k in kinds if k.reads == ("sensor",)]
-    calibrate = [k for k in kinds if k.reads == ("calibrate",)]
-    servos = [k for k in kinds if k.reads == ("servos",)]
+    own = {room: [k for k in kinds if k.reads == (room,)] for room in _ROOMS}
+    apart = [k for room in _ROOMS for k in own[room]]
     log = [k for k in kinds if "motion" in k.reads or k.reads == ("torques",)]
-    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor + calibrate + servos]
-    fit = [k for k in kinds if k not in [*sensor, *calibrate, *servos, *log, *causes]]
+    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in apart]
+    fit = [k for k in kinds if k not in [*apart, *log, *causes]]
     parts = [_HEAD, _LIMITS, _rows(("text of the report", "cause", "what to do"), [*_own(), *_others()])]
     for text, found in (
         (_LOG, log),
         (_STEPS + _CAUSES, causes),
         (_FIT, fit),
-        (_SENSOR, sensor),
-        (_CALIBRATE, calibrate),
-        (_SERVOS, servos),
+        (_SENSOR, own["sensor"]),
+        (_CALIBRATE, own["calibrate"]),
+        (_SERVOS, own["servos"]),
+        (_THRESHOLD, own["threshold"]),
     ):
         parts += [text, _rows(("text of the report", "verdict", "what to do", "`kind`: test, bound"), map(_row, found))]
     return "".join(parts)
@@ -186,11 +194,7 @@ def _source() -> str:
 def _row(kind: DoubtKind) -> tuple[str, ...]:
     words = kind.tests if set(kind.sentence) <= set("{said}") else kind.sentence.replace("{interval}", "")
     bound = kind.threshold.removeprefix(_SEARCHED).lstrip("; ")
-    test = (
-        ""
-        if kind.reads in (("sensor",), ("calibrate",), ("servos",))
-        else f": {kind.tests}{f'; {bound}' if bound else ''}"
-    )
+    test = "" if kind.reads[0] in _ROOMS and len(kind.reads) == 1 else f": {kind.tests}{f'; {bound}' if bound else ''}"
     return _words(words), _LEVELS[kind.level], _words(kind.remedy) or "–", _words(f"`{kind.name}`{test}")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from .joint_space import PD, ComputedTorque
 from .observer import ContactWrench, MomentumObserver
 from .references import PoseMotion
+from .residual_threshold import ResidualThreshold
 from .task_space import HybridMotionForce, Impedance, TaskSpace
 
 __all__ = [
@@ -18,5 +19,6 @@ __all__ = [
     "Impedance",
     "MomentumObserver",
     "PoseMotion",
+    "ResidualThreshold",
     "TaskSpace",
 ]

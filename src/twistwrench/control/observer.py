@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,10 @@ from ..robot import Robot
 from ..robot.arguments import Kind, Rows
 from ..robot.task_space_methods import require_robot
 from .references import one_state
+
+if TYPE_CHECKING:
+    from ..motion.motion import Motion
+    from .residual_threshold import ResidualThreshold
 
 SINGULAR = 1e-6
 """Fraction of the largest singular value of J' below which a singular value counts as zero."""
@@ -165,11 +170,40 @@ class MomentumObserver:
         rates = self.robot.model.velocity_names
         q, dq, tau = rows(q, "q", self.robot.coordinate_names), rows(dq, "dq", rates), rows(tau, "tau", rates)
         p, beta = self._momentum(q, dq)
+        states = [(t[part], dq[part], p[part], beta[part]) for part in (slice(None, -1), slice(1, None))]
+        x, keep = self._mean(*states, tau[:-1])
         found = np.zeros((len(t), self.robot.nv))
         for k in range(len(t) - 1):
-            a, b = ((float(t[i]), dq[i], p[i], beta[i]) for i in (k, k + 1))
-            found[k + 1] = self._filtered(found[k], a, b, tau[k])
+            found[k + 1] = x[k] + keep[k] * (found[k] - x[k])
         return found
+
+    def threshold(self, motion: Motion, *, per_hour: float = 1.0) -> ResidualThreshold:
+        """Thresholds of the residual for a number of false alarms, from a log without contact.
+
+        Parameters
+        ----------
+        motion : Motion
+            Log of the robot's work with measured torques, 32 s or more; its first 2 s are not used.
+        per_hour : float, false alarms in an hour, of all joints together
+
+        Returns
+        -------
+        found : ResidualThreshold
+            ``torques`` (nv,) with their parts ``noise`` and ``model``, ``smallest_force`` and ``verdict``.
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            The motion has no torques, or is too short.
+
+        Notes
+        -----
+        Largest noise in each second follows a Gumbel law of its square, which gives the level of the wanted rate. Means of
+        the residual in regions of speed and position are errors of the model, and are added.
+        """
+        from .residual_threshold import residual_threshold
+
+        return residual_threshold(self, motion, per_hour)
 
     def watch(self, controller: Callable[[float, Array, Array], ArrayLike]) -> Callable[[float, Array, Array], Array]:
         """Controller that also updates the observer, for ``robot.simulate(controller=…)``, which holds the torques.
@@ -246,18 +280,25 @@ class MomentumObserver:
     def _filtered(
         self, r: Array, a: tuple[float, Array, Array, Array], b: tuple[float, Array, Array, Array], tau: Array
     ) -> Array:
+        """Residual after one sample."""
+        one = [tuple(np.asarray(x)[None] for x in state) for state in (a, b)]
+        x, keep = self._mean(one[0], one[1], tau[None])
+        return np.asarray(x[0] + keep[0] * (r - x[0]))
+
+    def _mean(self, a: Sequence[Array], b: Sequence[Array], tau: Array) -> tuple[Array, Array]:
+        """Means (n, nv) of τ_ext between samples, and the share of the residual that is kept."""
         (t0, dq0, p0, beta0), (t1, dq1, p1, beta1) = a, b
-        dt = t1 - t0
-        if not dt > 0:
+        dt = (t1 - t0)[:, None]
+        if (late := ~(dt[:, 0] > 0)).any():
+            k = int(late.argmax())
             raise ValueRangeError(
-                f"MomentumObserver: t = {printed(t1)} s is not after the last time, {printed(t0)} s. Give samples in "
-                "order, and begin a new motion with reset()."
+                f"MomentumObserver: t = {printed(float(t1[k]))} s is not after the last time, {printed(float(t0[k]))} s. Give "
+                "samples in order, and begin a new motion with reset()."
             )
         if self.friction:
             # Torques minus friction; load-dependent friction depends on the remaining torques.
             tau = 0.5 * np.asarray(self._past(dq0, tau) + self._past(dq1, tau))
-        x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)  # mean of τ_ext since the last sample
-        return np.asarray(x + np.exp(-self.gain * dt) * (r - x))
+        return (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1), np.exp(-self.gain * dt)
 
 
 complete(globals())

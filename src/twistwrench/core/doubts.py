@@ -30,7 +30,7 @@ class DoubtKind:
     name : str
     stage : int, order of the tests: 1 without a model, 2 discrete, 3 continuous, 4 laws of the joint, 5 what remains
     reads : tuple of str, commands that raise it: ``motion``, ``torques``, ``identify``, ``sensor``, ``calibrate``,
-        ``servos``
+        ``servos``, ``threshold``
     tests : str, tested quantity
     threshold : str, value from which it is raised
     false_alarms : float, maximum share of clean logs for which it is raised

@@ -1,0 +1,257 @@
+"""Thresholds for collision detection by the residual of a momentum observer, from a log without contact.
+
+With m_j the mean of the residual e_j in cells of (sgn dq_j, thirds of q_j), the noise n_j = e_j - m_j has block maxima
+x = max n_j² over 1 s. They follow a Gumbel law, whose parameters are fitted by moments,
+
+    P(x < u) = exp(-exp(-(u - a)/b)),     b = √6 s/π,     a = mean(x) - γ b,
+
+as squares of Gaussian noise have exponential tails. A joint passes its level u_j in a share p of the blocks; p is such that all
+joints together give the wanted number of alarms. The threshold is √u_j + max |m_j|. Source: Coles, "An Introduction to
+Statistical Modeling of Extreme Values", 2001, chapter 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ..answers.answer import Answer
+from ..answers.blocks import Block, Headline, Table, remarks, words
+from ..core import arguments
+from ..core.doubts import Doubt, doubt, verdict_from_doubts
+from ..core.errors import ShapeError, ValueRangeError
+from ..core.glossary import complete
+from ..core.numbers import number, quantity
+from ..core.text import listed
+from ..core.typing import Array
+from ..core.verdict import Verdict, Word
+from ..mechanics.joints.units import units_of
+from ..motion.coordinates import Coordinates
+
+if TYPE_CHECKING:
+    from ..motion.motion import Motion
+    from .observer import MomentumObserver
+
+BEGIN, BLOCK, HOUR = 2.0, 1.0, 3600.0
+"""Time after the begin of a log that is left out, length of a block, and an hour [s]."""
+_FEWEST = 30
+"""Least number of blocks."""
+_CELLS, _LEAST, _SURE = 9, 10.0, 3.0
+"""Number of cells, least number of independent rows in one, and deviations from which its mean is not noise."""
+_EULER = 0.5772156649
+_PUSHED = 3.0
+"""Largest noise of a block, in multiples of the noise threshold by the other blocks, above which something pushed."""
+_FELT_WITHIN = 0.3
+"""Time in which a push is to pass a threshold [s]."""
+_POSES = 200
+_UNFELT = 1e-9
+"""Share of the best felt direction below which a direction is not felt."""
+_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+"""(26, 3) directions to the faces, edges and corners of a cube."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ResidualThreshold(Answer):
+    """Thresholds of a momentum observer's residual, by which a collision is detected: result of ``observer.threshold``.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.planar_2r(), np.arange(0, 60, 0.01)
+    >>> q = np.stack([np.sin(t), np.cos(0.7 * t)], axis=1)
+    >>> noise = np.random.default_rng(0).normal(0, 0.5, q.shape)
+    >>> motion = tw.Motion(t, q, robot=arm)
+    >>> log = tw.Motion(t, q, motion.dq, motion.ddq, motion.torques() + noise, robot=arm)
+    >>> found = tw.control.MomentumObserver(arm, 30.0).threshold(log)
+    >>> found.verdict.ok, found.torques.shape, found.facts()["smallest push"]
+    (True, (2,), 'pushes in some direction are not felt')
+    >>> list(found.to_dict()["thresholds"]["joint1"])
+    ['torques', 'noise', 'model']
+    """
+
+    call: ClassVar[str] = "threshold"
+
+    observer: MomentumObserver
+    """Observer with its gain."""
+    noise: Array
+    """(nv,) part due to noise: level of the residual without its mean [N m, sliding joints: N]."""
+    model: Array
+    """(nv,) part due to the model: largest mean of the residual in a region of speed and position [N m, N]."""
+    per_hour: float
+    """False alarms in an hour, of all joints together."""
+    smallest_force: float
+    """Least constant force at the tip that passes a threshold within 0.3 s, in the worst of 26 directions [N].
+
+    The median over the log's poses; inf if no joint feels some direction.
+    """
+    blocks_of_log: int
+    """Number of blocks of 1 s."""
+    doubts: tuple[Doubt, ...] = ()
+    """Reasons against OK."""
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.observer.robot.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.observer.robot.model.velocity_names
+
+    @property
+    def torques(self) -> Array:
+        """(nv,) thresholds of the residual's size, the sum of both parts [N m, sliding joints: N]."""
+        return self.noise + self.model
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """UNSURE if the log is short or something pushed on the robot, or OK."""
+        return verdict_from_doubts(self.doubts)
+
+    @property
+    def brief(self) -> str:
+        """Least push that is felt."""
+        felt = np.isfinite(self.smallest_force)
+        return quantity(self.smallest_force, "N", 2) if felt else "pushes in some direction are not felt"
+
+    def facts(self) -> dict[str, str]:
+        """False alarms, least push and length of the log.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        return {
+            "false alarms": f"{number(self.per_hour, 3)} an hour",
+            "smallest push": self.brief,
+            "log": f"{self.blocks_of_log} blocks of 1 s",
+        }
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, and the threshold of each joint with its parts."""
+        robot = self.observer.robot
+        units = units_of("tau", Coordinates.from_model(robot.model).angular_velocity)
+        texts = {
+            name: [quantity(x, unit, 3) for x, unit in zip(values.tolist(), units, strict=True)]
+            for name, values in (("threshold", self.torques), ("noise", self.noise), ("model", self.model))
+        }
+        push = f"the smallest push felt at the tip is {self.brief}" if np.isfinite(self.smallest_force) else self.brief
+        said = (
+            f"thresholds for {number(self.per_hour, 3)} false alarm{'s' * (self.per_hour != 1.0)} an hour: "
+            f"{listed(texts['threshold'], 7)}; {push}."
+        )
+        yield Headline(Word.OK, said) if self.verdict.word is Word.OK else Headline.from_verdict(self.verdict)
+        yield ""
+        columns = [words(name, cells, fold=False) for name, cells in texts.items()]
+        yield Table("Thresholds", words("joint", list(self.joints), fold=False), *columns)
+        yield from remarks([str(one) for one in self.doubts if one.level == "note"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Data of :meth:`Answer.to_dict`, and the thresholds with their parts in SI units.
+
+        Returns
+        -------
+        data : dict
+        """
+        parts = {"torques": self.torques, "noise": self.noise, "model": self.model}
+        return super().to_dict() | {
+            "thresholds": {
+                joint: {name: float(x[j]) for name, x in parts.items()} for j, joint in enumerate(self.joints)
+            },
+            "per_hour": self.per_hour,
+            "smallest_force": self.smallest_force,
+            "gain": self.observer.gain.tolist(),
+        }
+
+
+def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: float) -> ResidualThreshold:
+    """Thresholds from a log without contact; raises ShapeError and ValueRangeError."""
+    if motion.tau is None:
+        raise ShapeError("MomentumObserver.threshold: the motion has no torques. Give a log with measured torques.")
+    wanted = arguments.positive(per_hour, "per_hour")
+    e = observer.over(motion.time, motion.q, motion.dq, motion.tau)
+    used = motion.time >= motion.time[0] + BEGIN
+    block = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)
+    if not used.any() or block[-1] < 2:
+        raise ValueRangeError(
+            f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _FEWEST)} s or more."
+        )
+    step = float(np.median(np.diff(motion.time)))
+    mean = _cell_means(e[used], motion.dq[used], _single_positions(motion)[used], step, observer.gain)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    maxima = np.maximum.reduceat(np.abs(e[used] - mean), first)[: -1 if len(first) > _FEWEST else None]
+    share = wanted * BLOCK / HOUR / observer.robot.nv
+    noise, model = gumbel_level(maxima, share), np.abs(mean).max(axis=0)
+    doubts = tuple(_doubts(observer, motion, maxima, share))
+    force = smallest_force(observer, motion.q, noise + model)
+    return ResidualThreshold(observer, noise, model, wanted, force, len(maxima), doubts)
+
+
+def gumbel_level(maxima: Array, share: float) -> Array:
+    """Levels (k,) that maxima (n, k) of the size of noise pass in a share of the blocks."""
+    x = maxima**2
+    scale = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)
+    return np.asarray(np.sqrt(x.mean(axis=0) + scale * (-np.log(-np.log1p(-share)) - _EULER)))
+
+
+def _single_positions(motion: Motion) -> Array:
+    """(n, nv) positions of the coordinates that belong to one velocity, zero for others."""
+    found, model = np.zeros(motion.dq.shape), motion.robot.model
+    for body in model.leaders:
+        if body.joint.nv == body.joint.nq == 1:
+            found[:, body.places[1]] = motion.q[:, body.places[0]]
+    return found
+
+
+def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Array:
+    """(n, nv) mean of the residual in the cell of each row, sign of the speed and third of the position; 0 within its error.
+
+    Residuals are alike for a time constant 1/K, so that a cell of n rows has n K h/2 independent ones.
+    """
+    found = np.zeros_like(e)
+    for j in range(e.shape[1]):
+        edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])
+        cell = 3 * (np.sign(dq[:, j]) + 1.0).astype(int) + np.searchsorted(edges, q[:, j])
+        count = np.maximum(np.bincount(cell, minlength=_CELLS), 1)
+        mean = np.bincount(cell, e[:, j], minlength=_CELLS) / count
+        variance = np.bincount(cell, e[:, j] ** 2, minlength=_CELLS) / count - mean**2
+        independent = np.maximum(count * min(1.0, 0.5 * gain[j] * step), 1.0)
+        sure = np.abs(mean) > _SURE * np.sqrt(np.maximum(variance, 0.0) / independent)
+        found[:, j] = np.where(sure & (independent >= _LEAST), mean, 0.0)[cell]
+    return found
+
+
+def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: float) -> Iterator[Doubt]:
+    """Too few blocks, a contradictory log, and blocks in which something pushed."""
+    if len(maxima) < _FEWEST:
+        yield doubt("residual-short", blocks=len(maxima), least=_FEWEST)
+    yield from (one for one in motion.doubts if one.refuses)
+    quiet = np.sort(maxima, axis=0)[: max(2, round(0.9 * len(maxima)))]
+    ratio = maxima / np.maximum(gumbel_level(quiet, share), 1e-300)
+    block, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
+    if ratio[block, joint] > _PUSHED:
+        yield doubt(
+            "residual-pushed", [observer.robot.model.velocity_names[joint]],
+            when=number(float(motion.time[0]) + BEGIN + BLOCK * int(block), 4), times=number(float(ratio[block, joint]), 2),
+            found={"value": float(motion.time[0]) + BEGIN + BLOCK * int(block), "unit": "s"},
+        )  # fmt: skip
+
+
+def smallest_force(observer: MomentumObserver, q: Array, threshold: Array) -> float:
+    """Least constant force at the tip that passes a threshold within 0.3 s: the worst direction, the median of the poses."""
+    chosen = q[:: max(1, len(q) // _POSES)]
+    J = np.asarray(observer.robot.jacobian(chosen))[:, 3:]
+    response = np.einsum("di,kij->kdj", _DIRECTIONS, J) * -np.expm1(-observer.gain * _FELT_WITHIN)
+    felt = (np.abs(response) / threshold).max(axis=2)
+    least = felt.min(axis=1)
+    return float(np.median(np.where(least > _UNFELT * felt.max(), 1.0 / np.maximum(least, 1e-300), np.inf)))
+
+
+complete(globals())
