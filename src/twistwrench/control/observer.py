@@ -170,8 +170,8 @@ class MomentumObserver:
         rates = self.robot.model.velocity_names
         q, dq, tau = rows(q, "q", self.robot.coordinate_names), rows(dq, "dq", rates), rows(tau, "tau", rates)
         p, beta = self._momentum(q, dq)
-        states = [(t[part], dq[part], p[part], beta[part]) for part in (slice(None, -1), slice(1, None))]
-        x, keep = self._mean(*states, tau[:-1])
+        before, after = ((t[rows], dq[rows], p[rows], beta[rows]) for rows in (slice(None, -1), slice(1, None)))
+        x, keep = self._mean(before, after, tau[:-1])
         found = np.zeros((len(t), self.robot.nv))
         for k in range(len(t) - 1):
             found[k + 1] = x[k] + keep[k] * (found[k] - x[k])

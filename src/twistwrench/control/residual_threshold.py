@@ -46,11 +46,11 @@ _CELLS, _LEAST, _SURE = 9, 10.0, 3.0
 _EULER = 0.5772156649
 _PUSHED = 3.0
 """Largest noise of a block, in multiples of the noise threshold by the other blocks, above which something pushed."""
-_FELT_WITHIN = 0.3
+_PASSED_WITHIN = 0.3
 """Time in which a push is to pass a threshold [s]."""
 _POSES = 200
-_UNFELT = 1e-9
-"""Share of the best felt direction below which a direction is not felt."""
+_INSENSITIVE = 1e-9
+"""Share of the most sensitive direction below which no joint reacts to a direction."""
 _DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 """(26, 3) directions to the faces, edges and corners of a cube."""
@@ -70,7 +70,7 @@ class ResidualThreshold(Answer):
     >>> log = tw.Motion(t, q, motion.dq, motion.ddq, motion.torques() + noise, robot=arm)
     >>> found = tw.control.MomentumObserver(arm, 30.0).threshold(log)
     >>> found.verdict.ok, found.torques.shape, found.facts()["smallest push"]
-    (True, (2,), 'pushes in some direction are not felt')
+    (True, (2,), 'pushes in some direction change no joint torque')
     >>> list(found.to_dict()["thresholds"]["joint1"])
     ['torques', 'noise', 'model']
     """
@@ -88,7 +88,7 @@ class ResidualThreshold(Answer):
     smallest_force: float
     """Least constant force at the tip that passes a threshold within 0.3 s, in the worst of 26 directions [N].
 
-    The median over the log's poses; inf if no joint feels some direction.
+    The median over the log's poses; inf if no joint reacts to some direction.
     """
     blocks_of_log: int
     """Number of blocks of 1 s."""
@@ -117,9 +117,9 @@ class ResidualThreshold(Answer):
 
     @property
     def brief(self) -> str:
-        """Least push that is felt."""
-        felt = np.isfinite(self.smallest_force)
-        return quantity(self.smallest_force, "N", 2) if felt else "pushes in some direction are not felt"
+        """Least push that passes a threshold."""
+        finite = np.isfinite(self.smallest_force)
+        return quantity(self.smallest_force, "N", 2) if finite else "pushes in some direction change no joint torque"
 
     def facts(self) -> dict[str, str]:
         """False alarms, least push and length of the log.
@@ -142,7 +142,11 @@ class ResidualThreshold(Answer):
             name: [quantity(x, unit, 3) for x, unit in zip(values.tolist(), units, strict=True)]
             for name, values in (("threshold", self.torques), ("noise", self.noise), ("model", self.model))
         }
-        push = f"the smallest push felt at the tip is {self.brief}" if np.isfinite(self.smallest_force) else self.brief
+        push = (
+            f"the smallest push at the tip that passes one is {self.brief}"
+            if np.isfinite(self.smallest_force)
+            else self.brief
+        )
         said = (
             f"thresholds for {number(self.per_hour, 3)} false alarm{'s' * (self.per_hour != 1.0)} an hour: "
             f"{listed(texts['threshold'], 7)}; {push}."
@@ -248,10 +252,10 @@ def smallest_force(observer: MomentumObserver, q: Array, threshold: Array) -> fl
     """Least constant force at the tip that passes a threshold within 0.3 s: the worst direction, the median of the poses."""
     chosen = q[:: max(1, len(q) // _POSES)]
     J = np.asarray(observer.robot.jacobian(chosen))[:, 3:]
-    response = np.einsum("di,kij->kdj", _DIRECTIONS, J) * -np.expm1(-observer.gain * _FELT_WITHIN)
-    felt = (np.abs(response) / threshold).max(axis=2)
-    least = felt.min(axis=1)
-    return float(np.median(np.where(least > _UNFELT * felt.max(), 1.0 / np.maximum(least, 1e-300), np.inf)))
+    response = np.einsum("di,kij->kdj", _DIRECTIONS, J) * -np.expm1(-observer.gain * _PASSED_WITHIN)
+    reaction = (np.abs(response) / threshold).max(axis=2)
+    least = reaction.min(axis=1)
+    return float(np.median(np.where(least > _INSENSITIVE * reaction.max(), 1.0 / np.maximum(least, 1e-300), np.inf)))
 
 
 complete(globals())

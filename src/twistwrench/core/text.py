@@ -104,7 +104,7 @@ class Argument:
 
     name: str
     value: object = ...
-    """Value to give; ``...`` for the argument alone."""
+    """Value to give; ``...`` for the argument alone, None for a function of Python that an option of a command stands for."""
     option: str = ""
     """Name of the option, where it differs from the argument's."""
 
@@ -139,12 +139,14 @@ def spelled(argument: Argument, *, shell: bool | None = None) -> str:
     """
     value = argument.value
     if not (_OF_COMMAND.get() if shell is None else shell):
+        if value is None:
+            return argument.name
         shown = "…" if value is ... else str(value) if isinstance(value, Placeholder) else repr(value)
         return f"{argument.name}={shown}"
     name = argument.option or argument.name.replace("_", "-")
     if value is False:
         return f"--no-{name}"
-    if value is ... or value is True:
+    if value is ... or value is True or value is None:
         return f"--{name}"
     if isinstance(value, Mapping):
         text = ",".join(f"{quoted(key)}={quoted(str(one))}" for key, one in value.items())

@@ -409,6 +409,10 @@ class MjcfText(RobotText):
             if name in body.attributes:
                 changes.remove(body, name, why)
 
+    def joint_element(self, name: str) -> Element:
+        """Element of a joint."""
+        return self._raw[name]
+
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
         """Set the friction and armature of a joint; zeros are written only to override a value of the file or class."""
         for kind, attribute in _MJCF_DRIVES.items():

@@ -39,6 +39,11 @@ WINDOW = 4096
 _WRONG = 0.01  # maximum share of single-row glitches that are removed from a log
 _CLOSED = 0.06, 6.0  # pause with closed-up time stamps: minimum [s], and minimum in usual steps
 _PORTION = MOST_STATES  # rows that are checked together
+_HAS_COMMANDS = (
+    "no torque for every joint; the log has commands: {0} identifies gains, friction and armature from them. If it has "
+    "torques, too, name their columns JOINT.torque."
+)
+_SERVOS = Argument("identify_servos", None, option="from-commands")
 
 Log: TypeAlias = Motion | str | Path
 
@@ -71,6 +76,8 @@ class LogSource:
                 f"identify: {name} is not a tw.Motion or the path of a file. tw.Motion.from_file(path, robot) reads one."
             )
         if log.tau is None:
+            if log.command is not None:
+                raise ShapeError(f"identify: {name} has {_HAS_COMMANDS}", _SERVOS)
             raise ShapeError(
                 f"identify: {name} has no torques for every joint. Name their columns JOINT.torque, or "
                 "assign them: columns={'JOINT.tau': 'COLUMN'}."
@@ -87,12 +94,7 @@ class LogSource:
         told, gain = (tuple(sorted((x or {}).items())) for x in (self.columns, self.gain))
         file = Path(self.path)
         written = file.stat().st_mtime_ns if file.is_file() else 0
-        options: dict[str, Any] = {
-            "rate": self.rate,
-            "degrees": self.degrees,
-            "topic": self.topic,
-            "episode": self.episode,
-        }
+        options = self._options
         motors = () if self.side is None else self.side.names
         key = (self.path, written, self.robot.model.drive_names, motors, told, gain, *options.values())
         if key not in _OPENED:
@@ -105,6 +107,15 @@ class LogSource:
         return _OPENED[key]
 
     @property
+    def _options(self) -> dict[str, Any]:
+        return {"rate": self.rate, "degrees": self.degrees, "topic": self.topic, "episode": self.episode}
+
+    def _has_commands(self) -> bool:
+        """True if the file has commands of some joint."""
+        log = MotionLog.open(self.path, self.robot.model, columns=self.columns, commands=True, **self._options)
+        return log.columns.places["command"] is not None
+
+    @property
     def count(self) -> int:
         """Number of rows."""
         return len(self.log.table) if self.motion is None else len(self.motion)
@@ -115,6 +126,8 @@ class LogSource:
             m = self.motion
             return LogRows(m.time[rows], m.q[rows], None, None, np.asarray(m.tau)[rows])
         found = self.log.motion(self.log.table[rows])
+        if found.tau is None and self._has_commands():
+            raise ValueRangeError(f"{self.path}: {_HAS_COMMANDS}", _SERVOS)
         if found.tau is None:
             raise ValueRangeError(
                 f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or assign them: {{0}}; "

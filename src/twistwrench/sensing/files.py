@@ -21,15 +21,20 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY, checked_strength
 from ..core.numbers import printed
 from ..core.tables import csv_table
+from ..core.text import Argument, Placeholder
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie.labelled import TWIST, WRENCH
+from ..motion.column_names import split_unit, time_meaning
+from ..motion.columns import Columns, Reading
+from ..motion.coordinates import Coordinates
 from ..motion.readers.csv_reader import CsvFile, table_errors
+from ..robot import Robot, load
 from .contact_detection import checked_noise
 from .fit import Uncertainty
 from .log import ReadingLog, ReadingsGiven, checked_log, late
-from .sensor import ForceTorqueSensor, rotations_of_quaternions
+from .sensor import ForceTorqueSensor, gravity_in_frame, rotations_of_quaternions
 
 _ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 
@@ -226,12 +231,23 @@ _UNITS = {
 }
 
 
-def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
+def read_log(
+    path: str | Path,
+    *,
+    gravity: ArrayLike = GRAVITY,
+    robot: Robot | str | Path | None = None,
+    frame: str | None = None,
+    degrees: bool = False,
+) -> ReadingLog:
     r"""Read a log of a force-torque sensor from a CSV file.
 
     Parameters
     ----------
     gravity : (3,) array_like, in {w} [m/s²]
+    robot : Robot, path or name, optional
+        Robot whose joint positions are in the log; its forward kinematics gives the orientations.
+    frame : str, optional, frame {f} of the sensor on the robot; default: the tip
+    degrees : bool, joint positions without a unit are in degrees
 
     Raises
     ------
@@ -239,6 +255,8 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
         The file does not exist.
     ValueRangeError
         The file cannot be read; the message has line and column.
+    TrajectoryError
+        A joint of the robot has no column.
 
     Notes
     -----
@@ -247,7 +265,8 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf,
         row by row) or ``gx, gy, gz`` (direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz``
         and ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz`` (unused). Other columns are ignored and listed in the
-        log's ``notes``.
+        log's ``notes``. If the log has orientations beside the positions of a robot's joints, they are used, and a
+        difference of gravity's direction above 2° is a doubt.
 
     Examples
     --------
@@ -266,8 +285,11 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
         header = _names(file.header, f"{path}: line {file.header_line}")
         names = [name for name in header if name in _KNOWN]
         ignored = [name for name in header if name not in _KNOWN]
-        _check_complete(names, ignored, f"{path}: line {file.header_line}")
+        _check_complete(names, ignored, f"{path}: line {file.header_line}", posed=robot is not None)
         table = file.table([k for k, name in enumerate(header) if name in _KNOWN])
+    rotations, of_joints = None, tuple[str, ...]()
+    if robot is not None:
+        rotations, of_joints = orientations_by_joints(file, robot, frame, degrees=degrees)
     if not len(table):
         raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
     columns = {name: table[:, k] for k, name in enumerate(names)}
@@ -276,7 +298,8 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
             f"{path}: {file.place(k)}: time {printed(columns['time'][k])} s is not after the "
             f"{printed(columns['time'][k - 1])} s of the row before. Times must increase: sort the rows, or remove the column."
         )
-    return replace(_log(path, columns, gravity), notes=_notes(ignored))
+    log = _log(path, columns, gravity, rotations)
+    return replace(log, notes=_notes([name for name in ignored if name not in of_joints]))
 
 
 def readings_of(log: ReadingsGiven, gravity: float, taker: str) -> ReadingLog:
@@ -322,14 +345,14 @@ def _check_unit(name: str, unit: str, where: str) -> None:
         )
 
 
-def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
+def _check_complete(names: list[str], ignored: list[str], where: str, *, posed: bool) -> None:
     if missing := [name for name in WRENCH if name not in names]:
         raise ValueRangeError(
             f"{where}: no column for {_listed(missing)}. {_near(missing, ignored)}A reading has {_listed(WRENCH)}, the moments "
             "perhaps as Tx, Ty, Tz."
         )
     kinds = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if any(name in names for name in kind)]
-    if len(kinds) != 1:
+    if len(kinds) != 1 and not (posed and not kinds):
         said = "no orientation" if not kinds else "more than one orientation"
         angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLES] if not kinds else []
         hint = (
@@ -339,10 +362,11 @@ def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
         )
         raise ValueRangeError(
             f"{where}: {said}. {hint}Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
-            "direction in the sensor's frame)."
+            "direction in the sensor's frame); or joint positions, and the robot: {0}.",
+            Argument("robot", Placeholder("ROBOT")),
         )
     moving = TWIST + _DV if any(name in names for name in TWIST + _DV) else ()
-    if missing := [name for name in (*kinds[0], *moving) if name not in names]:
+    if missing := [name for name in (*(kinds[0] if kinds else ()), *moving) if name not in names]:
         raise ValueRangeError(
             f"{where}: no column for {_listed(missing)}, although others of its kind are there. {_near(missing, ignored)}"
             "Add it."
@@ -358,7 +382,9 @@ def _near(missing: list[str], ignored: list[str]) -> str:
     return ""
 
 
-def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLog:
+def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike, rotations: Array | None) -> ReadingLog:
+    """Log of columns; ``rotations`` (n, 3, 3) are those of a robot's joints, used if the file has no orientations."""
+
     def stacked(names: tuple[str, ...]) -> Array | None:
         return np.stack([columns[n] for n in names], axis=1) if names[0] in columns else None
 
@@ -373,8 +399,10 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
             row = int(np.flatnonzero(length[:, 0] == 0)[0])
             raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
         direction = along / length * np.linalg.norm(np.asarray(gravity, float))
+    elif rotations is not None:
+        pose = rotations
     readings = np.stack([columns[n] for n in WRENCH], axis=1)
-    return ReadingLog.from_arrays(
+    log = ReadingLog.from_arrays(
         readings,
         pose=pose,
         gravity=direction,
@@ -383,6 +411,29 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
         time=columns.get("time"),
         name=str(path),
     )
+    if rotations is None or pose is rotations:
+        return log
+    return replace(log, turned=_angle_between(log.gravity, gravity_in_frame(rotations, gravity)))
+
+
+def _angle_between(a: Array, b: Array) -> float:
+    """Median angle [rad] between rows of two arrays (n, 3)."""
+    across, along = np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)
+    return float(np.median(np.arctan2(across, along)))
+
+
+def orientations_by_joints(
+    file: CsvFile, robot: Robot | str | Path, frame: str | None, *, degrees: bool
+) -> tuple[Array, tuple[str, ...]]:
+    """Orientations (n, 3, 3) of a frame by the joint positions in a file, and the columns that have them."""
+    arm = robot if isinstance(robot, Robot) else load(robot)
+    timed = any(time_meaning(split_unit(cell)[0]) is not None for cell in file.header)
+    reading = Reading(file.path, rate=None if timed else 1.0, degrees=degrees)
+    where = f"{file.path}: line {file.header_line}"
+    columns = Columns.from_header(file.header, Coordinates.from_model(arm.model), where, reading, file.first)
+    table = file.table(columns.used)
+    q = columns.in_si(np.column_stack([np.zeros(len(table)), table]) if columns.counted else table, "q")
+    return np.asarray(arm.forward_kinematics(q, frame))[:, :3, :3], tuple(columns.header)
 
 
 def write_log(log: ReadingLog, path: str | Path) -> None:

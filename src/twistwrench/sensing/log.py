@@ -35,6 +35,7 @@ _MOST = (  # faster than any arm, and slower than usual motions in degrees or mi
     ("dV", slice(3, 6), 1000.0, "accelerations", "m/s²", "or the poses are in mm"),
 )
 _AFTER = "not after the {} s of the one before. Times must increase: sort the readings, or remove the column."
+_TURNED = np.radians(2.0)
 _GRAVITY = (1.5, 30.0)  # m/s²; covers the Moon and Jupiter, and excludes values in g or cm/s²
 
 
@@ -75,6 +76,8 @@ class ReadingLog:
     """True if gravity was logged for each reading in place of orientations."""
     rotations: Array | None = None
     """Orientations R_wf (n, 3, 3), or None if gravity was logged in their place."""
+    turned: float = 0.0
+    """Median angle between gravity by the logged orientations and by the joint positions of a robot [rad]."""
 
     @classmethod
     def from_arrays(
@@ -224,13 +227,17 @@ class ReadingLog:
         return found
 
     def motion_doubts(self) -> list[Doubt]:
-        """Doubts about the units of gravity and of the motion, by magnitude.
+        """Doubts about the units of gravity and of the motion, by magnitude, and about orientations.
 
         Returns
         -------
         doubts : list of Doubt
         """
         found = []
+        if self.turned > _TURNED:
+            found.append(
+                doubt("sensor-kinematics", angle=number(np.degrees(self.turned), 2), found={"value": self.turned})
+            )
         strength = np.linalg.norm(self.gravity, axis=1)
         if strength.min() < _GRAVITY[0] or strength.max() > _GRAVITY[1]:
             worst = strength.min() if strength.min() < _GRAVITY[0] else strength.max()

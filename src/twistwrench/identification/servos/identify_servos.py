@@ -206,7 +206,7 @@ def _fitted(
     straight = replace(problem, replay=replace(replay, hold="linear"))
     begin = fit.p.copy()
     begin[-1] += 0.5 * logs[0].period
-    other = straight.solve(begin)
+    other = straight.solve(begin, hopeless=2.0 * fit.cost)
     tell(0.7)
     return (other, straight) if other.cost < fit.cost else (fit, problem)
 

@@ -29,11 +29,14 @@ _ROWS = 20_000
 _DIFFERENCE, _DELAY_DIFFERENCE = 1e-3, 2e-4
 _DAMPING = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 1e1)
 _MORE_DAMPING, _TRIES = 1e3, 2
-_STEPS, _CONVERGED = 20, 1e-5
+_STEPS, _CONVERGED = 25, 0.3
+"""Largest number of steps, and predicted decrease of the last one, in σ²: the unknowns are half a deviation from it at most."""
 _PRIOR = 1.5
 """Standard deviation of the logarithm of an armature about its initial value."""
 _LONGEST = 2.0
 """Largest change of a logarithm in one step."""
+_TRIAL = 2
+"""Steps after which a fit is compared with the cost of another one."""
 _DELAY_SIZE = 0.02
 """Standard deviation [s] of the prior of the delay, for logs that do not determine it."""
 _WIDE = 3.0
@@ -134,9 +137,9 @@ class OutputErrorProblem:
         away = (p - self.start)[:, self.free]
         return np.asarray((r**2).sum(axis=1) + s2 * (away**2 * self.precision[self.free]).sum(axis=1))
 
-    def solve(self, p: Array) -> OutputErrorFit:
-        """Fit from initial unknowns p (4 nv + 1,)."""
-        for k in range(_STEPS):  # noqa: B007
+    def solve(self, p: Array, hopeless: float = np.inf) -> OutputErrorFit:
+        """Fit from initial unknowns p (4 nv + 1,); left early if its cost is above a ``hopeless`` one after some steps."""
+        for k in range(_STEPS):
             r, J = self.linearised(p)
             H, g, s2 = self.normal_equations(p, r, J)
             now = float(self.cost(p[None], r[None], s2)[0])
@@ -144,7 +147,7 @@ class OutputErrorProblem:
             if better is None:
                 break
             p, least = better
-            if now - least < _CONVERGED * now:
+            if g @ np.linalg.solve(H, g) < _CONVERGED * s2 or (k >= _TRIAL and least > hopeless):
                 break
         return self._result(p, k + 1)
 

@@ -23,12 +23,14 @@ Hold = Literal["zero", "linear"]
 """Course of a command between its samples: held, or straight."""
 QUANTITIES = ("armature", "damping", "coulomb", "kp")
 """Values of each joint, in the order of the unknowns; their logarithms are estimated, and the delay is the last unknown."""
-LAWS = {"stribeck": 0.1, "presliding": 0.01, "load": 0.0}
-"""Other laws of friction, with their Stribeck speeds [rad/s, m/s]: a peak, presliding, and friction of the carried torque."""
+LAWS = {"stribeck": 0.1, "presliding": 0.01, "falling": 1.0, "load": 0.0}
+"""Other laws of friction, with their Stribeck speeds [rad/s, m/s]: peaks, presliding, and friction of the carried torque."""
 _STORED = 2.5e-3
 """Longest time between stored states [s]; positions between them are cubic."""
 _LONGEST_STEP, _SHORTEST_STEP, _PART = 5e-4, 5e-5, 20.0
 """Bounds of the integrator's step [s], and steps per √(armature/kp)."""
+_OF_DECAY, _LEAST_ARMATURE = 0.5, 0.1
+"""Longest step as a share of armature/damping, and least armature of steps as a share of the servo's."""
 _BYTES = 96 * 2**20
 """Largest size of the references of one batch."""
 _FIRST_ROWS, _FIRST_SECONDS = 8, 0.1
@@ -89,7 +91,8 @@ class ServoReplay:
     def step_of(p: Array) -> float:
         """Step [s] that is short enough for unknowns p (4 nv + 1,)."""
         x = np.exp(p[:-1].reshape(-1, len(QUANTITIES)))
-        return float(np.clip(np.sqrt(x[:, 0] / x[:, 3]).min() / _PART, _SHORTEST_STEP, _LONGEST_STEP))
+        longest = min(np.sqrt(x[:, 0] / x[:, 3]).min() / _PART, _OF_DECAY * (x[:, 0] / x[:, 1]).min())
+        return float(np.clip(longest, _SHORTEST_STEP, _LONGEST_STEP))
 
     def positions(self, p: Array) -> list[Array]:
         """Positions (S, n, nv) of the rows of each log, for unknowns p (S, 4 nv + 1)."""
@@ -109,23 +112,33 @@ class ServoReplay:
         begin = h * np.arange(steps)
         delays, which = np.unique(p[:, -1], return_inverse=True)
         reference = np.stack([log.commanded(begin - delay, h, self.hold) for delay in delays])[which]
-        law = BatchPD(reference, x[:, None, :, 3], x[:, None, :, 1], gravity=False)
+        armature, damping = self._of_steps(x)
+        law = BatchPD(reference, x[:, None, :, 3], damping[:, None], gravity=False)
         found = self.robot.rollout(
             np.broadcast_to(log.q[0], (len(p), len(log.q[0]))), log.begin_velocity, law, dt=h, steps=steps, every=every,
-            parameters=self._parameters(x, share), friction=True,
+            parameters=self._parameters(armature, x[:, :, 2], share), friction=True,
         )  # fmt: skip
         return _hermite(found.q, found.dq, log.time, every * h)
 
-    def _parameters(self, x: Array, share: Array) -> dict[str, Array | float]:
+    def _of_steps(self, x: Array) -> tuple[Array, Array]:
+        """Armature and damping (S, nv) with which steps of length h move as a servo with values x does.
+
+        Steps take the stiffness half a step early and the damping half a step late, kp (q - ½ h dq) and d (dq + ½ h ddq).
+        """
+        damping = x[:, :, 1] + 0.5 * self.step * x[:, :, 3]
+        armature = x[:, :, 0] - 0.5 * self.step * damping
+        return np.maximum(armature, _LEAST_ARMATURE * x[:, :, 0]), damping
+
+    def _parameters(self, armature: Array, coulomb: Array, share: Array) -> dict[str, Array | float]:
         """Armature and friction by name; damping is in the law."""
         names = self.robot.model.drive_names
-        given: dict[str, Array | float] = {f"{name}.armature": x[:, j, 0] for j, name in enumerate(names)}
-        given |= {f"{name}.coulomb": x[:, j, 2] for j, name in enumerate(names)}
+        given: dict[str, Array | float] = {f"{name}.armature": armature[:, j] for j, name in enumerate(names)}
+        given |= {f"{name}.coulomb": coulomb[:, j] for j, name in enumerate(names)}
         given |= {f"{name}.{law}": 0.0 for name in names for law in ("viscous", "load")}
         if self.law == "load":
             return given | {f"{name}.load": share[:, j] for j, name in enumerate(names)}
         if self.law:
-            given |= {f"{name}.static": x[:, j, 2] * (1.0 + share[:, j]) for j, name in enumerate(names)}
+            given |= {f"{name}.static": coulomb[:, j] * (1.0 + share[:, j]) for j, name in enumerate(names)}
             given |= {f"{name}.stribeck": LAWS[self.law] for name in names}
         return given
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -225,6 +226,40 @@ class IdentifiedServos(Answer):
         names, model = self.original.model.drive_names, self.original.model
         laws = {name: {"coulomb": float(x)} for name, x in zip(names, self.coulomb, strict=True)}
         return Robot(with_friction(replace(model, armature=self.armature.copy()), laws))
+
+    def write(
+        self, path: str | Path | None = None, actuators: str | Path | None = None, *, force: bool = False
+    ) -> tuple[str, ...]:
+        """Write position actuators, armature and friction into an MJCF file, and armature and friction into an actuator file.
+
+        Parameters
+        ----------
+        path : str or Path, optional, path of the MJCF file
+        actuators : str or Path, optional, path of the actuator file
+        force : bool, write joints whose values are not determined, too, and write after LOOK AGAIN
+
+        Returns
+        -------
+        notes : tuple of str, the delay, and joints that are not written
+
+        Raises
+        ------
+        ValueRangeError
+            The verdict is LOOK AGAIN, or no joint is determined. Nothing is written then.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> log = tw.identification.simulated_servo_log(arm, armature=0.4, damping=3.0, coulomb=0.5, kp=90.0, delay=0.012)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     notes = tw.identification.identify_servos(arm, log).write(f"{folder}/arm.xml")
+        ...     round(float(tw.load(f"{folder}/arm.xml").armature[0]), 2)
+        0.4
+        """
+        from .write import write_servos
+
+        return write_servos(self, path, actuators, force=force)
 
     # ── The answer on every surface
 

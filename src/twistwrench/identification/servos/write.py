@@ -1,0 +1,131 @@
+"""Identified servos in files: position actuators, armature and friction of an MJCF file, and an actuator file.
+
+A robot that was not read from an MJCF file is written as one. Otherwise only numbers of its joints change, and position
+actuators are added. The servo gets all of the damping as ``kv``, and the joint none, as positions cannot separate them.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.errors import ValueRangeError
+from ...core.files import as_path, replacing
+from ...core.numbers import number, quantity
+from ...core.text import listed
+from ...core.verdict import Word
+from ...core.version import __version__
+from ...diagnosis.parsed_file import Subject, read_subject
+from ...formats.edit import TextChanges, encoded
+from ...formats.robot_text import MjcfText
+from ...mechanics.joints.units import unit_of
+from ...robot import Robot, load, save
+
+if TYPE_CHECKING:
+    from .result import IdentifiedServos
+
+SIGNATURE = "twistwrench identify"
+"""Beginning of comments in written files."""
+_QUICK = "0.002 1"
+"""``solreffriction`` of MuJoCo: friction turns within 2 ms of an impact; the default of 20 ms creeps."""
+_SAME = 1e-9
+"""Largest relative difference of values that are read back."""
+
+
+def write_servos(
+    found: IdentifiedServos, path: str | Path | None, actuators: str | Path | None, *, force: bool
+) -> tuple[str, ...]:
+    """Write both files and return notes; raises ValueRangeError without writing."""
+    if found.verdict.word is Word.LOOK_AGAIN and not force:
+        raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
+    written = np.ones(len(found.joints), bool) if force else found.whole
+    if not written.any():
+        raise ValueRangeError(
+            "nothing is written, as no joint has all values determined. Give one known value, known={'JOINT.kp': 25}, or pass "
+            "force=True."
+        )
+    if path is not None and as_path(path).suffix.lower() not in (".xml", ".mjcf"):
+        raise ValueRangeError(f"servos are written as MJCF, and {str(path)!r} does not end in .xml.")
+    left = [name for name, kept in zip(found.joints, written, strict=True) if not kept]
+    text = None if path is None else mjcf_of_servos(found, written)
+    table = None if actuators is None else actuators_of_servos(found, written)
+    if path is not None and text is not None:
+        with replacing(path) as scratch:
+            scratch.write_bytes(text)
+    if actuators is not None and table is not None:
+        with replacing(actuators) as scratch:
+            scratch.write_text(table, encoding="utf-8")
+    late = (
+        f"commands reach the servos {quantity(1e3 * found.delay, 'ms', 3)} late, which no file represents: delay them"
+    )
+    return (late, *([f"values of {listed(left, 6)} are not determined, and not written"] if left else []))
+
+
+def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> bytes:
+    """MJCF file with position actuators, armature and friction of some joints; raises ValueRangeError if it cannot be."""
+    subject = _in_mjcf(found.original)
+    root, model = subject.root, found.original.model
+    if root is None:
+        raise ValueRangeError(f"robot {found.robot_name!r} cannot be written as MJCF.")
+    file, changes = MjcfText(root, model.name, subject.path), TextChanges(SIGNATURE)
+    actuators = list[str]()
+    for j in np.flatnonzero(written).tolist():
+        name, (armature, damping, coulomb, kp) = found.joints[j], found.values[j].tolist()
+        file.write_joint(changes, name, {"motor_inertia": armature, "coulomb": coulomb, "viscous": 0.0})
+        changes.set(file.joint_element(name), "solreffriction", _QUICK)
+        actuators.append(f'    <position name="{name}" joint="{name}" kp="{kp!r}" kv="{damping!r}"/>\n')
+    head = (
+        f"{SIGNATURE}: version {__version__}, {date.today().isoformat()}, servos from commands and positions; kv has the "
+        f"servo's and the joint's damping; delay the commands by {number(found.delay, 4)} s"
+    )
+    changes.add(root, f"<!-- {head.replace('--', '- -')} -->\n  <actuator>\n{''.join(actuators)}  </actuator>\n")
+    text = changes.apply(subject.text)
+    _check(text, subject, found, written)
+    return encoded(text, subject.data)
+
+
+def _in_mjcf(robot: Robot) -> Subject:
+    """Text of the robot's MJCF file, or of one that is made of it without its armature and friction."""
+    subject = read_subject(robot, meshes=False)
+    if subject.root is not None and subject.robot.format == "mjcf":
+        return subject
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{robot.name}.xml"
+        save(robot, path)
+        return read_subject(path, meshes=False)
+
+
+def _check(text: str, subject: Subject, found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> None:
+    """Raise ValueRangeError if armature and friction that are read back are others."""
+    folders = [] if subject.path is None else [subject.path.resolve().parent]
+    again = load(text, include_paths=folders, inertia="accept").model
+    place = {name: k for k, name in enumerate(again.velocity_names)}
+    for j in np.flatnonzero(written).tolist():
+        k = place[found.joints[j]]
+        pairs = (again.armature[k], found.armature[j]), (again.friction.coulomb[k], found.coulomb[j])
+        if any(abs(has - right) > _SAME * right for has, right in pairs):
+            raise ValueRangeError(f"what was written of {found.joints[j]} does not come back. Please report it.")
+
+
+def actuators_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> str:
+    """Actuator file with armature and Coulomb friction; stiffness and damping of the servos are comments."""
+    import yaml
+
+    entries, said = dict[str, Any](), list[str]()
+    turning = [bool(body.joint.turning[0]) for body in found.original.model.leaders]
+    for j in np.flatnonzero(written).tolist():
+        name, turns, (armature, damping, coulomb, kp) = found.joints[j], turning[j], found.values[j].tolist()
+        entries[name] = {
+            "reflected_inertia": f"{armature!r} {'kg m^2' if turns else 'kg'}",
+            "friction": {"coulomb": f"{coulomb!r} {unit_of('tau', turns)}"},
+        }
+        units = ("N m/rad", "N m s/rad") if turns else ("N/m", "N s/m")
+        said.append(f"# servo of {name}: kp {kp!r} {units[0]}, kd {damping!r} {units[1]}, with the joint's damping\n")
+    head = f"# {SIGNATURE}: servos from commands and positions; delay of the commands {found.delay!r} s\n"
+    content: Mapping[str, Any] = {"robot": found.original.model.name, "actuators": entries}
+    return head + "".join(said) + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
