@@ -25,6 +25,9 @@ ASKED = {
     "verify": verify,
     "derive": derive,
     "simulate": tw.Robot.simulate,
+    "identify": tw.identify,
+    "excite": tw.excite,
+    "calibrate": tw.calibration.calibrate,
     "sensor identify": tw.sensing.identify,
     "sensor compensate": tw.sensing.compensate,
     "sensor poses": tw.sensing.propose_poses,
@@ -33,7 +36,10 @@ ASKED = {
     "robots": tw.robots.known,
 }
 NOT_TYPED = {
-    "every": {"robot", "self", "motion", "log", "progress"},
+    "every": {"robot", "self", "motion", "log", "logs", "measurements", "progress"},
+    "calibrate": {"seed"},
+    "identify": {"friction_speed", "motor_side", "client"},
+    "excite": {"velocity", "effort", "clear", "friction_speed"},
     "sensor identify": {"confidence"},
     "sensor compensate": {"noise", "uncertainty"},
     "sensor poses": {"candidates"},
@@ -52,6 +58,9 @@ OTHER = {
         "q0": "--at", "dq0": "--velocity", "tau": "--torque", "limits": "--stop-at-limits", "contacts": "--touch",
         "wrench_on_robot": "--wrench-on-robot", "friction": "--no-friction",
     },
+    "identify": {"method": "--weights", "friction": "--friction-model"},
+    "excite": {"friction": "--friction-model", "clear_of_itself": "--ignore-self", "noise": "--torque-noise"},
+    "calibrate": {"outliers": "--keep-outliers"},
     "sensor identify": {"inertia": "--with-inertia", "outliers": "--keep-outliers"},
     "sensor compensate": {"false_alarms": "--contacts"},
     "sensor poses": {"within": "--within"},
@@ -92,6 +101,8 @@ def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
     of_shell = {
         "torques": {"workers", "scheduler", "kind", "joints"},
         "export": {"st", "ros2", "payloads", "gravity_input", "style", "torque", "license"},
+        "calibrate": {"factory_file"},
+        "identify": {"workers", "scheduler", "force", "add"},
     }.get(name, set())
     for option in options_of(name).values():
         known = {*parameters_of(ASKED[name]), *of_robot, *of_shell, "columns", "gain"}

@@ -37,6 +37,13 @@ RUNS = {
     "no friction": ({"friction": (), "motor_inertia": False}, ["--friction-model", "none", "--no-motor-inertia"]),
     "strength": ({"keep_close": 1.0, "method": "wls"}, ["--keep-close", "1", "--weights", "wls"]),
     "test log": ({"test": DEMO, "cutoff": 10.0, "shift": 0.0}, ["--test", DEMO, "--cutoff", 10, "--shift", 0]),
+    "gain": ({"assume": ["gain:joint1"], "cutoff": 10.0}, ["--assume", "gain:joint1", "--cutoff", 10]),
+    "degrees": ({"degrees": True, "cutoff": 10.0}, ["--degrees", "--cutoff", 10]),
+    "static friction": (
+        {"friction": ("viscous", "coulomb", "stribeck"), "stribeck_speed": 0.2, "shift": 0.0},
+        ["--friction-model", "viscous,coulomb,stribeck", "--stribeck-speed", 0.2, "--shift", 0],
+    ),
+    "plain least squares": ({"method": "ols", "cutoff": 8.0}, ["--weights", "ols", "--cutoff", 8]),
     "cause": ({"assume": "load-friction", "cutoff": 10.0}, ["--assume", "load-friction", "--cutoff", 10]),
 }
 """Arguments of ``tw.identify``, and words of the command."""
@@ -47,6 +54,15 @@ MOTIONS = {
         "planar_2r", {"acceleration": 3.0, "clearance": 0.01, "clear_of_itself": False},
         ["--acceleration", 3, "--clearance", 0.01, "--ignore-self"],
     ),
+    "floor": ("planar_2r", {"acceleration": 3.0, "floor": -3.0}, ["--acceleration", 3, "--floor", -3]),
+    "used share": ("planar_2r", {"acceleration": 3.0, "share": 0.5}, ["--acceleration", 3, "--share", 0.5]),
+    "seed": ("pendulum", {"acceleration": 5.0, "seed": 3}, ["--acceleration", 5, "--seed", 3]),
+    "noise": ("pendulum", {"acceleration": 5.0, "noise": 0.2}, ["--acceleration", 5, "--torque-noise", 0.2]),
+    "no motor inertia": (
+        "pendulum", {"acceleration": 5.0, "motor_inertia": False, "friction": ()},
+        ["--acceleration", 5, "--no-motor-inertia", "--friction-model", "none"],
+    ),
+    "step": ("pendulum", {"acceleration": 5.0, "step": 0.02}, ["--acceleration", 5, "--step", "20ms"]),
     "deviations": (
         "pendulum", {"acceleration": 5.0, "criterion": "deviations", "friction": ("viscous",)},
         ["--acceleration", 5, "--criterion", "deviations", "--friction-model", "viscous"],
@@ -73,7 +89,10 @@ def agree(answer, result, printed):
     assert printed["sentences"] and printed["tables"]
 
 
-@pytest.mark.parametrize("name", RUNS)
+SLOW = {"gain", "degrees", "static friction", "plain least squares"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in RUNS])
 def test_identify_and_its_command_give_the_same_answer(name, tmp_path):
     arguments, words = RUNS[name]
     agree(tw.identify("planar_2r", "demo", **arguments), *run(tmp_path, "identify", "planar_2r", "demo", *words))

@@ -142,6 +142,13 @@ def test_files_of_the_answers_are_those_of_the_commands(folder):
         assert path.read_bytes() == path.with_name(name).read_bytes(), name
 
 
+TITLES = {
+    "sensor identify": "Readings before and after",
+    "sensor compensate": "Readings before and after",
+    "sensor poses": "Next poses",
+}
+
+
 @pytest.mark.parametrize(
     "answer",
     [
@@ -161,6 +168,13 @@ def test_every_surface_has_the_word_and_the_sentence(answer, tmp_path):
     assert re.sub(r"\s+", " ", str(answer)).startswith(answer.headline)
     assert len(str(answer).splitlines()) <= 45
     assert str(answer.verdict.word) in repr(answer)
+    shown = answer.verdict.ok or answer.call != "sensor poses"
+    assert [picture.title for picture in answer.pictures()] == [TITLES[answer.call]] * shown
+    if shown:
+        assert answer.plot(tmp_path / "picture.svg").stat().st_size > 10_000
+    else:
+        with pytest.raises(tw.ValueRangeError, match="has no picture"):
+            answer.plot()
     assert "<script" not in answer._repr_html_()
 
 

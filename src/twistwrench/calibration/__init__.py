@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from .calibrate import calibrate
-from .factory import factory
+from .factory import FactoryCalibration, factory
 from .measurements import Measurements
 from .poses import MeasuringPoses, measuring_poses
 from .result import CalibratedRobot
 
-__all__ = ["CalibratedRobot", "Measurements", "MeasuringPoses", "calibrate", "factory", "measuring_poses"]
+__all__ = [
+    "CalibratedRobot",
+    "FactoryCalibration",
+    "Measurements",
+    "MeasuringPoses",
+    "calibrate",
+    "factory",
+    "measuring_poses",
+]

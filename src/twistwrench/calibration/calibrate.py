@@ -17,11 +17,16 @@ from .chain import TipChain
 from .doubts import doubts_of
 from .fit import CalibrationProblem
 from .held_out import cross_validated, of_test
-from .measurements import LEAST, Measurements, as_measurements
+from .measurements import LEAST, Measurements, ReadingKind, as_measurements
 from .result import CalibratedRobot
 
 MeasurementsGiven: TypeAlias = str | Path | Measurements
 """One measurement: a path, or the arrays."""
+Cause: TypeAlias = Literal["sag", "gears"]
+Causes: TypeAlias = Cause | Collection[Cause]
+Outliers: TypeAlias = Literal["trim", "keep"]
+NoiseGiven: TypeAlias = float | tuple[float, float]
+AccuracyGiven: TypeAlias = tuple[float, float]
 CONFIGURATIONS = 500
 """Number of configurations of the predicted error."""
 
@@ -30,14 +35,14 @@ def calibrate(
     robot: Robot | str | Path,
     measurements: MeasurementsGiven | Sequence[MeasurementsGiven],
     *,
-    kind: str | None = None,
+    kind: ReadingKind | None = None,
     tip: str | None = None,
-    assume: str | Collection[str] = (),
+    assume: Causes = (),
     test: MeasurementsGiven | Sequence[MeasurementsGiven] | None = None,
     length: float | None = None,
-    noise: float | tuple[float, float] | None = None,
-    file_accuracy: tuple[float, float] = (1e-3, 2e-3),
-    outliers: Literal["trim", "keep"] = "trim",
+    noise: NoiseGiven | None = None,
+    file_accuracy: AccuracyGiven = (1e-3, 2e-3),
+    outliers: Outliers = "trim",
     seed: int = 0,
     degrees: bool = False,
 ) -> CalibratedRobot:
@@ -47,13 +52,18 @@ def calibrate(
     ----------
     robot : Robot, path of a robot file, or name of a known robot
     measurements : path, Measurements, or a sequence of these, which are fitted together
-    kind : str, optional, what the files contain; default: by their columns
+    kind : str, optional
+        Kind of the readings; default: by the columns. Touches need it.
     tip : str, optional, frame nearest to the target; default: the tip
-    assume : "sag", "gears" or both, also fit joints that sag under gravity, or errors of gears
-    test : as ``measurements``, optional, readings for the held-out error; default: six folds
+    assume : "sag", "gears" or both
+        Estimate this cause too: sag of joints under gravity, or errors of gears.
+    test : as ``measurements``, optional
+        Log to predict, not to fit; default: six folds.
     length : float, optional, known length of touches [m]
-    noise : float [m], or (float [m], float [rad]), standard deviation of a reading; default: estimated
-    file_accuracy : (float [m], float [rad]), standard deviations of lengths and axes in the robot's file
+    noise : float [m], or (float [m], float [rad])
+        Standard deviation of a reading; default: estimated.
+    file_accuracy : (float [m], float [rad])
+        Standard deviations of lengths and axes in the robot's file [m, rad].
     outliers : "trim" leaves out readings that contradict the others, "keep" uses all
     seed : int, of the folds and of the configurations of the predicted error
     degrees : bool, joint positions and angles without a unit are in degrees

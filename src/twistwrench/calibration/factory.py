@@ -9,23 +9,34 @@ the normal.
 from __future__ import annotations
 
 import configparser
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..answers.answer import Answer
+from ..answers.blocks import Block, Headline
 from ..core.errors import ModelError, NotFoundError, RobotFileError
 from ..core.files import as_path, read_text
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.typing import Array
+from ..core.verdict import Verdict, Word
 from ..formats.urdf import rotation_of_rpy
 from ..formats.yaml import Section, read_yaml
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.adjoint import Ad
+from ..motion.limits_file import robot_origin
 from ..robot import Robot
 from .chain import TipChain
+from .result_view import millimetres
+from .write import write_geometry
+
+if TYPE_CHECKING:
+    from ..answers.page import Setting
 
 _JOINTS = 6
 _ALPHA = np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0]) * np.pi / 2
@@ -34,6 +45,8 @@ _GEOMETRY = 1e-5
 """Largest difference of an axis from the table's."""
 _OTHER_MODEL = 20e-3
 """Shift [m] of an axis above which the corrections are of another model."""
+_CONFIGURATIONS = 500
+"""Number of configurations of the mean displacement."""
 _LISTS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
 _LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Entries of the YAML: poses of the joints' frames in their predecessors, which turn about z."""
@@ -94,6 +107,116 @@ def factory(robot: Robot, path: str | Path) -> Robot:
             "Were they made for another model? Load that one."
         )
     return _with_frames(chain, old, new)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FactoryCalibration(Answer):
+    r"""Robot of UR with its factory calibration, and by how much it moves the tip.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> lists = "\n".join(f"{name} = [0, 0, 0, 0, 0, 0]" for name in _LISTS)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "calibration.conf")
+    ...     count = path.write_text(f"[mounting]\n{lists}\n")
+    ...     found = FactoryCalibration.from_file(tw.robots.ur5(), path)
+    ...     found.write(f"{folder}/mine.urdf").name, [*found.sources()]
+    ('mine.urdf', ['ROBOT', 'CALIBRATION'])
+    >>> print(found.headline, dict(found.facts()), len(list(found.blocks())))
+    DONE: the factory calibration moves tool0 by 0 mm (rms over the reach). {'moved': '0 mm'} 1
+    """
+
+    call: ClassVar[str] = "calibrate"
+
+    original: Robot
+    """Robot as its file has it."""
+    robot: Robot
+    """Robot with its calibration."""
+    frame: str
+    """Frame whose displacement is reported."""
+    path: Path
+    """File of the calibration."""
+
+    @classmethod
+    def from_file(cls, robot: Robot, path: str | Path, tip: str | None = None) -> FactoryCalibration:
+        """Calibration of a robot from ``calibration.conf`` of its controller; raises as :func:`factory`.
+
+        Returns
+        -------
+        found : FactoryCalibration
+        """
+        return cls(robot, factory(robot, path), str(tip or robot.tip), as_path(path))
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot."""
+        return self.original.name
+
+    @property
+    def brief(self) -> str:
+        """Displacement of the frame."""
+        return f"{self.frame} moved by {millimetres(self.displacement)}"
+
+    @cached_property
+    def displacement(self) -> float:
+        """Displacement of the frame [m], root mean square over 500 configurations."""
+        q = self.original.random_configuration(0, _CONFIGURATIONS)
+        both = (self.original, self.robot)
+        before, after = (np.asarray(one.forward_kinematics(q, frame=self.frame))[:, :3, 3] for one in both)
+        return float(np.sqrt(((after - before) ** 2).sum(axis=1).mean()))
+
+    @property
+    def verdict(self) -> Verdict:
+        """DONE: nothing was judged."""
+        return Verdict(Word.DONE)
+
+    def blocks(self) -> Iterator[Block]:
+        """Displacement of the tip.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        moved = f"the factory calibration moves {self.frame} by {millimetres(self.displacement)} (rms over the reach)."
+        yield Headline(Word.DONE, moved)
+
+    def facts(self) -> Mapping[str, str]:
+        """Displacement of the tip.
+
+        Returns
+        -------
+        facts : {name: text}
+        """
+        return {"moved": millimetres(self.displacement)}
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the robot and of the calibration.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {"ROBOT": self.original.model.source, "CALIBRATION": self.path}
+
+    def origin(self) -> Iterator[Setting]:
+        """Robot with its joints.
+
+        Returns
+        -------
+        entries : iterator of (name, text), and of Table
+        """
+        return robot_origin(self.robot)
+
+    def write(self, path: str | Path) -> Path:
+        """Write the calibrated geometry into the robot's URDF or MJCF file; all other bytes stay.
+
+        Returns
+        -------
+        path : Path of the file
+        """
+        said = f"factory calibration of {self.path.name}"
+        return write_geometry(self.original, self.robot, self.frame, path, said)
 
 
 def _nominal(chain: TipChain) -> tuple[list[Array], tuple[Array, Array]]:

@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args, get_origin
 
@@ -102,19 +101,8 @@ def _vector(text: str, flag: str) -> list[float]:
     return parse_numbers(text, flag, "x,y,z in metres, for example 0,0,0.1", 3)
 
 
-def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
-    """Parser of comma-separated numbers, as many as one of the counts."""
-    form = f"{' or '.join(map(str, counts))} numbers separated by commas"
-    return lambda text, flag: parse_numbers(text, flag, form, *counts)
-
-
-def _sensor_file(text: str, _flag: str) -> Path:
-    from ..sensing.files import sensor_path
-
-    return sensor_path(text)
-
-
-def _several(texts: Sequence[str], _flag: str) -> list[str] | None:
+def several(texts: Sequence[str], _flag: str) -> list[str] | None:
+    """Texts of an option that may be repeated."""
     return list(texts) or None
 
 
@@ -140,7 +128,7 @@ def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
 
 
 DEMO = "demo"
-_REPEATED = {"multiple": True}
+REPEATED = {"multiple": True}
 _KINDS = {
     "str": Kind("NAME"),
     "MethodName": Kind("NAME"),
@@ -152,32 +140,28 @@ _KINDS = {
     "Celsius": Kind("CELSIUS", settings={"type": float}),
     "Frame": Kind("FRAME"),
     "Vector": Kind("x,y,z", _vector),
-    "LoadsGiven": Kind("MASS[,x,y,z][@FRAME]", settings=_REPEATED),
-    "WrenchesGiven": Kind("FRAME:m,m,m,f,f,f", lambda texts, _flag: parse_wrenches(texts), _REPEATED),
-    "ConfigurationGiven": Kind("v,v,…|NAME|JOINT=VALUE", _several, _REPEATED),
+    "LoadsGiven": Kind("MASS[,x,y,z][@FRAME]", settings=REPEATED),
+    "WrenchesGiven": Kind("FRAME:m,m,m,f,f,f", lambda texts, _flag: parse_wrenches(texts), REPEATED),
+    "ConfigurationGiven": Kind("v,v,…|NAME|JOINT=VALUE", several, REPEATED),
     "limits_file.Given": Kind("FILE.csv", is_file=True),
     "Any": Kind("FILE", is_file=True, bundled=(".csv", "motion")),
     "Source | Catalog": Kind("FILE.yaml", is_file=True, bundled=(".drives.yaml", "catalogue")),
     "str | Path": Kind("FILE", is_file=True),
     "str | Path | ArrayLike": Kind("FILE.csv", is_file=True),
-    "str | Sequence[str]": Kind("NAME", _several, _REPEATED),
-    "bool | Sequence[str | Path]": Kind("DIR", _several, _REPEATED),
+    "str | Sequence[str]": Kind("NAME", several, REPEATED),
+    "bool | Sequence[str | Path]": Kind("DIR", several, REPEATED),
     "Names": Kind("NAME,…", _listed),
-    "Causes": Kind("CAUSE"),
-    "SensorGiven": Kind("SENSOR.json", _sensor_file, is_file=True),
-    "BiasGiven": Kind("m,m,m,f,f,f", _numbers(6)),
-    "NoiseGiven": Kind("M,F", _numbers(2, 6)),
-    "NoisePair": Kind("M,F", _numbers(2)),
-    "Mapping[str, ArrayLike]": Kind("JOINT=VALUE", _positions, _REPEATED),
+    "Causes": Kind("CAUSE", several, REPEATED),
+    "Mapping[str, ArrayLike]": Kind("JOINT=VALUE", _positions, REPEATED),
     "Mapping[str, str | float | bool] | bool": Kind(
-        "[ARG:=VALUE]", _macro_arguments, {**_REPEATED, "is_flag": False, "flag_value": ""}
+        "[ARG:=VALUE]", _macro_arguments, {**REPEATED, "is_flag": False, "flag_value": ""}
     ),
-    "Sequence[str | Path]": Kind("FOLDER", settings=_REPEATED),
+    "Sequence[str | Path]": Kind("FOLDER", settings=REPEATED),
 }
 """Forms by annotation. A bool is a flag, and a Literal a choice."""
 _OF_READING = frozenset({"columns", "gain", "rate", "topic", "episode", "plan"})
 _OF_ROBOT = frozenset({"lock", "actuators", "tip", "degrees"})
-_ARGUMENTS = frozenset({"robot", "motion", "log", "self"})
+_ARGUMENTS = frozenset({"robot", "motion", "log", "logs", "measurements", "self"})
 _NOT_OPTIONS = frozenset({*_ARGUMENTS, "progress", "draws", "max_bodies", "overwrite", *_OF_READING, *_OF_ROBOT})
 
 
@@ -216,7 +200,7 @@ class Question:
     """Function of a command, and its parameters as options.
 
     Parameters that are ``left_out`` have no option; ``kept`` have one, although other commands leave them to the robot or the
-    log. ``spellings`` are of this command alone.
+    log. ``spellings``, and ``kinds`` by annotation, are of this command alone.
     """
 
     def __init__(
@@ -225,15 +209,19 @@ class Question:
         left_out: Collection[str] = (),
         spellings: Mapping[str, Spelling] = MappingProxyType({}),
         kept: Collection[str] = (),
+        kinds: Mapping[str, Kind] = MappingProxyType({}),
     ) -> None:
         self.function = function
         self.parameters = {name: one for name, one in parameters_of(function).items() if name not in left_out}
         self.spellings = {**SPELLINGS, **spellings}
+        self.kinds = {**_KINDS, **kinds}
         self._kept = kept
 
     def only(self, *names: str) -> Question:
         """Question about some of its parameters."""
-        return Question(self.function, parameters_of(self.function).keys() - set(names), self.spellings, names)
+        return Question(
+            self.function, parameters_of(self.function).keys() - set(names), self.spellings, names, self.kinds
+        )
 
     @property
     def defaults(self) -> dict[str, Any]:
@@ -269,21 +257,21 @@ class Question:
                 yield option(*spelled.opposite, _opposite(parameter), cls=cls)
 
     def _declaration(self, parameter: FunctionParameter, cls: type[click.Option]) -> Decorator:
-        spelled, kind = self.spellings.get(parameter.name), _KINDS.get(parameter.annotation)
+        spelled, kind = self.spellings.get(parameter.name), self.kinds.get(parameter.annotation)
         text = (spelled.text if spelled else "") or parameter.text
         if self._is_flag(parameter):
             flag = f"--no-{parameter.flag[2:]}" if parameter.default else parameter.flag
             if parameter.annotation == "bool" and parameter.default:
                 text = f"Do not {text[:1].lower()}{text[1:]}"
             return option(spelled.form if spelled else flag, text, parameter.name, cls=cls)
-        if parameter.default not in (None, (), "", inspect.Parameter.empty) and not spelled:
+        if parameter.default not in (None, (), "", inspect.Parameter.empty) and not (spelled and spelled.values):
             text += f" [default: {_printed(parameter.default)}]"
         form = f"{parameter.flag} {kind.form}" if kind else parameter.flag
         settings: dict[str, Any] = {"required": parameter.default is inspect.Parameter.empty}
         if choices := tuple(spelled.values) if spelled and spelled.values else self.choices(parameter):
             settings["choices"] = choices
             if get_args(self._type(parameter)) and get_origin(self._type(parameter)) is not Literal:
-                settings |= _REPEATED
+                settings |= REPEATED
         else:
             assert kind is not None, parameter
             settings |= kind.settings or {}
@@ -309,7 +297,7 @@ class Question:
 
     def _value(self, parameter: FunctionParameter, value: Any, given: Mapping[str, Any]) -> Any:
         """Value of a parameter whose option is given."""
-        spelled, kind = self.spellings.get(parameter.name), _KINDS.get(parameter.annotation)
+        spelled, kind = self.spellings.get(parameter.name), self.kinds.get(parameter.annotation)
         if spelled is not None and spelled.values:
             return spelled.values["" if value is True else value]
         if parameter.annotation == "bool":
@@ -324,7 +312,7 @@ class Question:
 
     def files(self, values: Mapping[str, Any]) -> dict[str, str]:
         """Files that the function reads, by option."""
-        kinds = {each: _KINDS.get(each.annotation) for each in self.options}
+        kinds = {each: self.kinds.get(each.annotation) for each in self.options}
         return {
             each.flag: str(values[each.name])
             for each, kind in kinds.items()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
+from ..core.arguments import parse_numbers
 from ..sensing import Compensation, Identification, PoseProposal, compensate, identify, propose_poses
-from ..sensing.files import log_path
+from ..sensing.files import log_path, sensor_path
 from .main import option
-from .parameters import Spelling
+from .parameters import Kind, Spelling
 from .skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _LOG = click.argument("readings", metavar="LOG")
@@ -20,6 +22,12 @@ _TABLE = "Write the readings without bias and load as a table"
 
 def _log_file(readings: str | None) -> dict[str, Path | None]:
     return {"LOG": None if readings is None else log_path(readings)}
+
+
+def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
+    """Parser of comma-separated numbers, as many as one of the counts."""
+    form = f"{' or '.join(map(str, counts))} numbers separated by commas"
+    return lambda text, flag: parse_numbers(text, flag, form, *counts)
 
 
 @command_of(
@@ -33,6 +41,7 @@ def _log_file(readings: str | None) -> dict[str, Path | None]:
     with_robot=False,
     left_out={"noise", "uncertainty"},
     spellings={"false_alarms": Spelling("--contacts RATE")},
+    kinds={"SensorGiven": Kind("SENSOR.json", lambda text, _flag: sensor_path(text), is_file=True)},
     reads=_log_file,
 )
 def compensate_command(readings: str, asked: Asked) -> Compensation:
@@ -62,6 +71,7 @@ def compensate_command(readings: str, asked: Asked) -> Compensation:
         "inertia": Spelling("--with-inertia", {"": True}),
         "outliers": Spelling("--keep-outliers", {"": "keep"}, "Use readings that contradict the others, too."),
     },
+    kinds={"BiasGiven": Kind("m,m,m,f,f,f", _numbers(6)), "NoiseGiven": Kind("M,F", _numbers(2, 6))},
     reads=_log_file,
 )
 def identify_command(readings: str, asked: Asked) -> Identification:
@@ -79,12 +89,20 @@ def identify_command(readings: str, asked: Asked) -> Identification:
     propose_poses,
     click.argument("readings", metavar="[LOG]", required=False),
     option("--within DEGREES", "Largest tilt.", "degrees", default=180.0),
-    files=(table_file(PoseProposal.to_csv, "Write the poses as a table"),),
+    files=(
+        table_file(PoseProposal.to_csv, "Write the poses as a table"),
+        picture_file(
+            "Draw the tilts of the sensor, and what is known after each pose.",
+            exists=lambda found: found.determines_mass,
+            missing="These poses determine nothing, so no picture is written.",
+        ),
+    ),
     report=True,
     examples=("sensor poses", "sensor poses demo --count 3"),
     summary="Propose the orientations to read next.",
     with_robot=False,
     left_out={"candidates", "within"},
+    kinds={"NoisePair": Kind("M,F", _numbers(2))},
     reads=_log_file,
 )
 def poses_command(readings: str | None, degrees: float, asked: Asked) -> PoseProposal:

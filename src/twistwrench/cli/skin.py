@@ -21,7 +21,7 @@ from ..answers.answer import Answer
 from ..core.errors import ValueRangeError
 from ..core.files import check_outputs, picture_path, refuse_existing
 from .main import Decorator, GroupedHelp, check_matplotlib, examples_text, note, option, option_group, plain_errors
-from .parameters import Question, Spelling
+from .parameters import Kind, Question, Spelling
 from .report import answer_report, write_answer_json
 from .shared import DEGREES, LOG_READING, PLAN, ROBOT, LogOptions, RobotOptions, motion_argument, show_written
 from .terminal import show_answer
@@ -46,8 +46,8 @@ class OutputFile(Generic[A]):
     """True if an existing file is replaced only with ``--overwrite``."""
     exists: Callable[[A], bool] = lambda _answer: True
     """False for an answer without this file."""
-    missing: str = ""
-    """Note if the answer has no such file."""
+    missing: Callable[[A, str], str] = lambda _answer, _path: ""
+    """Note if the answer has no such file; empty without one."""
     comment: Callable[[A], str] = lambda _answer: ""
     """Continuation of the line that names the written file."""
     keeps: Callable[[A], bool] = lambda _answer: False
@@ -96,8 +96,8 @@ def picture_file(
         return answer.plot(path=path)
 
     return OutputFile(
-        "--plot OUT.png", text, write, complete=picture_path, is_data=False, exists=exists, keeps=keeps, missing=missing,
-        require=check_matplotlib,
+        "--plot OUT.png", text, write, complete=picture_path, is_data=False, exists=exists, keeps=keeps,
+        missing=lambda _answer, _path: missing, require=check_matplotlib,
     )  # fmt: skip
 
 
@@ -156,6 +156,10 @@ class Outputs(Generic[A]):
             replace(file, write=write) if file.flag == flag else file: path for file, path in self.files.items()
         }
 
+    def leave_out_all_but(self, *flags: str) -> None:
+        """Write only the files of these options."""
+        self.files = {file: path for file, path in self.files.items() if file.flag in flags}
+
     def add(self, file: OutputFile[A], path: str) -> None:
         """Write a file that no option names."""
         self.files = {**self.files, file: path}
@@ -177,8 +181,9 @@ class Outputs(Generic[A]):
             elif path != "-" and file.exists(answer):
                 file.write(answer, path)
                 show_written(f"{path}{file.comment(answer)}", to_error=self.printed is not None)
-            elif path != "-" and file.missing:
-                note(file.missing)
+            elif path != "-":
+                for reason in filter(None, [file.missing(answer, path)]):
+                    note(reason)
 
     def print(self, answer: A) -> None:
         """Print the file of ``-``."""
@@ -221,19 +226,20 @@ def command_of(
     needs_motion: bool = True,
     left_out: Collection[str] = (),
     spellings: Mapping[str, Spelling] = MappingProxyType({}),
+    kinds: Mapping[str, Kind] = MappingProxyType({}),
     reads: Callable[..., Mapping[str, str | Path | None]] | None = None,
 ) -> Callable[[Callable[..., Answer]], click.Command]:
     """Command whose options are the parameters of a function of the library, from a body that calls it.
 
     The body takes those of these arguments that it names: ``robot``, its options, unless the function reads the file itself;
     ``log``, the motion's; ``outputs``; options by their names; and ``asked``, all other options that are given, by parameter.
-    Parameters that are ``left_out`` are functions, or spelled by ``own`` options; ``spellings`` are of this command alone.
-    Parameters of the functions of ``also`` are options too. ``reads`` names the files of arguments that the body reads itself,
-    from options by their names. The ``summary`` stands in the list of a group.
+    Parameters that are ``left_out`` are functions, or spelled by ``own`` options; ``spellings``, and ``kinds`` by
+    annotation, are of this command alone. Parameters of the functions of ``also`` are options too. ``reads`` names the files
+    of arguments that the body reads itself, from options by their names. The ``summary`` stands in the list of a group.
     """
 
     def decorate(body: Callable[..., Any]) -> click.Command:
-        questions = (Question(function, left_out, spellings), *also)
+        questions = (Question(function, left_out, spellings, kinds=kinds), *also)
         call = Call(
             questions, body, (*files, _JSON), report, own, reads, with_robot=with_robot, needs_motion=needs_motion
         )

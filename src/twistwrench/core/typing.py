@@ -11,6 +11,7 @@ __all__ = [
     "Array",
     "Celsius",
     "Frame",
+    "Hertz",
     "Hours",
     "JointTorques",
     "Metres",
@@ -37,6 +38,7 @@ JointTorques: TypeAlias = Array
 
 # Numbers whose annotation names the unit: the shell reads them with it, and shows it in the form of the option.
 
+Hertz: TypeAlias = float
 Seconds: TypeAlias = float
 Hours: TypeAlias = float
 Celsius: TypeAlias = float

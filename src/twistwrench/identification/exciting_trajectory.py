@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from ..core.blas_threads import one_blas_thread
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
-from ..core.typing import Array
+from ..core.typing import Array, Metres, Seconds
 from ..core.verdict import Verdict
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import Limits
@@ -29,7 +29,7 @@ from ..robot import Robot, load
 from ..robot.doors import clearance_along
 from ..robot.task_space_methods import require_robot
 from ..shapes.capsules import CapsuleDistances, LinkCapsules
-from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
+from .parameters import FRICTION, BaseParameters, FrictionLaws, UnknownParameters, check_speed
 from .trajectory_search import (
     CRITERIA,
     DENSE,
@@ -310,7 +310,7 @@ _MOST_HARMONICS = 50
 
 def exciting_trajectory(
     robot: Robot | str | Path,
-    duration: float = 20.0,
+    duration: Seconds = 20.0,
     harmonics: int = 5,
     *,
     share: float = 0.9,
@@ -321,14 +321,14 @@ def exciting_trajectory(
     clear_of_itself: bool = True,
     clear: Clear | None = None,
     motor_inertia: bool = True,
-    friction: Sequence[str] = FRICTION,
+    friction: FrictionLaws = FRICTION,
     friction_speed: float = 0.05,
     noise: ArrayLike | None = None,
     criterion: Criterion = "log_det",
     seed: int = 0,
     restarts: int = 3,
-    step: float = 0.01,
-    clearance: float | None = None,
+    step: Seconds = 0.01,
+    clearance: Metres | None = None,
     srdf: str | Path | None = None,
     degrees: bool = False,
     progress: Callable[[float], None] | None = None,
@@ -339,13 +339,15 @@ def exciting_trajectory(
     ----------
     robot : Robot, path of a robot file, or name of a known robot
         As for :func:`identify`: without actuators, every joint of one degree of freedom.
-    duration : float, T, the period of the first harmonic [s]
-    harmonics : int, N
-    share : float, up to 1, used share of the limits of positions (about their middle), velocities and torques
+    duration : float, duration, one period of the first harmonic [s]
+    harmonics : int, number of harmonics of the Fourier series
+    share : float
+        Fraction of each limit that may be used: of positions about their middle, velocities and torques.
     velocity : (nv,) array_like or float, optional, limits in place of the robot's [rad/s, m/s]
-    acceleration : (nv,) array_like or float, optional, limits, fully used [rad/s², m/s²]
+    acceleration : (nv,) array_like or float, optional
+        Acceleration limit of every joint [rad/s², m/s²], used fully.
     effort : (nv,) array_like or float, optional, limits in place of the robot's [N m, sliding joints: N]
-    floor : float, optional, minimum height of the moving links in the base frame [m]
+    floor : float, optional, lowest height of the moving links in the base frame [m]
     clear_of_itself : bool, keep links that are not connected by a joint apart
     clear : callable, optional
         Given configurations (n, nq), returns distances (n, ...) [m], below 0 in contact.
@@ -355,13 +357,15 @@ def exciting_trajectory(
     noise : (nv,) array_like or float, optional
         Standard deviation of the torques [N m, sliding joints: N]; None: 1 % of each limit, 1 without a limit.
     criterion : "log_det" or "deviations"
-        Objective. "log_det" maximises log det of the information, minus r / 2 times the log of the largest of the r
+        Objective: "log_det" maximises log det of the information, minus r / 2 times the log of the largest of the r
         ratios of predicted deviation to prior deviation. "deviations" minimises the median of the predicted deviations.
     seed : int, seed of the random initial motions
     restarts : int, number of searches; only the best is refined
-    step : float, step between samples of the motion [s]
-    clearance : float, optional, also check that links keep this distance [m]
-    srdf : path, optional, file of pairs of links that are left out of ``clearance``
+    step : float, time between samples of the motion [s]
+    clearance : float, optional
+        Check the least distance between links [m].
+    srdf : path, optional
+        Ignore the pairs of links of <disable_collisions> in the check of the clearance.
     degrees : bool, angles of the report and of its CSV file are in degrees
     progress : callable, optional, called with the completed share
 

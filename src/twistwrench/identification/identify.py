@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..core.estimation.sampling import moves
 from ..core.third_party import Failure, Workers
-from ..core.typing import Array
+from ..core.typing import Array, Frame, Hertz, Seconds
 from ..motion.motion import Motion
 from ..reports.checked_motions import expanded_paths
 from ..robot import Robot, load
@@ -30,12 +30,26 @@ from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
 from .fit_doubts import LEFT_OUT, FittedLog, doubts_of, sorted_doubts
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
-from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed, uncoupled
+from .parameters import (
+    FRICTION,
+    STRIBECK_SPEED,
+    BaseParameters,
+    FrictionLaws,
+    UnknownParameters,
+    check_speed,
+    uncoupled,
+)
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot, without_links
 from .rows import MOST_ROWS, ROW_RATE, SteadySamples, gap_notes
 
 METHODS = ("irls", "wls", "ols")
+Causes: TypeAlias = str | Sequence[str]
+"""Names of causes of residuals."""
+LinkNames: TypeAlias = Sequence[str]
+KnownValues: TypeAlias = Mapping[str, float]
+"""Values of parameters by name."""
+PriorWeight: TypeAlias = float
 _DEAD = 0.8  # share of rows with one constant torque, from which a measured torque is dead
 
 
@@ -45,18 +59,18 @@ def identify(
     *,
     test: Log | Sequence[Log] = (),
     motor_inertia: bool = True,
-    friction: Sequence[str] = FRICTION,
-    cutoff: float | None = None,
+    friction: FrictionLaws = FRICTION,
+    cutoff: Hertz | None = None,
     friction_speed: float | None = None,
-    shift: float | None = None,
+    shift: Seconds | None = None,
     method: Method = "irls",
     motor_side: MotorSide | None = None,
-    known: Mapping[str, float] | None = None,
-    payload_only: str | None = None,
+    known: KnownValues | None = None,
+    payload_only: Frame | None = None,
     stribeck_speed: float = STRIBECK_SPEED,
-    assume: str | Sequence[str] = (),
-    without: Sequence[str] = (),
-    keep_close: float | None = None,
+    assume: Causes = (),
+    without: LinkNames = (),
+    keep_close: PriorWeight | None = None,
     columns: Mapping[str, str] | None = None,
     rate: float | None = None,
     degrees: bool = False,
@@ -75,27 +89,33 @@ def identify(
     logs : Motion, path, folder, pattern of paths, or sequence of them; "demo": the log bundled with a robot
         Logs with torques, on a fixed base.
     test : Motion, path, or sequence of them, optional
-        Test logs that are not used for the fit. Without test logs, each fifth of the time is predicted from the others,
-        with settings chosen on the others.
+        Log to predict, not to fit; default: each fifth of the time is predicted from the others, with settings chosen on the
+        others.
     motor_inertia : bool, identify a motor inertia for each joint
     friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (excess of static friction), ``offset``
-    cutoff : float, optional, cut-off of the low-pass [Hz]; None: chosen
+    cutoff : float, optional
+        Cut-off frequency of the zero-phase low-pass filter [Hz]; default: chosen.
     friction_speed : float, optional, Coulomb smoothing speed [rad/s, m/s]; None: chosen for each joint
-    shift : float, optional, delay of torques relative to positions [s]; None: chosen
-    method : "irls", "wls" or "ols", weights of the rows
+    shift : float, optional, delay of torques relative to positions [s]; default: chosen
+    method : "irls", "wls" or "ols"
+        Weights of the least squares: robust (irls), of each joint (wls) or none (ols).
     motor_side : MotorSide, optional; motors that turn with several joints have their own friction and inertia
-    known : mapping, optional, known values by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
+    known : {name: value}, optional
+        Fix parameters at known values, link_3.m=0.73 or joint_2.viscous=1.2, in SI units.
     payload_only : str, optional
-        Frame of a payload. Only the body fixed to it and offsets of the torques are identified; all other parameters,
-        including friction, keep the robot's values.
-    stribeck_speed : float, Stribeck speed for ``stribeck`` in ``friction`` [rad/s or m/s]
-    assume : str or sequence of str, causes to remove from the logs, with values estimated in the fit
-        ``gain:JOINT``, ``position-scale:JOINT``, ``zero:JOINT``, ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``;
-        ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``,
-        ``both-signs``, ``degrees`` and ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and
-        ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``; ``time-scale``.
-    without : sequence of str, links that the robot of the logs lacks, as for :func:`without_links`
-    keep_close : float, optional, weight γ of the prior of physically consistent bodies; None: chosen by cross-validation
+        Estimate only a load attached to this frame, and offsets of the torques; all other parameters, also friction, are
+        those of the robot.
+    stribeck_speed : float, Stribeck speed of the friction stribeck [rad/s, m/s]
+    assume : str or sequence of str
+        Estimate this cause too, and correct the logs for it: ``gain:JOINT``, ``position-scale:JOINT``, ``zero:JOINT``,
+        ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``; ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT``
+        or of all joints; ``torque-sign``, ``position-sign``, ``both-signs``, degrees and ``zero-turn``, each with
+        ``:JOINT``; ``exchanged-torques`` and ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``;
+        ``time-scale``.
+    without : sequence of str
+        Link that the robot of the logs lacks, as for :func:`without_links`.
+    keep_close : float, optional
+        Weight γ of the prior of physically consistent bodies, 0.01 to 100000; default: chosen by cross-validation.
     columns, rate, degrees, gain, topic, episode : options for reading files, as for
         :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the logs; results do not depend on it, to the bit

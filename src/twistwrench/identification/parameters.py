@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
 """Parameters of a drive, in the order of the columns."""
+FrictionLaws: TypeAlias = Sequence[str]
+"""Names of friction parameters."""
 FRICTION = ("viscous", "coulomb", "offset")
 """Default friction parameters."""
 STRIBECK_SPEED = 0.1

@@ -26,6 +26,7 @@ from ..reports.drawn_motion import motion_of, reported_motion
 from ..reports.torque_report import TorqueReport
 from ..robot import Robot
 from ..sensing.compensation import Compensation
+from ..sensing.poses import PoseProposal
 from ..sensing.result import Identification
 from ..simulation.judgement import worst_moment as worst_moment_of
 from ..simulation.result import SimulationResult
@@ -41,6 +42,7 @@ from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.explanation import plot_compensation
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
+from .plots.poses import plot_proposal
 from .plots.simulation import plot_simulation, plot_trajectory
 from .plots.torques import plot_motors, plot_report, plot_sizing
 
@@ -283,3 +285,8 @@ def _(answer: Identification) -> Mapping[str, Plot]:
 def _(answer: Compensation) -> Mapping[str, Plot]:
     draw = partial(plot_compensation, answer.log, answer.sensor, answer.noise, marked=answer.hits, mark="contact")
     return {"Readings before and after": draw}
+
+
+@plots_of.register
+def _(answer: PoseProposal) -> Mapping[str, Plot]:
+    return {"Next poses": partial(plot_proposal, answer)} if answer.determines_mass else {}

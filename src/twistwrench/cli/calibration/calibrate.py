@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TypeAlias
 
 import click
-import numpy as np
 
-from ...answers.blocks import Headline
-from ...calibration import CalibratedRobot, calibrate, factory
-from ...calibration.result_view import millimetres
-from ...calibration.write import write_geometry
+from ...calibration import CalibratedRobot, FactoryCalibration, calibrate
 from ...core.errors import ValueRangeError
-from ...core.verdict import ExitCode, Word
-from .. import shared
-from ..main import Given, note, option
-from ..report import REPORT, answer_report
-from ..shared import RobotOptions, robot_command
-from ..terminal import show, show_answer
+from ...core.verdict import Word
+from ..main import option
+from ..parameters import REPEATED, Kind, Spelling, several
+from ..shared import RobotOptions
+from ..skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _UNITS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
-_CONFIGURATIONS = 500
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
+Calibration: TypeAlias = CalibratedRobot | FactoryCalibration
 
 
-def _sizes(text: str | None, flag: str) -> tuple[float, ...] | None:
+def _sizes(text: str, flag: str) -> list[float]:
     """Numbers with units, such as 1mm,0.1deg, in m and rad."""
-    if text is None:
-        return None
     found = list[float]()
     for part in text.split(","):
         match = _QUANTITY.fullmatch(part)
@@ -38,103 +32,94 @@ def _sizes(text: str | None, flag: str) -> tuple[float, ...] | None:
             found.append(float("nan"))
     if not 1 <= len(found) <= 2 or not all(x > 0 for x in found):
         raise ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
+    return found
+
+
+def _noise(text: str, flag: str) -> float | tuple[float, ...]:
+    found = _sizes(text, flag)
+    return found[0] if len(found) == 1 else tuple(found)
+
+
+def _accuracy(text: str, flag: str) -> tuple[float, ...]:
+    found = _sizes(text, flag)
+    if len(found) != 2:
+        raise ValueRangeError(f"{flag} {text!r} is not a length and an angle. Write for example 1mm,2mrad.")
     return tuple(found)
 
 
-@robot_command(
+def _files(measurements: tuple[str, ...], test: tuple[str, ...], factory_file: str | None) -> dict[str, str | None]:
+    read = {f"MEASUREMENTS {path}": path for path in (*measurements, *test) if path != "demo"}
+    return {**read, "--from": factory_file}
+
+
+def _fitted(found: Calibration) -> CalibratedRobot:
+    assert isinstance(found, CalibratedRobot), "a factory calibration has no residuals"
+    return found
+
+
+def _is_fitted(found: Calibration) -> bool:
+    return isinstance(found, CalibratedRobot)
+
+
+def _objection(found: Calibration, path: str) -> str:
+    """Reason why the robot's file is not written."""
+    if found.verdict.word is Word.LOOK_AGAIN:
+        return f"{path} is not written, since the measurements contradict the robot."
+    if isinstance(found, CalibratedRobot) and found.verdict.ok and found.needs_nothing:
+        return f"{path} is not written, since the file is already right."
+    return ""
+
+
+@command_of(
     "calibrate",
+    calibrate,
     click.argument("measurements", metavar="[MEASUREMENTS]...", nargs=-1),
     option(
-        "--kind", "Kind of the readings. [default: by the columns; touches need it]",
-        choices=("pose", "position", "distance", "pair", "point", "plane", "sphere"),
+        "--from FILE", "Start from a UR's factory calibration, calibration.conf, without measurements.", "factory_file"
     ),
-    option(
-        "--assume CAUSE", "Estimate this cause too: sag under gravity, or errors of gears; may be repeated.",
-        choices=("sag", "gears"), multiple=True,
+    files=(
+        OutputFile(
+            "--out OUT",
+            "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN.",
+            lambda found, path: found.write(path),
+            exists=lambda found: not _objection(found, ""),
+            missing=_objection,
+        ),
+        table_file(
+            lambda found, path: _fitted(found).to_csv(path),
+            "Write the residuals, one row per reading",
+            exists=_is_fitted,
+        ),
+        picture_file("Draw errors before and after, and groups with intervals.", exists=_is_fitted),
     ),
-    option("--test LOG", "Log to predict, not to fit; may be repeated. [default: six folds]", "tests", multiple=True),
-    option("--length", "Known length of touches [m].", type=float),
-    option("--noise M[,RAD]", "Standard deviation of a reading: 0.05mm, or 0.05mm,0.01deg. [default: estimated]"),
-    option("--file-accuracy M,RAD", "Standard deviations of lengths and axes in the robot's file.", default="1mm,2mrad"),
-    option("--keep-outliers", "Use readings that contradict the others, too."),
-    option("--from FILE", "Start from a UR's factory calibration, calibration.conf, without measurements.", "factory_file"),
-    option("--out OUT", "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN."),
-    shared.csv_option("Write the residuals, one row per reading"),
-    shared.JSON,
-    option("--plot OUT.png", "Draw errors before and after, and groups with intervals."),
-    REPORT,
+    report=True,
     examples=("calibrate ur5 demo", "calibrate ur5 demo --out mine.urdf"),
-    robot_first=True,
-)  # fmt: skip
-def calibrate_command(options: RobotOptions, given: Given) -> ExitCode:
+    left_out={"seed"},
+    spellings={"outliers": Spelling("--keep-outliers", {"": "keep"}, "Use readings that contradict the others, too.")},
+    kinds={
+        "MeasurementsGiven | Sequence[MeasurementsGiven]": Kind("LOG", several, REPEATED),
+        "NoiseGiven": Kind("M[,RAD]", _noise),
+        "AccuracyGiven": Kind("M,RAD", _accuracy),
+    },
+    reads=_files,
+)
+def calibrate_command(
+    robot: RobotOptions, asked: Asked, measurements: tuple[str, ...], factory_file: str | None
+) -> Calibration:
     """Fit zeros, axes, lengths, tip and target of an arm to measurements of its tip, with intervals and held-out error.
 
     MEASUREMENTS are CSV files with the joints' positions and x,y,z (perhaps with qw,qx,qy,qz, or rx,ry,rz, or
     roll,pitch,yaw), or distance, or touches; 'demo' is bundled. --from takes none.
     Exit code: 1 for UNSURE and LOOK AGAIN.
     """
-    if given.measurements and given.factory_file:
+    if measurements and factory_file:
         raise ValueRangeError(
             "--from takes a UR's factory calibration in place of MEASUREMENTS. Leave one of them out."
         )
-    if not given.measurements and not given.factory_file:
+    if factory_file:
+        return FactoryCalibration.from_file(robot.load(), Path(factory_file), robot.tip)
+    if not measurements:
         raise ValueRangeError(
             "Missing MEASUREMENTS: a CSV file of readings, or 'demo'; or --from calibration.conf of a UR."
         )
-    files = {
-        f"MEASUREMENTS {path}": path for path in (*given.measurements, *given.tests) if path != "demo"
-    } | options.files
-    given.check_files({**files, "--from": given.factory_file})
-    if given.factory_file:
-        return _from_factory(options, given)
-    noise, accuracy = _sizes(given.noise, "--noise"), _sizes(given.file_accuracy, "--file-accuracy") or ()
-    if len(accuracy) != 2:
-        raise ValueRangeError(
-            f"--file-accuracy {given.file_accuracy!r} is not a length and an angle. Write for example 1mm,2mrad."
-        )
-    found = calibrate(
-        options.load(), list(given.measurements), kind=given.kind, tip=options.tip, assume=given.assume,
-        test=list(given.tests) or None, length=given.length,
-        noise=None if noise is None else noise[0] if len(noise) == 1 else (noise[0], noise[1]),
-        file_accuracy=(accuracy[0], accuracy[1]), outliers="keep" if given.keep_outliers else "trim", degrees=options.degrees,
-    )  # fmt: skip
-    show_answer(found)
-    written = _write(found, given)
-    if given.csv is not None:
-        found.to_csv(given.csv)
-    if given.plot is not None:
-        found.plot(path=given.plot)
-    shared.show_written(written, given.csv, given.plot)
-    if given.report is not None:
-        answer_report(found, given.report, files, full_paths=given.full_paths)
-        shared.show_written(given.report)
-    return found.verdict.exit_code
-
-
-def _from_factory(options: RobotOptions, given: Given) -> ExitCode:
-    """Write the factory calibration of a UR into its file."""
-    robot = options.load()
-    calibrated = factory(robot, given.factory_file)
-    frame = str(options.tip or robot.tip)
-    q = robot.random_configuration(0, _CONFIGURATIONS)
-    before, after = (np.asarray(one.forward_kinematics(q, frame=frame))[:, :3, 3] for one in (robot, calibrated))
-    rms = millimetres(float(np.sqrt(((after - before) ** 2).sum(axis=1).mean())))
-    show(Headline(Word.DONE, f"the factory calibration moves {frame} by {rms} (rms over the reach)."))
-    if given.out is not None:
-        write_geometry(robot, calibrated, frame, given.out, f"factory calibration of {Path(given.factory_file).name}")
-    shared.show_written(given.out)
-    return ExitCode.FINE
-
-
-def _write(found: CalibratedRobot, given: Given) -> str | None:
-    """Write the robot's file unless the answer is against it; returns its path."""
-    if given.out is None:
-        return None
-    if found.verdict.word is Word.LOOK_AGAIN:
-        note(f"{given.out} is not written, since the measurements contradict the robot.")
-        return None
-    if found.verdict.ok and found.needs_nothing:
-        note(f"{given.out} is not written, since the file is already right.")
-        return None
-    found.write(given.out)
-    return str(given.out)
+    return calibrate(robot.load(), list(measurements), tip=robot.tip, **asked)

@@ -1,0 +1,102 @@
+"""Plot of proposed poses of a force-torque sensor: directions of gravity, and what is known after each pose."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.glossary import complete
+from ...core.numbers import number
+from ...core.typing import Array
+from ...sensing.poses import PoseProposal
+from .. import style
+
+_MILLI = 1e3
+_CIRCLE = np.linspace(0.0, 2.0 * math.pi, 181)
+_DECIMALS = 6
+_TICKS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+"""First digits of the ticks of a logarithmic axis."""
+_RINGS = (math.pi / 6, math.pi / 3, math.pi / 2, math.pi)
+"""Tilts [rad] that are drawn as circles."""
+
+
+def plot_proposal(found: PoseProposal, path: str | Path) -> None:
+    """Plot the tilts in which to hold the sensor, and the intervals of mass and centre of mass after each.
+
+    Parameters
+    ----------
+    found : PoseProposal
+    path : str or Path, file to write
+
+    Notes
+    -----
+    Directions d of gravity in {f} are shown by Lambert's azimuthal equal-area projection about upright, d = -z.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from twistwrench.sensing import propose_poses
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     propose_poses(6, log="demo").plot(f"{folder}/poses.svg").name
+    'poses.svg'
+    """
+    with style.figure(10.5, 4.8, f"{len(found.poses)} poses for a load of {number(found.mass)} kg") as drawn:
+        tilts, known = drawn.subplots(1, 2)
+        _draw_tilts(tilts, found)
+        _draw_intervals(known, found)
+        style.save(drawn, path)
+
+
+def _projection(directions: Array) -> Array:
+    """Points (n, 2) of directions of gravity (n, 3): at the distance 2 sin(tilt / 2) from the centre."""
+    x, y, z = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
+    scale = np.sqrt(2.0 / np.maximum(1.0 - z, 1e-12))
+    return np.stack([scale * x, scale * y], axis=1)
+
+
+def _draw_tilts(axis: Any, found: PoseProposal) -> None:
+    """Directions of gravity with the numbers of the poses, beside those that were read."""
+    for tilt in _RINGS:
+        radius = 2.0 * math.sin(tilt / 2)
+        axis.plot(radius * np.cos(_CIRCLE), radius * np.sin(_CIRCLE), color=style.PALE, linewidth=0.8)
+        axis.annotate(f"{number(math.degrees(tilt))}°", (0.0, radius), color=style.QUIET, fontsize=style.SMALL)
+    if found.log is not None:
+        read = _projection(found.log.gravity)
+        axis.plot(*read.T, "o", markersize=3, color=style.QUIET, linestyle="none", label="read already")
+        axis.legend()
+    places = _projection(found.gravity).round(_DECIMALS) + 0.0
+    for x, y in np.unique(places, axis=0):  # a pose that is proposed again has one mark
+        numbers = 1 + np.flatnonzero((places == (x, y)).all(axis=1))
+        axis.plot(x, y, "o", markersize=15, color=style.POINTED, alpha=0.25)
+        axis.annotate(", ".join(map(str, numbers)), (x, y), ha="center", va="center")
+    axis.set_aspect("equal")
+    axis.set_axis_off()
+    style.titles(axis, "Gravity in the sensor's frame, by tilt from upright")
+
+
+def _draw_intervals(axis: Any, found: PoseProposal) -> None:
+    """Half-widths of the 95 % intervals after each pose; poses that determine nothing are left out."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    count = np.arange(1, len(found.poses) + 1)
+    mass, place = found.intervals.T
+    for values, name, colour in (
+        (100.0 * mass / found.mass, "mass ± [%]", style.BLUE),
+        (_MILLI * place, "centre of mass ± [mm]", style.VERMILION),
+    ):
+        known = np.isfinite(values)
+        axis.plot(count[known], values[known], "o-", markersize=4, color=colour, label=name)
+    axis.set_yscale("log")
+    axis.yaxis.set_major_locator(LogLocator(subs=_TICKS))
+    axis.yaxis.set_minor_locator(NullLocator())
+    axis.yaxis.set_major_formatter(lambda x, _: number(x))
+    axis.xaxis.get_major_locator().set_params(integer=True)
+    axis.set_xlabel("poses")
+    axis.legend()
+    style.titles(axis, "Known after each pose (95 %)")
+
+
+complete(globals())
