@@ -254,7 +254,7 @@ def test_a_guess_comes_before_the_play(article):
     assert page.run(state) == [False, True]
     page.click("#throw .play")
     page.wait("!document.querySelector('#throw .after').hidden")
-    told = page.run("document.querySelector('#throw .ask').textContent")
+    told = page.run("document.querySelector('#throw .prompt').textContent")
     assert re.match(r"You are \d+° off\. The arrow has not moved", told)
     assert page.run("viewer.pictures.throw.t") == pytest.approx(1, abs=1e-9)
     assert page.complaints == []

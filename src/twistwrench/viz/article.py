@@ -136,7 +136,7 @@ def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
     yield '</div><figcaption><button class="play">Play</button><button class="again">Again</button>'
     yield '<button class="skip" hidden>Show me</button>'
     if predict is not None:
-        yield f'<p class="ask" role="status" hidden>{html.escape(predict["ask"])}</p>'
+        yield f'<p class="prompt" role="status" hidden>{html.escape(predict["ask"])}</p>'
         if predict["kind"] == "number":
             yield _guess(name, predict)
     yield '<div class="numbers"></div></figcaption></figure>'

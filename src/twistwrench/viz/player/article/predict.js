@@ -7,7 +7,7 @@ class Prediction {
   constructor(figure, entry) {
     Object.assign(this, { figure, entry, done: false });
     const { element, picture } = figure;
-    this.ask = element.querySelector(".ask");
+    this.ask = element.querySelector(".prompt");
     this.field = element.querySelector(".guess input");
     this.ask.hidden = false;
     figure.play.disabled = true;
