@@ -355,4 +355,6 @@ def test_joints_of_tendon_actuators_are_the_motors_of_a_page(tmp_path):
     assert [bool(x) for x in loops["dependent"]] == [True, True, False]
     assert not any("assumed" in note for note in headers["driven"]["notes"])
     assert any(note.startswith("The file names no motors; assumed: crank.") for note in headers["plain"]["notes"])
-    assert all(header["subtitle"].startswith("1 degree of freedom,") for header in headers.values())
+    assert all(
+        header["subtitle"].startswith("1 degree of freedom (3 joints, 1 closure),") for header in headers.values()
+    )

@@ -35,7 +35,7 @@ from ..robot.task_space_methods import require_robot
 from ..shapes.surface import Colour
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, robot_data, wrench_data
-from .page_loops import loops_of, standing_of
+from .page_loops import held_pose, loops_of, standing_of
 from .page_motion import motion_data, notes_of_motion, python_source, robot_of_motion
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
@@ -185,11 +185,14 @@ def viewer_page(
         loops = loops_of(closed, at, actuated)
     elif motion is None and book is None and at is None:
         loops = standing_of(robot, scene)
+    held = held_pose(robot, scene) if at is None and closed is None and motion is None and book is None else None
     programs = PagePrograms(robot, tuple(wrenches), book, payload=payload, motion=motion is not None, loops=loops)
     if at is not None and closed is None:
         start = at
     elif loops is not None:
         start = loops.start
+    elif held is not None:
+        start = held[0]
     else:
         start = starting_pose(robot, programs.tip) if motion is None else motion.q[0]
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
@@ -214,8 +217,8 @@ def viewer_page(
         *of_scene,
         *(notes_of_motion(motion) if motion is not None else ()),
     ]
-    free = robot.nv if closed is None else closed.nv - len(closed.independent)
-    data["subtitle"] = _subtitle(robot, free, motion, payload)
+    data["subtitle"] = f"{_freedom(robot, closed)}, {_moving(robot, motion, payload)}"
+    data["held"] = None if held is None else held[1]
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
     names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
@@ -396,10 +399,23 @@ def _still_sentence(data: Mapping[str, Any]) -> str:
     return str(verdict or f"{data['name']}: {data['subtitle']}")
 
 
-def _subtitle(robot: Robot, free: int, motion: DrawnMotion | None, payload: Payload | None) -> str:
-    """Degrees of freedom (``free``, with loops closed), mass, and length of the motion."""
-    mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
-    text = f"{free} degree{'s' if free != 1 else ''} of freedom, {number(mass)} kg moving"
+def _counted(count: int, noun: str) -> str:
+    """Number with its noun."""
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def _freedom(robot: Robot, closed: ConstrainedRobot | None) -> str:
+    """Degrees of freedom; with loops closed, joints and closures as well."""
+    free = robot.nv if closed is None else closed.nv - len(closed.independent)
+    text = _counted(free, "degree") + " of freedom"
+    if closed is None:
+        return text
+    return f"{text} ({_counted(len(robot.model.leaders), 'joint')}, {_counted(len(closed.constraints), 'closure')})"
+
+
+def _moving(robot: Robot, motion: DrawnMotion | None, payload: Payload | None) -> str:
+    """Moving mass, and length of the motion."""
+    text = f"{number(sum(float(b.inertia.mass) for b in robot.model.bodies))} kg moving"
     if motion is None:
         return text
     carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads if payload is None)

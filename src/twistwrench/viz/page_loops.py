@@ -12,6 +12,7 @@ from ..core.errors import ConstraintError, ValueRangeError
 from ..core.typing import Array
 from ..mechanics.algorithms.constraints import GROUND, Closure, independent_constraints
 from ..mechanics.lie import se3
+from ..mechanics.model.legs import hanging_base
 from ..mechanics.model.model import BASE, Frame, Model
 from ..robot import Robot
 from ..robot.constraints.closures import some_configurations
@@ -129,14 +130,8 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     feet = [k for k in sorted(low) if low[k] < min(low.values()) + 0.08 * scene.size]
     if not feet:
         return None
-    flat, start = scene.body_poses(robot.neutral), q
-    for _ in range(2):  # the contact point of a round foot moves as the foot rotates
-        T = scene.body_poses(start)
-        soles = [_sole(shapes[k], flat[k], scene.size) for k in feet]
-        soles = [
-            sole if len(sole) > 2 else _sole(shapes[k], T[k], scene.size) for k, sole in zip(feet, soles, strict=True)
-        ]
-        start = _stance(robot, scene, start, feet, soles)
+    start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
+    start[model.bodies[0].q_index + 6] += lift
     T = scene.body_poses(start)
     frames, closures = {}, []
     for k, sole in zip(feet, soles, strict=True):
@@ -155,6 +150,49 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
         frames,
         tuple(feet),
     )
+
+
+HELD = "base fixed in the air by the file; with --floating-base the feet carry"
+_LEVEL = 1e-3
+"""Greatest height of a sole's corner off the floor in a standing pose [m]."""
+
+
+def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
+    """Standing pose of a legged robot whose file fixes the base, with a remark; None for other robots.
+
+    Without a standing pose within the limits, the neutral pose, clear of stops, and the reason.
+    """
+    held = hanging_base(robot.model)
+    if held is None:
+        return None
+    q, shapes = starting_pose(robot), _solids(robot.model, scene)
+    feet = [chain[-1] for chain in held.legs if chain[-1] in shapes]
+    if len(feet) < len(held.legs) or any(body.joint.nv != 1 for body in robot.model.leaders):
+        missing = ", ".join(robot.model.bodies[chain[-1]].link for chain in held.legs if chain[-1] not in shapes)
+        why = f"no shape of {missing}" if missing else "joints of several degrees of freedom"
+        return q, f"{HELD}; no standing pose found: {why}"
+    start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
+    T = scene.body_poses(start)
+    heights = np.concatenate([sole @ T[k][2, :3] + T[k][2, 3] + lift for k, sole in zip(feet, soles, strict=True)])
+    off = float(np.abs(heights).max())
+    if off > _LEVEL:
+        return q, f"{HELD}; no standing pose found: within the limits a foot stays {1e3 * off:.0f} mm off the floor"
+    return start, HELD
+
+
+def _stance_on(
+    robot: Robot, scene: Scene, q: Array, feet: Sequence[int], shapes: Mapping[int, Array]
+) -> tuple[Array, float, list[Array]]:
+    """Configuration near q with the feet on a level floor, the height by which it is above the base frame's, and the soles."""
+    flat, start, lift = scene.body_poses(robot.neutral), q, 0.0
+    for _ in range(2):  # the contact point of a round foot moves as the foot rotates
+        T = scene.body_poses(start)
+        soles = [_sole(shapes[k], flat[k], scene.size) for k in feet]
+        soles = [
+            sole if len(sole) > 2 else _sole(shapes[k], T[k], scene.size) for k, sole in zip(feet, soles, strict=True)
+        ]
+        start, lift = _stance(robot, scene, start, feet, soles)
+    return start, lift, soles
 
 
 def contacts_of(robot: Robot, standing: Mapping[str, Any]) -> list[Contact]:
@@ -211,20 +249,24 @@ def _sole(points: Array, T: Array, size: float) -> Array:
     return np.asarray(points[list(corners)])
 
 
-def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Sequence[Array]) -> Array:
-    """Pose (nq,) near q with all soles on z = 0 and the centre of mass above their middle, by damped least squares."""
+def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Sequence[Array]) -> tuple[Array, float]:
+    """Joints (nq,) near q and lift of the robot with all soles on z = 0 and its centre of mass above their middle.
+
+    By damped least squares.
+    """
     from scipy.optimize import least_squares
 
-    base = robot.model.bodies[0]
     joints = [body.q_index for body in robot.model.leaders if body.joint.nv == 1]
-    at = [base.q_index + 6, *joints]  # only the height of the floating base
     low, high = (
         np.concatenate([[end], ends]) for end, ends in zip((-np.inf, np.inf), clear_of_stops(robot), strict=True)
     )
+    at = scene.body_poses(q)
+    lowest = min(float((sole @ at[k][2, :3] + at[k][2, 3]).min()) for k, sole in zip(feet, soles, strict=True))
+    start = np.concatenate([[-lowest], q[joints]])
 
     def residuals(X: Array) -> Array:
         Q = np.repeat(q[None], len(X), axis=0)
-        Q[:, at] = X
+        Q[:, joints] = X[:, 1:]
         T = scene.body_poses(Q)
         places = [
             sole @ np.swapaxes(T[:, k, :3, :3], 1, 2) + T[:, k, None, :3, 3]
@@ -234,10 +276,11 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
         middles = np.stack([place[..., :2].mean(axis=1) for place in places], axis=1)
         off = np.asarray(robot.center_of_mass(Q))[:, :2] - middles.mean(axis=1)
         spread = middles - middles.mean(axis=1, keepdims=True)
-        parts = (300 * points[..., 2], 10 * off, spread.reshape(len(X), -1), 0.1 * scene.size * (X - q[at])[:, 1:])
+        heights = 300 * (points[..., 2] + X[:, :1])
+        parts = (heights, 10 * off, spread.reshape(len(X), -1), 0.1 * scene.size * (X - start)[:, 1:])
         return np.concatenate(parts, axis=1) / scene.size
 
-    first = residuals(q[at][None])[0]
+    first = residuals(start[None])[0]
     spread = np.arange(len(first)) - (len(first) - len(joints) - 2 * len(feet))
     wanted = np.where((spread >= 0) & (spread < 2 * len(feet)), first, 0.0)
 
@@ -248,8 +291,8 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
         r = residuals(x + np.vstack([np.zeros(len(x)), 1e-6 * np.eye(len(x))]))
         return (r[1:] - r[0]).T / 1e-6
 
-    x = np.clip(q[at], low + 1e-9, high - 1e-9)
+    x = np.clip(start, low + 1e-9, high - 1e-9)
     found = least_squares(off_stance, x, slopes, bounds=(low, high), max_nfev=60)
-    start = q.copy()
-    start[at] = found.x
-    return start
+    posed = q.copy()
+    posed[joints] = found.x[1:]
+    return posed, float(found.x[0])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.typing import Array
+from ..mechanics.model.model import BASE, Model
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -20,8 +21,8 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     """Initial configuration of a page; (nq,).
 
     An arm has its elbow up, its joints clear of their stops by a tenth of their range, and its tip in the upper half of
-    its reach, far from singular poses. Remaining freedom is near neutral. Other robots are neutral, clear of their
-    stops.
+    its reach, far from singular poses. Remaining freedom is near neutral. Other robots, and those without a chain that
+    has most of the joints or of the moving mass, are neutral, clear of their stops.
 
     Parameters
     ----------
@@ -33,7 +34,8 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     neutral = robot.neutral.copy()
     at = [body.q_index for body in joints]
     neutral[at] = np.clip(neutral[at], low, high)
-    if tip is None or len(joints) != robot.nv or robot.model.frame(tip).body < 0 or not np.any(robot.model.gravity):
+    stands = tip is None or robot.model.frame(tip).body < 0 or not is_arm(robot.model)
+    if stands or len(joints) != robot.nv or not np.any(robot.model.gravity):
         return neutral
     rng, best = np.random.default_rng(0), neutral
     for k in range(_ROUNDS):  # first over the whole range, then closer to the best
@@ -44,6 +46,24 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
         Q[0] = best
         best = Q[np.argmax(_merit(robot, Q, tip, neutral))]
     return np.asarray(best)
+
+
+def is_arm(model: Model) -> bool:
+    """True if one chain of the tree has more than half of the joints or of the moving mass.
+
+    >>> import twistwrench as tw
+    >>> is_arm(tw.robots.panda().model), is_arm(tw.load(tw.robots.path_of("quadruped")).model)
+    (True, False)
+    """
+    mass = [float(body.inertia.mass) for body in model.bodies]
+    degrees = [0 if body.follows else body.joint.nv for body in model.bodies]
+    most = np.zeros(2)
+    for k in range(len(model.bodies)):
+        chain = [k]
+        while model.bodies[chain[-1]].parent != BASE:
+            chain.append(model.bodies[chain[-1]].parent)
+        most = np.maximum(most, [sum(mass[j] for j in chain), sum(degrees[j] for j in chain)])
+    return bool(np.any(2 * most > [sum(mass), sum(degrees)]))
 
 
 def clear_of_stops(robot: Robot) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ class Panel {
     this.viewer = viewer;
     const robot = viewer.robot;
     const of = (id) => document.getElementById(id);
-    of("subtitle").textContent = `${robot.subtitle}, squares of ${squareOf(robot.size)} m`;
+    of("subtitle").textContent = `${robot.subtitle}, squares of ${squareOf(robot.size)} m${robot.held ? ` · ${robot.held}` : ""}`;
     this.torques = of("torques");
     this.answer = of("verdict");
     this.told = of("told");
