@@ -139,6 +139,54 @@ def test_the_gap_of_four_motions_is_the_bracket_to_third_order(tmp_path):
     assert np.log2(rests[1] / rests[2]) == pytest.approx(3, abs=0.05)
 
 
+# ── 5.2: torques of a force at the tip
+
+ARM = tw.robots.planar_2r()
+
+
+def plane_jacobian(angles):
+    """Linear rows of the tip's Jacobian in the plane of the arm."""
+    return ARM.jacobian(angles, kind="world_aligned")[[3, 5]]
+
+
+TORQUES = """(pictures) => { const out = []; for (const [name, key, values] of [["push", "shoulder", [-30, 30, 71]], ["along", "load", [0, 10, 20]],
+        ["turned", "angle", [0, 45, 180, 300]], ["work", "turn", [0.01, 0.3]], ["straight", "bend", [0, 20, 60]], ["ellipse", "angle", [0, 30, 200]]])
+    for (const value of values) { pictures[name].set(key, value); out.push({ name, value, ...pictures[name].state() }); } return out; }"""
+
+
+def test_torques_of_all_pictures_are_those_of_the_library(tmp_path):
+    seen = {}
+    for state in pictures_under_node("5.2", TORQUES, tmp_path):
+        angles, f = state.get("angles", np.radians([30, 60])), np.array(state["force"])
+        J = plane_jacobian(angles)
+        np.testing.assert_allclose(state["J"], J, atol=1e-15)
+        np.testing.assert_allclose(state["tau"], J.T @ f, atol=1e-13)
+        seen[state["name"], state["value"]] = state
+    np.testing.assert_allclose(seen["push", 30]["tau"], [15, 10], atol=1e-9)
+    np.testing.assert_allclose(seen["along", 10]["tau"], [-8.660254, 0], atol=1e-6)
+    np.testing.assert_allclose(seen["straight", 0]["tau"], [0, 0], atol=1e-13)
+    for turn in (0.01, 0.3):
+        assert seen["work", turn]["work_force"] == pytest.approx(seen["work", turn]["work_torque"], rel=1e-14)
+    for angle in (0, 30, 200):
+        assert np.linalg.norm(seen["ellipse", angle]["tau"]) == pytest.approx(10, rel=1e-12)
+    for bend in (20, 60):  # joint speeds that pull the tip towards the shoulder at 0.1 m/s
+        state = seen["straight", bend]
+        rates = np.linalg.solve(plane_jacobian(state["angles"]), 0.1 * np.array(state["force"]) / 10)
+        assert abs(rates[1]) == pytest.approx(state["elbow_rate"], rel=1e-12)
+    assert seen["straight", 0]["elbow_rate"] is None
+
+
+def test_mistakes_with_the_torque_of_the_first_joint_are_named(tmp_path):
+    """Minus, f in the axes of the tip, degrees as radians: from the library's Jacobian."""
+    J = plane_jacobian(np.radians([30, 60]))
+    in_tip = (J.T @ [0, -10])[0]
+    degrees = 10 * (np.sin(30) + np.sin(90))
+    typed = ["15", "-15 N m", "30", "7.5", str(in_tip), str(degrees)]
+    found = pictures_under_node("5.2", "({ push }, typed) => typed.map((text) => push.check(text))", tmp_path, typed)
+    assert [each["near"] for each in found] == [None, "sign", "double", "half", "frame", "degrees"]
+    assert found[0]["right"]
+
+
 # ── Exercises
 
 NEAR = """({ rotor, frame, bracket }) => { rotor.advance(0.01); const [x] = rotor.state().wrench_room;
@@ -308,8 +356,9 @@ def test_the_wheel_over_a_picture_scrolls_the_page(article):
     page.wait(f"scrollY === {before} + 120")
 
 
-def test_on_a_phone_nothing_scrolls_sideways_and_targets_are_large(article):
-    page = article(width=390, height=844, mobile=True)
+@pytest.mark.parametrize("section", [ARTICLES[-1], *(pytest.param(s, marks=pytest.mark.slow) for s in ARTICLES[:-1])])
+def test_on_a_phone_nothing_scrolls_sideways_and_targets_are_large(article, section):
+    page = article(section, width=390, height=844, mobile=True)
     assert page.run("document.documentElement.scrollWidth") == 390
     small = """[...document.querySelectorAll('button, form input, .guess input, nav a, summary, .slider')].filter((e) => !e.closest('[hidden]') && !e.hidden)
         .map((e) => [e.className, e.getBoundingClientRect().height]).filter(([, height]) => height < 39.5)"""

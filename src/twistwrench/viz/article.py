@@ -117,9 +117,9 @@ def _body(
         yield f"<details><summary>{_marked(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
     yield "<h2>Go on</h2>"
     own = f"twistwrench view my_arm.urdf --section {section} --html page.html"
-    yield f"<p>The grey arrow of the first throw, in Python:</p><pre>{html.escape(article['python'].strip())}</pre>"
+    yield f"<p>The first picture, in Python:</p><pre>{html.escape(article['python'].strip())}</pre>"
     link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
-    yield f"<p>The same quantities of a link of your own arm{link}:</p><pre>{own}</pre>"
+    yield f"<p>The same with your own arm{link}:</p><pre>{own}</pre>"
 
 
 def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
@@ -152,7 +152,7 @@ def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
 
 def _guess(name: str, predict: Mapping[str, Any]) -> str:
     """Slider of a guessed number."""
-    span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}"'
+    span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}" value="{predict["least"]}"'
     label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
     return f'<div class="guess">{label}<input id="guess-{name}" type="range" {span}><output></output></div>'
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.errors import ConstraintError, ValueRangeError
+from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.algorithms.constraints import GROUND, Closure, independent_constraints
 from ..mechanics.lie import se3
@@ -176,7 +177,10 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     heights = np.concatenate([sole @ T[k][2, :3] + T[k][2, 3] + lift for k, sole in zip(feet, soles, strict=True)])
     off = float(np.abs(heights).max())
     if off > _LEVEL:
-        return q, f"{HELD}; no standing pose found: within the limits a foot stays {1e3 * off:.0f} mm off the floor"
+        return (
+            q,
+            f"{HELD}; no standing pose found: within the limits a foot stays {number(1e3 * off, 2)} mm off the floor",
+        )
     return start, HELD
 
 

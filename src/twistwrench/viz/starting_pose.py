@@ -34,8 +34,9 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     neutral = robot.neutral.copy()
     at = [body.q_index for body in joints]
     neutral[at] = np.clip(neutral[at], low, high)
-    stands = tip is None or robot.model.frame(tip).body < 0 or not is_arm(robot.model)
-    if stands or len(joints) != robot.nv or not np.any(robot.model.gravity):
+    if tip is None or robot.model.frame(tip).body < 0 or not is_arm(robot.model):
+        return neutral
+    if len(joints) != robot.nv or not np.any(robot.model.gravity):
         return neutral
     rng, best = np.random.default_rng(0), neutral
     for k in range(_ROUNDS):  # first over the whole range, then closer to the best

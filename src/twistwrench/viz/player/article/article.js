@@ -22,7 +22,7 @@ class Figure {
     this.words = new Words(this.section, () => [this]);
     this.prediction = entry.predict ? new Prediction(this, entry.predict) : null;
     this.play.addEventListener("click", () => (this.running ? this.stop() : this.start()));
-    this.again.addEventListener("click", () => { this.stop(); this.picture.rewind(); this.prediction?.again(); });
+    this.again.addEventListener("click", () => { this.stop(); this.picture.rewind(); this.prediction?.again(); this.say(); });
     this.picture.listeners.push(() => this.refresh());
     this.exercise();
     this.say();
@@ -31,6 +31,7 @@ class Figure {
   view(canvas) {
     const [azimuth, elevation] = this.entry.camera ?? [-0.9, 0.35], view = new View(canvas, this.entry.size, { azimuth, elevation });
     view.target = this.entry.target ?? view.target;
+    this.fit(view);
     for (const event of ["pointermove", "pointerdown", "wheel", "keydown", "dblclick"]) canvas.addEventListener(event, () => this.refresh(), { passive: true });
     canvas.addEventListener("pointermove", (event) => {
       if (event.buttons) return;
@@ -47,6 +48,12 @@ class Figure {
     return view;
   }
 
+  fit(view) { // far enough that the width of the scene is seen on a narrow screen, too
+    const { canvas, home } = view, aspect = canvas.clientWidth / Math.max(1, canvas.clientHeight), untouched = view.distance === home.distance;
+    home.distance = Math.max(2.05 * this.entry.size, (this.entry.width ?? 0) / (2 * Math.tan(0.3) * Math.max(1, aspect)));
+    if (untouched) view.distance = home.distance;
+  }
+
   light(name) { this.lit = name; this.refresh(); }
   refresh() { this.stale = true; this.article.request(); }
 
@@ -60,7 +67,12 @@ class Figure {
   }
 
   stop() { this.running = false; this.say(); }
-  say() { this.play.textContent = this.running ? "Pause" : this.prediction?.done && !this.picture.ended ? "Play on" : "Play"; }
+  say() {
+    const still = !this.entry.end; // nothing moves: only a guess is compared
+    this.play.hidden = still && (!this.prediction || this.prediction.done);
+    this.again.hidden = still && !this.prediction?.done;
+    this.play.textContent = still ? "Compare" : this.running ? "Pause" : this.prediction?.done && !this.picture.ended ? "Play on" : "Play";
+  }
 
   tick(now) { // a step of the clock
     const { picture, prediction, entry } = this, speed = entry.speed ?? 1, passed = this.last === null ? 0 : Math.min(LONGEST_FRAME, (now - this.last) / 1000);
@@ -73,10 +85,10 @@ class Figure {
 
   draw() {
     this.stale = false;
-    const hidden = this.prediction && !this.prediction.done ? this.entry.predict.hides ?? [] : [];
+    const asked = this.prediction && !this.prediction.done ? this.entry.predict : {}, hidden = asked.hides ?? [];
     this.views.forEach((view) => {
       const from = view.canvas.dataset.view;
-      const things = this.picture.scene(from).filter(({ name }) => !hidden.includes(name));
+      const things = this.picture.scene(from).filter(({ name, label }) => !hidden.includes(name) || asked.keeps?.includes(label));
       view.draw(things, this.article.colours, from === "body" ? this.picture.frame() : UPRIGHT, this.lit);
     });
     this.numbers.innerHTML = this.picture.numbers().filter(([, , , name]) => !hidden.includes(name)).map(([label, value, unit_, name]) => `<span class="${name}"><i>${label}</i> ${value}${unit_ ? ` ${unit_}` : ""}</span>`).join("");
@@ -99,7 +111,7 @@ class Article {
     this.figures = pictures.map((entry) => new Figure(this, entry));
     this.paint();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paint());
-    addEventListener("resize", () => this.figures.forEach((figure) => figure.refresh()));
+    addEventListener("resize", () => this.figures.forEach((figure) => { figure.views.forEach((view) => figure.fit(view)); figure.refresh(); }));
     const observer = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => {
       const figure = this.figures.find(({ element }) => element === target);
       Object.assign(figure, { seen: isIntersecting, last: null });

@@ -14,9 +14,10 @@ class Prediction {
     this.skip = element.querySelector(".skip");
     this.skip.hidden = false;
     this.skip.addEventListener("click", () => { this.ready(); figure.start(); });
-    this.field?.addEventListener("input", () => {
+    for (const event of ["input", "pointerup", "keyup"]) this.field?.addEventListener(event, () => {
+      if (this.done) return;
       picture.guess = Number(this.field.value);
-      element.querySelector(".guess output").textContent = `${decimal(picture.guess, 1)} ${entry.unit}`;
+      element.querySelector(".guess output").textContent = `${decimal(picture.guess, entry.decimals ?? 1)} ${entry.unit}`;
       this.ready();
     });
     this.rest = [...figure.section.querySelectorAll(":scope > .after, form")]; // what would tell
@@ -65,8 +66,8 @@ class Prediction {
     this.rest.forEach((element) => { element.hidden = false; });
     const arrow = entry.kind === "arrow", truth = arrow ? picture.truth(entry.at) : picture.truth();
     const off = guess === null ? null : arrow ? degreesOf(angleBetween(guess, truth)) : Math.abs(guess - truth) / Math.abs(truth);
-    const value = arrow ? "" : `It is ${decimal(truth, 3)} ${entry.unit}.`;
-    const first = off === null ? "" : off <= CLOSE[entry.kind] ? "Right. " : arrow ? `You are ${decimal(off, 0)}° off. ` : `You guessed ${decimal(guess, 1)}. `;
+    const value = arrow ? "" : `It is ${decimal(truth, entry.decimals === 0 ? 0 : 3)}${entry.unit ? ` ${entry.unit}` : ""}.`;
+    const first = off === null ? "" : off <= CLOSE[entry.kind] ? "Right. " : arrow ? `You are ${decimal(off, 0)}° off. ` : `You guessed ${decimal(guess, entry.decimals ?? 1)}. `;
     this.ask.textContent = `${first}${value ? `${value} ` : ""}${entry.told}`;
     this.ask.classList.add("told");
   }

@@ -1,0 +1,144 @@
+// Section 5.2: torques of a planar arm with two links of 1 m whose tip pushes with a force, τ = Jᵀ f. In the plane x, y.
+"use strict";
+
+const LINK = 1, ORIGIN = [0, 0, 0], PER_FORCE = 0.06, PER_TORQUE = 0.16; // m; m/N; rad of an arc for a N m
+const SHOULDER = radiansOf(30), BEND = radiansOf(60), STRENGTH = 10; // N
+
+class Arm extends Picture {
+  get angles() { return [SHOULDER, BEND]; }
+  get force() { return [-STRENGTH, 0]; }
+
+  // Joints, tip, Jacobian by rows, and torques of a force at the tip.
+  arm([a, b] = this.angles, f = this.force) {
+    const elbow = [LINK * Math.cos(a), LINK * Math.sin(a), 0], tip = add(elbow, [LINK * Math.cos(a + b), LINK * Math.sin(a + b), 0]), fore = add(tip, times(-1, elbow));
+    const J = [[-tip[1], -fore[1]], [tip[0], fore[0]]];
+    return { elbow, tip, J, force: f, tau: [0, 1].map((k) => J[0][k] * f[0] + J[1][k] * f[1]) };
+  }
+
+  state() { return { t: this.t, angles: this.angles, ...this.arm() }; }
+
+  // Links and joints.
+  body(angles = this.angles) {
+    const { elbow, tip } = this.arm(angles), [a, b] = angles, link = (from, to, angle) => solid(boxFaces([LINK / 2, 0.045, 0.03]), turnAbout([0, 0, 1], angle), times(0.5, add(from, to)));
+    return [link(ORIGIN, elbow, a), link(elbow, tip, a + b), ...[ORIGIN, elbow].map((p) => solid(cylinderFaces(0.09, 0.05), UPRIGHT, p)), { kind: "dot", at: tip, name: "edge", label: "" }];
+  }
+
+  push(f = this.force, tip = this.arm().tip) { return arrowOf("wrench", tip, [...times(PER_FORCE, f), 0], "f", { width: 5 }); }
+
+  arcs({ elbow, tau }, labels = ["τ₁", "τ₂"]) {
+    return [ORIGIN, elbow].flatMap((middle, k) => (Math.abs(tau[k]) > 1e-6 ? [{ kind: "arc", middle, radius: 0.2, sweep: PER_TORQUE * tau[k], name: "wrench", label: labels[k] }] : []));
+  }
+
+  // Line of a force, and the levers from the joints to it.
+  levers({ elbow, tip, force }) {
+    const way = unit([...force, 0]), foot = (p) => add(p, add(add(tip, times(-1, p)), times(-dot(add(tip, times(-1, p)), way), way)));
+    const line = { kind: "line", name: "wrench", width: 1.5, dashed: true, points: [add(tip, times(-2.2, way)), add(tip, times(1.6, way))] };
+    return [line, ...[ORIGIN, elbow].map((p) => ({ kind: "line", name: "change", width: 3, points: [p, foot(p)] }))];
+  }
+
+  scene() { const now = this.arm(); return [...this.levers(now), ...this.body(), ...this.arcs(now), this.push()]; }
+
+  numbers() {
+    const { tau } = this.state();
+    return tau.map((x, k) => [`τ${"₁₂"[k]}`, decimal(x, 3), "N m", "wrench"]);
+  }
+}
+
+class Lever extends Arm {
+  get angles() { return [radiansOf(this.values.shoulder), BEND]; }
+
+  numbers() {
+    const { tip, elbow, tau } = this.state();
+    return [["levers", `${decimal(tip[1], 3)}, ${decimal(tip[1] - elbow[1], 3)}`, "m", "change"], ["τ₁", decimal(tau[0], 3), "N m", "wrench"], ["τ₂", decimal(tau[1], 3), "N m", "wrench"]];
+  }
+
+  truth() { return this.arm([SHOULDER, BEND]).tau[0]; }
+
+  question() { // τ₁ at 30°, 60° of 10 N along −x
+    const { tau, tip } = this.arm([SHOULDER, BEND]), y = (one) => STRENGTH * (Math.sin(30) + one);
+    const inTip = -STRENGTH * tip[0]; // f in the axes of the tip, and also the second component of J f
+    return { answer: tau[0], other: { frame: [inTip, -inTip], degrees: [y(1), y(Math.sin(90))] } };
+  }
+}
+
+class Along extends Arm {
+  get force() { return [0, -this.values.load]; }
+  truth() { return 2; }
+}
+
+class Turned extends Arm {
+  get force() { const angle = radiansOf(this.values.angle); return [STRENGTH * Math.cos(angle), STRENGTH * Math.sin(angle)]; }
+
+  scene() { // beside the arm, both torques over the angle
+    const at = (degrees, tau) => [1.25 + degrees / 225, 0.75 + 0.045 * tau, 0], count = 72;
+    const curve = (k) => Array.from({ length: count + 1 }, (_, i) => {
+      const degrees = (360 * i) / count, angle = radiansOf(degrees);
+      return at(degrees, this.arm(this.angles, [STRENGTH * Math.cos(angle), STRENGTH * Math.sin(angle)]).tau[k]);
+    });
+    const now = this.arm(), marks = now.tau.map((tau, k) => ({ kind: "dot", name: ["wrench", "axes"][k], at: at(this.values.angle, tau), label: `τ${"₁₂"[k]}` }));
+    const axis = { kind: "floor", name: "line", width: 1, points: [at(0, 0), at(360, 0)] };
+    return [axis, { kind: "line", name: "wrench", width: 2.5, points: curve(0) }, { kind: "line", name: "axes", width: 2.5, points: curve(1) }, ...this.body(), ...this.arcs(now), this.push(), ...marks];
+  }
+}
+
+class Work extends Arm {
+  state() {
+    const { J, force, tau, ...rest } = this.arm(), { turn: d } = this.values, way = [J[0][0] * d, J[1][0] * d];
+    return { t: this.t, ...rest, J, force, tau, way, turn: d, work_force: force[0] * way[0] + force[1] * way[1], work_torque: tau[0] * d };
+  }
+
+  scene() {
+    const { tip, way, tau, turn: d } = this.state(), [a, b] = this.angles, moved = this.body([a + d, b]).filter(({ kind }) => kind === "solid");
+    const area = (x, y, width, height) => ({ kind: "area", name: "wrench", corners: [[x, y, 0], [x + width, y, 0], [x + width, y + height, 0], [x, y + height, 0]] });
+    const [along, scale] = [-way[0], 0.045];
+    return [
+      ...moved, ...this.body(), this.push(), arrowOf("twist", tip, [...way, 0], "δx", { width: 4, beside: true }), ...this.arcs({ ...this.arm(), tau: [tau[0], 0] }),
+      area(1.35, 0.3, 3 * along, STRENGTH * scale), { kind: "dot", name: "line", at: [1.35, 0.3, 0], label: "f δx", below: true }, area(2.15 + 1.5 * along, 0.3, 3 * d, tau[0] * scale), { kind: "dot", name: "line", at: [2.15 + 1.5 * along, 0.3, 0], label: "τ δθ", below: true },
+    ];
+  }
+
+  numbers() {
+    const { way, work_force, work_torque, tau, turn: d } = this.state();
+    return [["force × way", `${decimal(STRENGTH, 0)} × ${decimal(-way[0], 3)} = ${decimal(work_force, 3)}`, "J", "wrench"], ["torque × angle", `${decimal(tau[0], 0)} × ${decimal(d, 3)} = ${decimal(work_torque, 3)}`, "J", "wrench"]];
+  }
+}
+
+const PULLED = 0.1; // m/s, of the tip towards the shoulder
+
+class Straight extends Arm {
+  get angles() { const bend = radiansOf(this.values.bend); return [SHOULDER + BEND / 2 - bend / 2, bend]; }
+  get force() { const [a, b] = this.angles, angle = a + b / 2; return [-STRENGTH * Math.cos(angle), -STRENGTH * Math.sin(angle)]; }
+
+  state() {
+    const now = super.state(), lever = LINK * Math.sin(radiansOf(this.values.bend) / 2);
+    return { ...now, elbow_rate: lever > 0 ? PULLED / lever : null };
+  }
+
+  numbers() {
+    const { tau, elbow_rate } = this.state();
+    return [["τ₁", decimal(tau[0], 3), "N m", "wrench"], ["τ₂", decimal(tau[1], 3), "N m", "wrench"], ["elbow for 0.1 m/s", elbow_rate === null ? "no speed suffices" : decimal(elbow_rate, 2), elbow_rate === null ? "" : "rad/s", "twist"]];
+  }
+}
+
+const inverseTransposed = ([[a, b], [c, d]], [x, y]) => { const D = a * d - b * c; return [(d * x - c * y) / D, (a * y - b * x) / D]; }; // J⁻ᵀ τ
+
+class Ellipse extends Arm {
+  get tau() { const angle = radiansOf(this.values.angle); return [STRENGTH * Math.cos(angle), STRENGTH * Math.sin(angle)]; }
+  get force() { return inverseTransposed(this.arm(this.angles, [0, 0]).J, this.tau); }
+
+  scene() {
+    const { J, tip } = this.arm(this.angles, [0, 0]), middle = [2.1, 0.75, 0], ring = Array.from({ length: 73 }, (_, k) => (Math.PI * k) / 36);
+    const at = (tau) => add(middle, [...times(0.05, tau), 0]), end = (tau) => add(tip, [...times(0.022, inverseTransposed(J, tau)), 0]), of = (angle) => [STRENGTH * Math.cos(angle), STRENGTH * Math.sin(angle)];
+    return [
+      ...this.body(), { kind: "line", name: "wrench", width: 2.5, points: ring.map((angle) => end(of(angle))) }, { kind: "line", name: "axes", width: 2, points: ring.map((angle) => at(of(angle))) },
+      arrowOf("axes", middle, add(at(this.tau), times(-1, middle)), "τ", { width: 3 }), arrowOf("wrench", tip, add(end(this.tau), times(-1, tip)), "f", { width: 4 }), { kind: "dot", at: middle, name: "axes", label: "" },
+    ];
+  }
+
+  numbers() {
+    const { force, tau } = this.state();
+    return [["τ", vectorText(tau, 2), "N m", "line"], ["f", vectorText(force, 2), "N", "wrench"], ["|f|", decimal(Math.hypot(...force), 2), "N", "wrench"]];
+  }
+}
+
+const PICTURES = { push: Lever, along: Along, turned: Turned, work: Work, straight: Straight, ellipse: Ellipse };
