@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import numpy as np
 import pytest
 from calibration_worlds import ANGLE, CENTRE, NOISE, World, gantry, planar, rail, scara
+from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.calibration import Measurements, measuring_poses
+from twistwrench.cli.main import main
 from twistwrench.core.errors import ModelError, ValueRangeError
 from twistwrench.shapes.capsules import MARGIN, CapsuleDistances, LinkCapsules
 
@@ -132,12 +135,49 @@ def test_the_answer_says_what_was_assumed():
     assert "of 27 groups" in few.verdict.reasons[0] and few.rank < few.theory
 
 
+def test_the_command_is_the_function(tmp_path):
+    """Verdict, sentences, tables and the written file of ``--plan`` are those of ``measuring_poses``, after readings too."""
+    for words, options in (
+        (["--plan", "12", "--floor", "0"], {"count": 12, "floor": 0.0}),
+        (["demo", "--plan", "10", "--towards=2,0.5,1"], {"count": 10, "after": "demo", "towards": (2, 0.5, 1)}),
+        (
+            ["--plan", "14", "--kind", "pose", "--noise", "0.05mm,0.01deg"],
+            {"count": 14, "kind": "pose", "noise": (5e-5, np.radians(0.01))},
+        ),
+    ):
+        data, table = tmp_path / "plan.json", tmp_path / "poses.csv"
+        done = CliRunner().invoke(
+            main, ["calibrate", "ur5", *words, "--json", str(data), "--csv", str(table), "--overwrite"]
+        )
+        plan = measuring_poses("ur5", **options)
+        found, wanted = json.loads(data.read_text()), plan.to_dict()
+        assert done.exit_code == int(plan.verdict.exit_code) == 1
+        assert all(found[name] == wanted[name] for name in ("verdict", "reasons", "facts", "sentences", "tables"))
+        assert table.read_text() == plan.to_csv(tmp_path / "own.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--floor", "0"], "belong to --plan"),
+        (["demo", "demo", "--plan", "12"], "one file"),
+        (["--plan", "12", "--length", "0.5"], "--length belongs to measurements"),
+        (["--plan", "12", "--kind", "distance"], "--towards X,Y,Z"),
+        (["--plan", "2"], "3 to 1,000"),
+    ],
+)
+def test_options_that_do_not_belong_together_are_one_line(words, said):
+    """Exit code 2, and the option to change."""
+    done = CliRunner().invoke(main, ["calibrate", "ur5", *words])
+    assert done.exit_code == 2 and said in done.output and len(done.output.splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
         ({"count": 2}, ValueRangeError, "3 to 1,000"),
         ({"kind": "plane"}, ValueError, "plane"),
-        ({"kind": "distance"}, ValueRangeError, "towards=(x, y, z)"),
+        ({"kind": "distance"}, ValueRangeError, "towards=X,Y,Z"),
         ({"towards": (0.0, np.nan, 0.0)}, ValueRangeError, "towards"),
         ({"floor": 0.9}, ValueRangeError, "random configurations are clear"),
         ({"noise": 0.0}, ValueRangeError, "noise"),

@@ -17,6 +17,7 @@ from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.tables import csv_table
+from ..core.text import Argument, Placeholder
 from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..motion.coordinates import Coordinates
@@ -251,7 +252,10 @@ def measuring_poses(
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
     goal = None if towards is None else arguments.finite(arguments.one(towards, "towards", 3), "towards")
     if kind == "distance" and goal is None:
-        raise ValueRangeError("distances need their fixed end: give towards=(x, y, z) in the base frame [m].")
+        raise ValueRangeError(
+            "distances need their fixed end: give its place in the base frame [m], {0}.",
+            Argument("towards", Placeholder("X,Y,Z")),
+        )
     known = [] if after is None else [as_measurements(after, arm, None, tip, degrees=degrees)]
     existing = CalibrationProblem(chain, tuple(known)).fitted() if known else None
     at, off_axis = _start(chain, existing)

@@ -56,6 +56,8 @@ _HEADINGS = {
 }
 """Headings of the help by option; options that are not named are of the question."""
 _HEADING_OF = {f"--{name}": heading for heading, names in _HEADINGS.items() for name in names.split()}
+_NOT_RARE = {("calibrate", "--plan")}
+"""Options of a command that ask its question, and are rare in others."""
 _FORM, _LINE = 26, 80
 """Widths of the form of an option, and of a line of the short help."""
 
@@ -69,7 +71,8 @@ class GroupedHelp(click.Command):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if isinstance(param, click.Option) and record is not None and not {"--help", "--help-all"} & {*param.opts}:
-                groups[_HEADING_OF.get(param.opts[0], QUESTION)].append(record)
+                asked = (self.name, param.opts[0]) in _NOT_RARE
+                groups[QUESTION if asked else _HEADING_OF.get(param.opts[0], QUESTION)].append(record)
         every = bool(ctx.meta.get(_ALL))
         for heading, records in groups.items():
             if records and (every or heading != RARE):

@@ -8,7 +8,8 @@ from typing import TypeAlias
 
 import click
 
-from ...calibration import CalibratedRobot, FactoryCalibration, calibrate
+from ...calibration import CalibratedRobot, FactoryCalibration, MeasuringPoses, calibrate, measuring_poses
+from ...core.arguments import parse_numbers
 from ...core.errors import ValueRangeError
 from ...core.verdict import Word
 from ..main import option
@@ -17,8 +18,10 @@ from ..shared import RobotOptions
 from ..skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _UNITS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
+_OF_PLANS = ("kind", "degrees", "assume", "noise", "file_accuracy")
+"""Parameters of ``calibrate`` that a plan of readings has too."""
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
-Calibration: TypeAlias = CalibratedRobot | FactoryCalibration
+Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 
 def _sizes(text: str, flag: str) -> list[float]:
@@ -52,17 +55,24 @@ def _files(measurements: tuple[str, ...], test: tuple[str, ...], factory_file: s
     return {**read, "--from": factory_file}
 
 
-def _fitted(found: Calibration) -> CalibratedRobot:
-    assert isinstance(found, CalibratedRobot), "a factory calibration has no residuals"
+def _with_rows(found: Calibration) -> CalibratedRobot | MeasuringPoses:
+    assert not isinstance(found, FactoryCalibration), "a factory calibration has no readings"
     return found
 
 
-def _is_fitted(found: Calibration) -> bool:
-    return isinstance(found, CalibratedRobot)
+def _has_rows(found: Calibration) -> bool:
+    return not isinstance(found, FactoryCalibration)
+
+
+def _calibrated(found: Calibration) -> CalibratedRobot | FactoryCalibration:
+    assert not isinstance(found, MeasuringPoses), "a plan of readings has no robot to write"
+    return found
 
 
 def _objection(found: Calibration, path: str) -> str:
     """Reason why the robot's file is not written."""
+    if isinstance(found, MeasuringPoses):
+        return f"{path} is not written, since nothing is measured yet; --csv writes the configurations."
     if found.verdict.word is Word.LOOK_AGAIN:
         return f"{path} is not written, since the measurements contradict the robot."
     if isinstance(found, CalibratedRobot) and found.verdict.ok and found.needs_nothing:
@@ -75,25 +85,30 @@ def _objection(found: Calibration, path: str) -> str:
     calibrate,
     click.argument("measurements", metavar="[MEASUREMENTS]...", nargs=-1),
     option(
-        "--from FILE", "Start from a UR's factory calibration, calibration.conf, without measurements.", "factory_file"
+        "--from FILE",
+        "Start from a UR's factory calibration, calibration.conf or YAML, without measurements.",
+        "factory_file",
     ),
+    option("--plan N", "Choose N configurations to measure; MEASUREMENTS are what exists already.", type=int),
+    option("--towards X,Y,Z", "Place of the tracker, or of the distances' fixed end, for --plan [m]."),
+    option("--floor Z", "Height of a floor to keep clear of, for --plan [m].", type=float),
     files=(
         OutputFile(
             "--out OUT",
             "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN.",
-            lambda found, path: found.write(path),
+            lambda found, path: _calibrated(found).write(path),
             exists=lambda found: not _objection(found, ""),
             missing=_objection,
         ),
         table_file(
-            lambda found, path: _fitted(found).to_csv(path),
-            "Write the residuals, one row per reading",
-            exists=_is_fitted,
+            lambda found, path: _with_rows(found).to_csv(path),
+            "Write the residuals, one row per reading; with --plan the configurations",
+            exists=_has_rows,
         ),
-        picture_file("Draw errors before and after, and groups with intervals.", exists=_is_fitted),
+        picture_file("Draw errors before and after, and groups with intervals.", exists=_has_rows),
     ),
     report=True,
-    examples=("calibrate ur5 demo", "calibrate ur5 demo --out mine.urdf"),
+    examples=("calibrate ur5 demo", "calibrate ur5 demo --out mine.urdf", "calibrate ur5 --plan 25 --csv poses.csv"),
     left_out={"seed"},
     spellings={"outliers": Spelling("--keep-outliers", {"": "keep"}, "Use readings that contradict the others, too.")},
     kinds={
@@ -104,22 +119,52 @@ def _objection(found: Calibration, path: str) -> str:
     reads=_files,
 )
 def calibrate_command(
-    robot: RobotOptions, asked: Asked, measurements: tuple[str, ...], factory_file: str | None
+    robot: RobotOptions,
+    asked: Asked,
+    measurements: tuple[str, ...],
+    factory_file: str | None,
+    plan: int | None,
+    towards: str | None,
+    floor: float | None,
 ) -> Calibration:
     """Fit zeros, axes, lengths, tip and target of an arm to measurements of its tip, with intervals and held-out error.
 
     MEASUREMENTS are CSV files with the joints' positions and x,y,z (perhaps with qw,qx,qy,qz, or rx,ry,rz, or
-    roll,pitch,yaw), or distance, or touches; 'demo' is bundled. --from takes none.
+    roll,pitch,yaw), or distance, or touches; 'demo' is bundled. --from and --plan need none.
     Exit code: 1 for UNSURE and LOOK AGAIN.
     """
     if measurements and factory_file:
         raise ValueRangeError(
             "--from takes a UR's factory calibration in place of MEASUREMENTS. Leave one of them out."
         )
+    if plan is None and (towards is not None or floor is not None):
+        raise ValueRangeError("--towards and --floor belong to --plan N. Add it, or leave them out.")
+    if plan is not None:
+        return _planned(robot, asked, measurements, plan, towards, floor)
     if factory_file:
         return FactoryCalibration.from_file(robot.load(), Path(factory_file), robot.tip)
     if not measurements:
         raise ValueRangeError(
-            "Missing MEASUREMENTS: a CSV file of readings, or 'demo'; or --from calibration.conf of a UR."
+            "Missing MEASUREMENTS: a CSV file of readings, or 'demo'; or --from calibration.conf of a UR, or --plan N."
         )
     return calibrate(robot.load(), list(measurements), tip=robot.tip, **asked)
+
+
+def _planned(
+    robot: RobotOptions,
+    asked: Asked,
+    measurements: tuple[str, ...],
+    plan: int,
+    towards: str | None,
+    floor: float | None,
+) -> MeasuringPoses:
+    """Configurations to measure after at most one file of readings."""
+    if len(measurements) > 1:
+        raise ValueRangeError(f"--plan takes one file of existing readings, and {len(measurements)} are given.")
+    if ignored := [name for name in ("test", "length") if asked.get(name)]:
+        raise ValueRangeError(f"--{ignored[0]} belongs to measurements. Leave it out with --plan.")
+    shared = {name: asked[name] for name in _OF_PLANS if name in asked}
+    if towards is not None:
+        shared["towards"] = parse_numbers(towards, "--towards", "X,Y,Z in m", 3)
+    after = measurements[0] if measurements else None
+    return measuring_poses(robot.load(), plan, tip=robot.tip, after=after, floor=floor, **shared)
