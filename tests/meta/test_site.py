@@ -166,10 +166,15 @@ def test_search_finds_the_page_that_answers(site):
 
 def test_sections_of_the_book_are_pages_to_drag(site):
     text = (site / "book-pages.html").read_text("utf-8")
-    for page in (site / "book").glob("*.html"):
-        assert f"book/{page.name}" in text and (page.parent / f"{page.stem}.webp").exists()
-        assert "const PROGRAMS" in page.read_text("utf-8")
-    assert (site / "book" / "8.1.3.html").exists()
+    pages = {page.stem: page.read_text("utf-8") for page in (site / "book").glob("*.html")}
+    articles = {stem.removesuffix("-robot") for stem in pages if stem.endswith("-robot")}
+    for stem, page in pages.items():
+        number = stem.removesuffix("-robot")
+        assert f"book/{number}.html" in text and (site / "book" / f"{number}.webp").exists()
+        assert ("const PROGRAMS" in page) == (stem not in articles)
+    for number in articles:  # an article leads to the page with a robot
+        assert f'href="{number}-robot.html"' in pages[number]
+    assert "8.1.3" in pages and "8.2" in articles
 
 
 def test_methods_and_commands_are_documented_there(site):
