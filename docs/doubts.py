@@ -9,6 +9,7 @@ from pathlib import Path
 
 from twistwrench.answers.sentences import SENTENCES
 from twistwrench.core.doubts import DoubtKind, doubt_table
+from twistwrench.core.text import spoken, words_of_the_shell
 from twistwrench.motion.load_case import limits_remedy
 
 PAGE = Path(__file__).with_name("unsure.md")
@@ -122,6 +123,7 @@ _OTHER = (
 """Reasons outside the table of doubts: words, cause and remedy. Each piece of the words occurs in a source file."""
 
 
+@words_of_the_shell()
 def page() -> str:
     """The page, as it has to be."""
     kinds = [k for k in doubt_table().values() if k.level != "note" or "UNSURE" in k.threshold]
@@ -200,8 +202,7 @@ def _row(kind: DoubtKind) -> tuple[str, ...]:
 
 def _words(text: str) -> str:
     """A sentence with … for its names and numbers, as Markdown."""
-    of_python = re.sub(r"<(\w+=[^<>|]+)(\|[\w-]+)?>", r"\1", text)
-    shown = re.sub(r"\{\w+\}", "…", of_python).strip().rstrip(":")
+    shown = re.sub(r"\{\w+\}", "…", spoken(text)).strip().rstrip(":")
     return (
         re.sub(r"…+", "…", shown.replace("[…]", "[unit]")).replace("<", "&lt;").replace("_0", "₀").replace("*", r"\*")
     )

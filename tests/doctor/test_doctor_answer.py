@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 
 RUNS = {
     "sound": ("ur5", {}, []),
@@ -19,6 +20,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
+@words_of_the_shell()
 def test_the_function_and_the_command_give_the_same_answer(name, tmp_path):
     robot, arguments, words = RUNS[name]
     path = tmp_path / "answer.json"

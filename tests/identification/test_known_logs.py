@@ -211,7 +211,7 @@ def test_a_delay_that_the_caller_leaves_in_is_not_said_to_be_taken_off():
     found = identify(ARM, late, **GIVEN, shift=0.0)
     (doubt,) = [doubt for doubt in found.doubts if doubt.kind == "late"]
     assert doubt.refuses and abs(doubt.value - 50.0) < 2.0 and found.settings.shift == 0.0
-    assert "The fit has 0.000 s in its place: give --shift 0.0" in doubt.sentence
+    assert "The fit has 0.000 s in its place: give shift=0.0" in doubt.sentence
 
 
 @pytest.mark.parametrize("sides", mostly_slow([((-1.0, 1.0),), ((-np.inf, 1.0),), ((-1.0, np.inf),)], 3))

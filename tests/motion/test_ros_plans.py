@@ -194,7 +194,7 @@ def test_the_topic_with_most_messages_is_read_and_another_by_its_name(tmp_path, 
     two_topics(tmp_path / "two.mcap")
     motion = tw.Motion.from_file(tmp_path / "two.mcap", ARM)
     assert np.abs(motion.q - Q - 1).max() < 1e-12
-    assert "Read from topic /joint_states, which has most messages; --topic chooses another: /plan." in motion.notes
+    assert "Read from topic /joint_states, which has most messages; topic=… chooses another: /plan." in motion.notes
     planned = tw.Motion.from_file(tmp_path / "two.mcap", ARM, topic="/plan")
     assert len(planned) > 900 and not any("most messages" in note for note in planned.notes)
     monkeypatch.chdir(tmp_path)

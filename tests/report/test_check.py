@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 
 UR5 = tw.robots.path_of("ur5")
 DEMO = UR5.with_name("ur5_demo.csv")
@@ -40,6 +41,7 @@ def command(*words: str, folder):
 
 
 @pytest.mark.parametrize("name", RUNS)
+@words_of_the_shell()
 def test_the_function_and_the_command_give_the_same_answer(name, tmp_path):
     arguments, words = RUNS[name]
     result, printed = command("ur5", "--trajectory", "demo", *words, folder=tmp_path)

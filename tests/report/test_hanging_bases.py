@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 from twistwrench.mechanics.model.legs import hanging_base
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
@@ -78,6 +79,7 @@ def test_the_remedy_of_a_payload_that_is_unsure_of_its_base_is_answered(dog):
     assert run(*words, "--fixed-base")[1].startswith("OK: ")
 
 
+@words_of_the_shell()
 def test_an_excess_of_a_dog_held_in_the_air_is_not_certain(dog, tmp_path):
     """Its torques are those of a robot that hangs, by every command; with the base stated, the excess is certain."""
     file, log, _ = dog
@@ -254,6 +256,7 @@ def test_edits_keep_the_statement():
     assert hanging_base(floating.lock({"root_joint": floating.neutral[:7]}).model) is None
 
 
+@words_of_the_shell()
 def test_the_page_of_a_hanging_dog_says_what_the_command_says(dog, tmp_path):
     file, log, _ = dog
     robot = tw.load(file)

@@ -10,7 +10,6 @@ import pytest
 from motions import report_of, write_motion, write_positions
 
 from twistwrench import ValueRangeError, load, robots
-from twistwrench.cli.main import main, with_option_names
 from twistwrench.mechanics.model.inertia_checks import massless_links
 from twistwrench.motion.load_case import parse_payload, parse_wrenches
 from twistwrench.motion.model_doubts import missing_force
@@ -81,23 +80,6 @@ def test_bad_input_exits_2_with_one_line(run, case):
     assert code == 2, text
     (line,) = [x for x in text.splitlines() if x.startswith("error: ")]
     assert said in line
-
-
-@pytest.mark.parametrize(
-    ("command", "text", "said"),
-    [
-        ("torques", "load with inertia='repair' to", "load with --inertia repair to"),
-        ("torques", "Load with tip=…, or name the frame in the call.", "Load with --tip, or name"),
-        ("torques", "the name that floating_base=True gives", "the name that --floating-base gives"),
-        ("torques", "Pass limits=, or q=[0, 1].", "Pass --limits, or q=[0, 1]."),
-        ("export", "It needs precision='double'.", "It needs no --float."),
-        ("export", "or pass test=False.", "or pass --no-test-program."),
-        ("convert", "or overwrite=True.", "or --overwrite."),
-        ("export", "or overwrite=True.", "or overwrite=True."),
-    ],
-)
-def test_errors_speak_of_the_options_of_the_command(command, text, said):
-    assert said in with_option_names(text, main.get_command(None, command))
 
 
 def test_the_verdict_and_the_limits_of_the_page_are_in_degrees_if_asked(run, tmp_path):

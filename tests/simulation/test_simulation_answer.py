@@ -1,5 +1,6 @@
 """The result of a simulation as an answer: the command's verdict, text, data and page."""
 
+import html
 import json
 import re
 
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 
 RUNS = {
     "fall": ("ur5", {"duration": 0.2}, ["--duration", "0.2"], "DONE"),
@@ -35,6 +37,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
+@words_of_the_shell()
 def test_the_method_and_the_command_give_the_same_answer(name, tmp_path):
     robot, arguments, words, verdict = RUNS[name]
     path = tmp_path / "answer.json"
@@ -56,7 +59,7 @@ def test_every_surface_has_the_word_and_the_sentence(tmp_path):
     assert answer.headline.startswith("OVER LIMIT: ")
     assert re.sub(r"\s+", " ", str(answer)).startswith(answer.headline)
     for text in (answer.to_html(tmp_path / "page.html").read_text("utf-8"), answer._repr_html_()):
-        assert sentence in re.sub(r"<[^>]+>", "", text)
+        assert sentence in html.unescape(re.sub(r"<[^>]+>", "", text))
     assert json.loads(answer.to_json())["reasons"] == list(answer.verdict.reasons)
     assert answer.tables["Coordinates"].to_dict()["end"] == answer.q[-1].tolist()
     with pytest.raises(TypeError, match=r"verdict\.ok"):

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 
 POSE = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.9}
 WORDS = ["--at", "shoulder_lift_joint=-0.6", "--at", "elbow_joint=0.9"]
@@ -35,6 +36,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
+@words_of_the_shell()
 def test_the_function_and_the_command_give_the_same_answer(name, tmp_path):
     robot, arguments, words = RUNS[name]
     file = tmp_path / "report.json"

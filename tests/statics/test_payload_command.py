@@ -247,7 +247,10 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--plot", "out.nope"], "cannot draw"),
         (["quadruped"], "needs a fixed base"),
         (["quadruped", "--frame", "FL_foot"], "needs a fixed base"),
-        (["quadruped", "--frame", "FL_foot"], "(in the shell: --fixed-base, without --floating-base)"),
+        (
+            ["quadruped", "--frame", "FL_foot"],
+            "With --fixed-base the answer is that of a robot whose base a stand holds",
+        ),
         (["quadruped", "--frame", "FL_foot", "--at", "1"], "JOINT=VALUE, as FL_hip_joint=0.5"),
         (["quadruped", "--frame", "FL_foot", "--at", "=1"], "JOINT=VALUE, for example FL_hip_joint=0.5"),
         (["quadruped", "--fixed-base"], "the frame of the payload must be named: --frame FRAME"),

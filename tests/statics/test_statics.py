@@ -142,7 +142,7 @@ def test_growth_is_the_interval_within_limits():
 
 def test_without_limits_the_error_says_to_pass_them(arm):
     for call in (statics.largest_payload, statics.wrench_polytope, statics.weakest_direction):
-        with pytest.raises(tw.ValueRangeError, match=r"has no effort limits.*Pass limits= with 2 numbers"):
+        with pytest.raises(tw.ValueRangeError, match=r"has no effort limits.*Pass limits=… with 2 numbers"):
             call(arm, [0.0, 0.0])
 
 

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 
 START, END = [0, -1.2, 1.5, -0.3, 1.5, 0], [1.2, -0.8, 1.1, -0.9, 1.2, 1]
 WORDS = ["--from=0,-1.2,1.5,-0.3,1.5,0", "--to", "1.2,-0.8,1.1,-0.9,1.2,1"]
@@ -42,6 +43,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
+@words_of_the_shell()
 def test_the_function_and_the_command_give_the_same_answer(name, tmp_path):
     robot, arguments, words = RUNS[name]
     file = tmp_path / "report.json"

@@ -239,7 +239,7 @@ def test_the_assumption_of_a_tip_is_said_at_every_payload_of_the_slider(tmp_path
     for payloads in ((), (Payload(2.0),)):
         page = page_of(report_of(robot, log, *payloads), tmp_path / f"page{len(payloads)}.html")
         assert under_node(page, SAY, [under(mass) for mass in masses]) == expected
-    assert "Assumption: 1.25 kg at c (one of 3 tips; --tip)" in expected[2]
+    assert "Assumption: 1.25 kg at c (one of 3 tips; tip=…)" in expected[2]
 
 
 @pytest.mark.slow

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from ..core.text import spoken
+
 SENTENCES = MappingProxyType(
     {
         "over": "{joint} needs {peak}{doubt} {unit} at t = {time} s, {share} of its limit ({limit} {unit}){because}",
@@ -17,15 +19,18 @@ SENTENCES = MappingProxyType(
         "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit "
         "({limit} {unit})",
         "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
-        "hanging": "the base ({base}) is held in the air; a standing robot: --floating-base, one on a stand: --fixed-base",
-        "hangs, payload": "the base ({base}) is held in the air; if a stand holds it: --fixed-base. What a robot that "
+        "hanging": "the base ({base}) is held in the air; a standing robot: <floating_base=True>, one on a "
+        "stand: <floating_base=False|fixed-base>",
+        "hangs, payload": "the base ({base}) is held in the air; if a stand holds it: <floating_base=False|fixed-base>. "
+        "What a robot that "
         "stands on the ground can carry is not computed",
         "hangs": "as it hangs {word}: {excess}",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",
         "no contact": "{words}, so contacts are missing from the torques",
-        "contact": "{words}. The joints' torques lack what contacts take: constant wrenches are given with --wrench-on-robot "
-        "FRAME:…, others in Python, to robot.inverse_dynamics. If something holds the base in truth, as a stand does, the "
+        "contact": "{words}. The joints' torques lack what contacts take: constant wrenches are given with "
+        "<wrench_on_robot=...>, "
+        "others in Python, to robot.inverse_dynamics. If something holds the base in truth, as a stand does, the "
         "torques are right.",
         "unlimited": "no torque limit for {joints}, which cannot be judged; {remedy}",
         "some": "{count} of {all} joints{named}",
@@ -48,4 +53,9 @@ def sentence(name: str, **words: str) -> str:
     >>> sentence("because", cause="payload", share="63 %")
     '. Largest part: payload, 63 %'
     """
-    return SENTENCES[name].format(**words)
+    return spoken(SENTENCES[name]).format(**words)
+
+
+def spoken_sentences() -> dict[str, str]:
+    """All templates, with arguments as the caller types them."""
+    return {name: spoken(text) for name, text in SENTENCES.items()}

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from ..core.errors import ModelError, ValueRangeError
-from ..core.text import listed
+from ..core.text import argument, listed
 from ..core.typing import Array
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.adjoint import Ad
@@ -67,7 +67,8 @@ class TipChain:
         model = robot.model
         if tip is None and robot.tip is None:
             raise ModelError(
-                f"robot {model.name!r} has no single tip, so the frame at the target must be named: tip='FRAME'. "
+                f"robot {model.name!r} has no single tip, so the frame at the target must be named: "
+                f"{argument('tip', 'FRAME')}. "
                 f"Its leaves: {listed(model.leaves)}."
             )
         frame = str(robot.tip if tip is None else tip)

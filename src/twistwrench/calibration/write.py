@@ -14,6 +14,7 @@ import numpy as np
 from ..core.errors import ModelError, RobotFileError
 from ..core.files import as_path, replacing
 from ..core.numbers import number
+from ..core.text import argument
 from ..core.typing import Array
 from ..core.version import __version__
 from ..formats.edit import TextChanges, encoded
@@ -54,7 +55,7 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
     for link in links:
         if link not in editable.links:
             raise ModelError(
-                f"the file has no {editable.noun} {link!r} whose place could be written. Name another tip=…."
+                f"the file has no {editable.noun} {link!r} whose place could be written. Name another: {argument('tip')}."
             )
         parent = editable.parent(link)
         before, after = (_placement(model, link, parent) for model in (original.model, calibrated.model))

@@ -11,7 +11,6 @@ import io
 import logging
 import os
 import re
-import shlex
 import signal
 import sys
 import tempfile
@@ -187,9 +186,6 @@ def use_utf8() -> None:
 
 
 # ── Errors: one line and an exit code each, in terms of options
-
-_KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
-"""Keyword argument in a message of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
 
 _REFUSED = tuple(
     getattr(errno, name)
@@ -385,37 +381,6 @@ def _handling(number: signal.Signals, handler: Callable[..., None], defaults: Se
         signal.signal(number, before)
 
 
-def with_option_names(text: str, command: click.Command | None = None) -> str:
-    """Replace keyword arguments in a message of the library by options of the running command.
-
-    An option replaces the keyword argument with its own name or its parameter's name. Messages of commands in a group, such as
-    ``sensor``, may refer to options of other commands of the group.
-    """
-    context = click.get_current_context(silent=True)
-    command = command or (context.command if context else None)
-    group = context.parent.command if context and context.parent and context.parent.parent else None
-    siblings = list(group.commands.values()) if isinstance(group, click.Group) else []
-    known: dict[str, click.Option] = {}
-    for option in (option for each in (*siblings, command) if each for option in each.params):
-        if isinstance(option, click.Option):
-            known |= {option.opts[0].removeprefix("--").replace("-", "_"): option, str(option.name): option}
-
-    def replacement(found: re.Match[str]) -> str:
-        name, word, truth = found["name"], found["word"], found["truth"]
-        if truth == "False" and name in known and known[name].secondary_opts:
-            return known[name].secondary_opts[0]
-        if truth == "False":
-            name = f"no_{name}"
-        option = known.get(name)
-        if option is None:
-            return found[0]
-        if option.is_flag and word is not None:
-            return option.opts[0] if option.flag_value == word else f"no {option.opts[0]}"
-        return option.opts[0] if word is None else f"{option.opts[0]} {shlex.quote(word)}"
-
-    return _KEYWORD.sub(replacement, text)
-
-
 # ── Errors and warnings of the library
 
 
@@ -425,14 +390,14 @@ def plain_errors() -> Iterator[None]:
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # our errors already report broken meshes
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
-        warnings.showwarning = lambda message, *_args, **_rest: note(with_option_names(str(message)))
+        warnings.showwarning = lambda message, *_args, **_rest: note(str(message))
         try:
             with words_of_the_shell():
                 yield
         except TwistWrenchError as error:
             for hint in getattr(error, "__notes__", ()):
                 note(hint)
-            click.echo(f"error: {' '.join(with_option_names(error.in_shell()).split())}", err=True)
+            click.echo(f"error: {' '.join(error.in_shell().split())}", err=True)
             sys.exit(ExitCode.BAD_INPUT)
 
 
@@ -516,7 +481,7 @@ def check_matplotlib() -> None:
     """Raise if a picture cannot be drawn, before a long run."""
     from ..viz.style import require_matplotlib
 
-    require_matplotlib("Drawing the report (--plot)")
+    require_matplotlib("Drawing the report")
 
 
 def examples_text(*lines: str) -> str:

@@ -18,7 +18,7 @@ from ..robot.doors import clearance_along
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
 from . import shared
-from .main import noted_if_failed, option, with_option_names
+from .main import noted_if_failed, option
 from .shared import RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
@@ -143,7 +143,7 @@ def simulate_command(
     if load.contradictions:
         return RefusedSimulation(load.robot.name, tuple(load.contradictions))
     loaded, degrees = load.with_load, robot.degrees
-    q0 = configuration_of(loaded, at, what="--at", degrees=degrees)
+    q0 = configuration_of(loaded, at, degrees=degrees)
     dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
     tau = parse_rates(loaded, torque, "--torque", degrees=False) if torque else None
     planes = _planes(loaded, touch, ground, contact)
@@ -167,7 +167,7 @@ def simulate_command(
             raise
     apart = clearance_along(loaded, [(result.times, result.q)], clearance, srdf)
     return replace(
-        result, friction=load.friction, degrees=degrees, stopped=with_option_names(result.stopped),
+        result, friction=load.friction, degrees=degrees,
         remarks=(*result.remarks, *hints), clearance=apart, interrupted=interrupted,
     )  # fmt: skip
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ..core.errors import ValueRangeError
+from ..core.text import words_of_the_shell
 from ..reports.check import check
 from ..reports.checked_motions import CheckedMotion, CheckedMotions, checked_motions, expanded_paths
 from ..reports.torque_report import TorqueReport
@@ -154,7 +155,11 @@ class BatchTorques:
     logs: tuple[str, ...]
 
     def answer(self, path: str) -> CheckedMotion:
-        """Line of the motion in this file."""
+        """Line of the motion in this file; another process speaks as the command does."""
+        with words_of_the_shell():
+            return self._answer(path)
+
+    def _answer(self, path: str) -> CheckedMotion:
         return CheckedMotion.from_report(path, answer_of(self.robot, self.log, self.asked, Path(path), self.logs))
 
 

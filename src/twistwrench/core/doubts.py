@@ -5,8 +5,6 @@ The rows are data in ``doubts.toml``. A test that finds a cause creates a :class
 
 from __future__ import annotations
 
-import ast
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -14,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .errors import UnknownNameError
-from .text import Argument, spelled
+from .text import Argument, spelled, spoken
 from .verdict import Verdict
 
 Level = Literal["refuse", "unsure", "note"]
@@ -142,19 +140,6 @@ class Doubt:
         return own | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
 
 
-_ARGUMENT = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
-
-
-def _with_arguments(template: str) -> str:
-    """Template with its arguments in the words of Python or of the shell."""
-
-    def replacement(found: re.Match[str]) -> str:
-        name, value, option = found.groups("")
-        return spelled(Argument(name, ast.literal_eval(value), option)).replace("{", "{{").replace("}", "}}")
-
-    return _ARGUMENT.sub(replacement, template)
-
-
 def doubt(
     kind: str,
     joints: Sequence[str] = (),
@@ -175,7 +160,7 @@ def doubt(
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
     spelt = {name: spelled(word) if isinstance(word, Argument) else word for name, word in words.items()}
     said = " ".join(
-        _with_arguments(text).format(**{"joints": ", ".join(joints) if named is None else named} | spelt)
+        spoken(text).format(**{"joints": ", ".join(joints) if named is None else named} | spelt)
         for text in (row.sentence, row.remedy)
         if text
     )

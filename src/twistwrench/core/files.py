@@ -15,6 +15,7 @@ from typing import Any
 
 from .arguments import shown
 from .errors import ValueRangeError
+from .text import Argument
 
 MOST_BYTES = 64 * 2**20
 """Default size limit of a reader [bytes]."""
@@ -158,9 +159,9 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
                         f"{name} {str(given)!r} would overwrite the file of {other}. Give another name."
                     )
             _check_writable(path)
-            if name == "--csv" and path.suffix.lower() in _SHEETS:
+            if name.endswith("csv") and path.suffix.lower() in _SHEETS:
                 raise ValueRangeError(
-                    f"--csv {str(given)!r}: CSV is written, which spreadsheets do not open under the ending "
+                    f"{name} {str(given)!r}: CSV is written, which spreadsheets do not open under the ending "
                     f"{path.suffix}. Name it {path.with_suffix('.csv').name!r}."
                 )
         except (OSError, RuntimeError) as problem:  # name too long, circular links
@@ -176,7 +177,9 @@ def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
     """
     target = as_path(path)
     if target.is_file() and not overwrite:
-        raise ValueRangeError(f"{str(target)!r} is there already. Give another name, or overwrite=True.")
+        raise ValueRangeError(
+            f"{str(target)!r} is there already. Give another name, or {{0}}.", Argument("overwrite", True)
+        )
     return target
 
 

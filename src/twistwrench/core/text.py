@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import unicodedata
@@ -107,6 +108,8 @@ class Argument:
     """Value to give; ``...`` for the argument alone, None for a function of Python that an option of a command stands for."""
     option: str = ""
     """Name of the option, where it differs from the argument's."""
+    alone: bool = False
+    """True if the option stands for the value too."""
 
 
 _OF_COMMAND: ContextVar[bool] = ContextVar("of_command", default=False)
@@ -144,16 +147,27 @@ def spelled(argument: Argument, *, shell: bool | None = None) -> str:
         shown = "…" if value is ... else str(value) if isinstance(value, Placeholder) else repr(value)
         return f"{argument.name}={shown}"
     name = argument.option or argument.name.replace("_", "-")
-    if value is False:
+    if value is False and not argument.option:
         return f"--no-{name}"
-    if value is ... or value is True or value is None:
+    if value is ... or value is None or isinstance(value, bool) or argument.alone:
         return f"--{name}"
     if isinstance(value, Mapping):
         text = ",".join(f"{quoted(key)}={quoted(str(one))}" for key, one in value.items())
         of_words = any(isinstance(x, str) for x in value.values()) and "'" not in text
         return f"--{name} '{text}'" if of_words else f"--{name} {shlex.quote(text)}"
     parts = value if isinstance(value, tuple) else (value,)
-    return " ".join([f"--{name}", *(shlex.quote(str(part)) for part in parts)])
+    return " ".join(
+        [f"--{name}", *(part if isinstance(part, Placeholder) else shlex.quote(str(part)) for part in parts)]
+    )
+
+
+def argument(name: str, value: object = ..., *, option: str = "") -> str:
+    """Argument of a function, or the option of a command, as the caller types it.
+
+    >>> argument("tip"), argument("inertia", "repair")
+    ('tip=…', "inertia='repair'")
+    """
+    return spelled(Argument(name, value, option))
 
 
 def quoted(name: str) -> str:
@@ -163,6 +177,31 @@ def quoted(name: str) -> str:
     ('a', '"a, b"')
     """
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',="') or name.startswith("@") else name
+
+
+_MARKED = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
+
+
+def spoken(template: str) -> str:
+    """Template of a table with its arguments ``<name=value>`` or ``<name=value|option>`` as the caller types them.
+
+    >>> spoken("with <friction=False> or <inertia=True|with-inertia>")
+    'with friction=False or inertia=True'
+    """
+
+    def replacement(found: re.Match[str]) -> str:
+        name, value, option = found.groups("")
+        given = ast.literal_eval(value)
+        if isinstance(given, str):  # it may have places of the template
+            return spelled(Argument(name, Placeholder(given) if in_the_shell() else given, option))
+        return spelled(Argument(name, given, option)).replace("{", "{{").replace("}", "}}")
+
+    return _MARKED.sub(replacement, template)
+
+
+def in_the_shell() -> bool:
+    """True while a command runs: its texts name options and commands in place of arguments and functions."""
+    return _OF_COMMAND.get()
 
 
 def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool | None = None) -> str:

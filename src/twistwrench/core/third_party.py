@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .errors import MissingExtraError, ShapeError, TwistWrenchError, ValueRangeError
+from .text import argument
 from .typing import Array
 
 Item = TypeVar("Item")
@@ -214,7 +215,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
         yield Workers()
         return
     if workers is not None and scheduler is not None:
-        raise ValueRangeError("both workers= and scheduler= are given. Choose one.")
+        raise ValueRangeError(f"both {argument('workers')} and {argument('scheduler')} are given. Choose one.")
     if workers is not None and not 1 <= workers <= 4096:
         raise ValueRangeError(
             f"{workers!r} is not a valid number of workers. Give 1 or more; this machine has {os.cpu_count()} cores."

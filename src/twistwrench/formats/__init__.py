@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core.arguments import integer
 from ..core.errors import ModelError, RobotFileError, ValueRangeError
-from ..core.text import bounded_message
+from ..core.text import argument, bounded_message
 from ..mechanics.model.assembly import DEFAULT_SNAP
 from ..mechanics.model.model import Model
 from .robot_file import USD, RobotFile
@@ -159,9 +159,12 @@ def _expanded(
         return expand_xacro(text, path, arguments or {}, folders, found)
     if found:
         raise RobotFileError(
-            f"{found}, which is expanded only on request in files that do not end in .xacro. Load it with xacro=True, or run "
+            f"{found}, which is expanded only on request in files that do not end in .xacro. Load it with "
+            f"{argument('xacro', True)}, or run "
             f"{EXPAND} and load robot.urdf."
         )
     if arguments:
-        raise ValueRangeError(f"xacro= is of xacro files, and this one is not: <{root.tag}>, {root.place}.")
+        raise ValueRangeError(
+            f"{argument('xacro')} is of xacro files, and this one is not: <{root.tag}>, {root.place}."
+        )
     return None

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..core.errors import ModelError, RobotFileError
+from ..core.text import argument
 from .source import DECLARED_ENCODING, MAX_BYTES
 from .xml import BLANK, Element, Place, without_loose_declaration
 
@@ -86,7 +87,7 @@ def edited(
     for start, end, new in sorted(changes):
         if start < at:
             raise RobotFileError(
-                "two repairs change the same number of the file. Repair one check at a time, with only=…."
+                f"two repairs change the same number of the file. Repair one check at a time, with {argument('only')}."
             )
         parts += [text[at:start], new]
         at = end

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import RobotFileError, UnknownNameError
-from ..core.text import listed
+from ..core.text import argument, listed
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.screw_joint import screw_through
@@ -258,7 +258,7 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
     moving = [pair for pair in models if not is_true(pair[0], "static")]
     if len(moving) > 1:
         names = listed(repr(one.text("name")) for one, _ in moving)
-        raise root.error(f"has {len(moving)} models that can move: {names}. Say which, model=….")
+        raise root.error(f"has {len(moving)} models that can move: {names}. Say which, {argument('model')}.")
     if not models:
         raise root.error("has no <model>.")
     return (moving or models)[0]
@@ -319,7 +319,7 @@ class _SdfReader:
             else:
                 self.builder.add_joint(joint, "fixed", WORLD, name, placement=T, where=link.place)
                 if self.floating_base is None and not is_true(self.model, "static"):
-                    self.builder.note(link, "is held by no joint, so it is fixed; floating_base=True lets it float")
+                    self.builder.note(link, "is held by no joint, so it is fixed; a floating base lets it float")
 
     def _inertia(self, link: Element) -> SpatialInertia:
         inertial = link.child("inertial")

@@ -21,7 +21,7 @@ from ..core.child_process import ChildLimits, run_in_child, sandboxed
 from ..core.errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
-from ..core.text import clipped, listed
+from ..core.text import argument, clipped, listed
 from ..core.third_party import captured_stderr, reason_of, third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -312,7 +312,7 @@ class UsdTree:
             return by_name[model]
         if len(roots) > 1:
             paths = listed(prim.GetPath() for prim in roots)
-            raise RobotFileError(f"it has {len(roots)} articulations: {paths}. Say which, model=….")
+            raise RobotFileError(f"it has {len(roots)} articulations: {paths}. Say which, {argument('model')}.")
         return roots[0] if roots else None
 
     def joints(self) -> tuple[list[TreeJoint], list[Any], Any]:

@@ -30,7 +30,7 @@ from ..core.doubts import Doubt, Level, doubt, doubt_table
 from ..core.estimation.covariance import student_quantile
 from ..core.estimation.least_squares import MAD
 from ..core.numbers import number, percent, seconds
-from ..core.text import listed
+from ..core.text import Argument, Placeholder, listed, spelled
 from ..core.typing import Array
 from . import causes
 from .cause_fit import LEAST_S, CauseFit, ScreenedCause, cause_columns, law_columns, screened, screened_changes
@@ -481,7 +481,8 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
         if abs(delay - taken_off) <= max(_SAME_DELAY[0], _SAME_DELAY[1] * abs(delay)):
             words["taken"] = "The offset is taken off."
         else:
-            words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give --shift {seconds(delay, 3)}."
+            shift = spelled(Argument("shift", Placeholder(seconds(delay, 3))))
+            words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give {shift}."
             own = level
     found = {
         "value": value,

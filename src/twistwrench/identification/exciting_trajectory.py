@@ -18,6 +18,7 @@ from ..core.blas_threads import one_blas_thread
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
+from ..core.text import argument
 from ..core.typing import Array, Metres, Seconds
 from ..core.verdict import Verdict
 from ..mechanics.model.couplings import refuse_couplings
@@ -486,7 +487,7 @@ def _bounds(
     if free.any():
         raise ValueRangeError(
             f"nothing limits how far and how fast joint {names[int(free.argmax())]!r} of {robot.name!r} moves. Give "
-            "acceleration=…, or limits of velocity in its file."
+            f"{argument('acceleration')}, or limits of velocity in its file."
         )
     return bounds
 

@@ -26,7 +26,7 @@ from ..core.doubts import undetermined_table
 from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent
-from ..core.text import listed
+from ..core.text import argument, listed, spoken
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.joints.units import units_of
@@ -136,7 +136,7 @@ class UnknownParameters:
         if any(actuator.rotor is not None for actuator in robot.actuators.values()):
             raise ModelError(
                 f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
-                "robot without them, and their file as actuators=…."
+                f"robot without them, and their file as {argument('actuators')}."
             )
         if robot.model.couplings:
             if self.motor_side is not None and len(self.motor_side.coupled_rates):
@@ -536,7 +536,7 @@ def undetermined(base: BaseParameters, left: float) -> dict[str, str]:
     }
     joints = {name: listed([names[k] for k in which]) for name, which in (("zero", zeros), ("sign-of-both", signs))}
     return {
-        name: " ".join(text.format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
+        name: " ".join(spoken(text).format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
         for name, texts in undetermined_table().items()
         if here[name]
     }

@@ -13,6 +13,7 @@ import numpy as np
 from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.files import as_path, replacing
 from ..core.numbers import number, percent
+from ..core.text import argument
 from ..core.verdict import Word
 from ..core.version import __version__
 from ..diagnosis.parsed_file import Subject, read_subject
@@ -328,7 +329,9 @@ def write_identified(
 ) -> tuple[str, ...]:
     """Write both files and return the notes; raises as :meth:`IdentifiedRobot.write` does, without writing."""
     if found.verdict.word is Word.LOOK_AGAIN and not force:
-        raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
+        raise ValueRangeError(
+            f"nothing is written after {found.verdict}. Pass {argument('force', True)} to write all the same."
+        )
     if found.payload_frame is not None:
         raise ValueRangeError(
             "a payload alone is not a robot to write. Take found.payload, or with_payload of the robot."

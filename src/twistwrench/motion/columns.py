@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.errors import TrajectoryError, UnknownNameError
-from ..core.text import Argument, Placeholder, ReadingNote, listed
+from ..core.text import Argument, Placeholder, ReadingNote, argument, listed
 from ..core.typing import Array
 from .column_names import (
     CURRENT,
@@ -227,7 +227,9 @@ class Assignment:
         found: dict[tuple[str, int], Choice] = {}
         for key, name in self.in_order(self.of_this_log(columns, known)).items():
             if key not in known:
-                raise UnknownNameError.from_choices("coordinate (of columns=…)", key, ["time", *self.names["q"]])
+                raise UnknownNameError.from_choices(
+                    f"coordinate (of {argument('columns')})", key, ["time", *self.names["q"]]
+                )
             if known[key] in found:
                 raise TrajectoryError(
                     f"{self.where}: {{0}} assigns {key!r} twice. Keep one of them.", Argument("columns")
@@ -263,7 +265,7 @@ class Assignment:
         names, gains = self.names["tau"], self.reading.gain or {}
         for name in gains:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
-                raise UnknownNameError.from_choices("joint (of gain=…)", name, names)
+                raise UnknownNameError.from_choices(f"joint (of {argument('gain')})", name, names)
         for k, choice in self.given["tau"].items():
             ampere = 1.0 if choice.unit is None else current_factor(choice.unit)
             known = gains.get(f"{names[k]}.{CURRENT}") if choice.unit is not None and ampere else None

@@ -23,7 +23,7 @@ from ..core.estimation.sampling import (
     spikes,
 )
 from ..core.numbers import number, percent, printed, seconds
-from ..core.text import listed
+from ..core.text import Argument, Placeholder, listed, spelled
 from ..core.typing import Array
 from ..mechanics.model.limits import known_velocities
 
@@ -160,7 +160,7 @@ def _too_far(
         angle=printed(size[k], 4),
         limit=f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else "",
         more=f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else "",
-        question="Did you mean --degrees? Or are" if degrees else "Are",
+        question=f"Did you mean {spelled(Argument('degrees', True))}? Or are" if degrees else "Are",
         counts="" if degrees else ", or counts of an encoder",
         **level,
     )
@@ -399,8 +399,11 @@ class Contradictions:
         else:
             return []
         why = f"the usual step of time is {printed(step, 4)} s, and {why}"
-        rate = "; if it counts rows, give their rate by --rate HZ" if self._counts_rows else ""
-        return [doubt("time-unit", why=why, unit=unit, rate=rate)]
+        by = spelled(Argument("rate", Placeholder("HZ")))
+        rate = f"; if it counts rows, give their rate by {by}" if self._counts_rows else ""
+        return [
+            doubt("time-unit", why=why, unit=unit, rate=rate, column=Argument("columns", {"time": f"COLUMN [{unit}]"}))
+        ]
 
     def _of_steps(self, limits: Limits | None, origin: str) -> list[Doubt]:
         """Doubt about a time that may count rows, or note on long steps: seconds of a slow log look alike.

@@ -15,6 +15,7 @@ from ..core import arguments
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
+from ..core.text import Argument, spelled
 from ..core.typing import Array
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import drive_turns
@@ -202,9 +203,11 @@ ConfigurationGiven: TypeAlias = ArrayLike | str | Mapping[str, ArrayLike] | Sequ
 _PLAINLY_DEGREES = 3 * math.tau
 """Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
 
+_AT = Argument("at")
+
 
 def configuration_of(
-    robot: Robot, given: ConfigurationGiven, *, degrees: bool = False, what: str = "at=…", start: Array | None = None
+    robot: Robot, given: ConfigurationGiven, *, degrees: bool = False, what: Argument = _AT, start: Array | None = None
 ) -> Array:
     """Configuration (nq,) that a user gives; joints that are not named keep their value of ``start``, by default neutral.
 
@@ -212,7 +215,7 @@ def configuration_of(
     ----------
     given : (nq,) array, {joint: position}, name of a configuration of the robot, "v,v,…", "JOINT=VALUE", or a list of texts
     degrees : bool, given angles are in degrees
-    what : str, argument that errors name
+    what : Argument that errors name
     start : (nq,) array, optional
 
     Raises
@@ -227,7 +230,7 @@ def configuration_of(
     >>> [configuration_of(arm, given).tolist() for given in ([0.1, 0.5], {"joint2": 0.5}, "0.1,0.5", ["0.1,0", "joint2=0.5"])]
     [[0.1, 0.5], [0.0, 0.5], [0.1, 0.5], [0.1, 0.5]]
     """
-    q = np.array(robot.neutral if start is None else start)
+    q, name = np.array(robot.neutral if start is None else start), spelled(what)
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     texts = [given] if isinstance(given, str) else given
     if texts is None:
@@ -235,18 +238,18 @@ def configuration_of(
     if isinstance(texts, Mapping):
         for joint, position in texts.items():
             body = _joint(robot, joint)
-            q[body.places[0]] = arguments.finite(np.atleast_1d(position), f"{what} {joint}", body.joint.nq)
+            q[body.places[0]] = arguments.finite(np.atleast_1d(position), f"{name} {joint}", body.joint.nq)
             q[body.places[0]] *= unit[body.places[0]]
         return q
     if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
-        return configuration(robot, cast("ArrayLike", texts), what) * unit
+        return configuration(robot, cast("ArrayLike", texts), name) * unit
     wholes = [text for text in texts if "=" not in text]
     if len(wholes) > 1:
-        both = " and ".join(f"{what} {text!r}" for text in wholes[:2])
+        both = " and ".join(f"{name} {text!r}" for text in wholes[:2])
         raise ValueRangeError(f"{both} both set all coordinates. Keep one of them; others are JOINT=VALUE.")
     for text in wholes:
-        q = _all_coordinates(robot, text, what, unit)
-    for body, numbers in _named(robot, [text for text in texts if "=" in text], what, velocities=False):
+        q = _all_coordinates(robot, text, name, unit)
+    for body, numbers in _named(robot, [text for text in texts if "=" in text], name, velocities=False):
         here = body.places[0]
         q[here] = np.array(numbers) * unit[here]
     return q
@@ -289,7 +292,8 @@ def degrees_hint(robot: Robot, q: Array) -> str:
         return ""
     k = int(np.argmax(angular))
     name = robot.coordinate_names[k]
-    return f"{name} is at {printed(q[k])} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
+    turns = number(angular[k] / math.tau, 3)
+    return f"{name} is at {printed(q[k])} rad, {turns} turns. For degrees add {spelled(Argument('degrees', True))}."
 
 
 def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:

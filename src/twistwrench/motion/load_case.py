@@ -20,7 +20,7 @@ from ..core.arguments import number as number_of
 from ..core.doubts import Doubt
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
-from ..core.text import Argument, listed
+from ..core.text import Argument, in_the_shell, listed, spelled
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -48,16 +48,18 @@ def limits_remedy(robot: str = "ROBOT") -> str:
     """Remedy for missing or placeholder limits of a robot file (:attr:`Model.source`).
 
     >>> limits_remedy("arm.urdf")
-    "write a table with 'twistwrench info arm.urdf --csv limits.csv', fill in its efforts, and add --limits limits.csv"
+    "write a table with tw.info('arm.urdf').to_csv('limits.csv'), fill in its efforts, and add limits='limits.csv'"
     """
     path = Path(robot or "ROBOT")
-    if path.parent == _BUNDLED:
-        name = path.stem
+    bundled, unknown = path.parent == _BUNDLED, not robot or "site-packages" in path.parts
+    if in_the_shell():
+        name = path.stem if bundled else "ROBOT" if unknown else shlex.quote(str(path))
+        quote = '"' if "'" in name else "'"
+        command = f"{quote}twistwrench info {name} {spelled(Argument('csv', 'limits.csv'))}{quote}"
     else:
-        name = "ROBOT" if "site-packages" in path.parts else shlex.quote(str(path))
-    quote = '"' if "'" in name else "'"
-    command = f"{quote}twistwrench info {name} --csv limits.csv{quote}"
-    return f"write a table with {command}, fill in its efforts, and add --limits limits.csv"
+        of = repr(path.stem) if bundled else "robot" if unknown else repr(str(path))
+        command = f"tw.info({of}).to_csv('limits.csv')"
+    return f"write a table with {command}, fill in its efforts, and add {spelled(Argument('limits', 'limits.csv'))}"
 
 
 _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"

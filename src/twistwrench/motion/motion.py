@@ -236,7 +236,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         >>> bool((again.ddq == motion.ddq).all())
         True
         """
-        from .motion_io import data_frame_file, in_python_words
+        from .motion_io import data_frame_file
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
@@ -244,9 +244,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
         log = MotionLog.open(file, robot.model, commands=True, **reading)
         found = cls._of_log(log, robot)
-        said = tuple(replace(doubt, sentence=in_python_words(doubt.sentence)) for doubt in found.doubts)
-        notes = (*map(in_python_words, found.notes), *ignored)
-        return replace(found, notes=notes, read=said)._with_log(found.log)
+        return replace(found, notes=(*found.notes, *ignored))._with_log(found.log)
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -66,8 +65,6 @@ def _units(name: str, kinds: Coordinates) -> str:
 # ── Motions from pandas DataFrames
 
 _NAME = "the DataFrame"
-_OPTION = re.compile(r"--columns '([^']+)'")
-_HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
 def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
@@ -117,22 +114,6 @@ def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
     increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
     name = "time" if index.name is None or (increases and not means_time) else str(index.name)
     return [(name, values.astype(float))]
-
-
-def in_python_words(text: str) -> str:
-    """Rewrite command-line options in a message as keyword arguments.
-
-    >>> in_python_words("Say which they are: --columns 'a=COLUMN'; or hold joints still: --lock-missing, or --lock a=0.")
-    "Say which they are: columns={'a': 'COLUMN'}; or hold joints still: tw.load(…, lock={joint: 0})."
-    """
-
-    def as_argument(found: re.Match[str]) -> str:
-        told = (entry.partition("=")[::2] for entry in found[1].split(","))
-        return f"columns={{{', '.join(f'{key!r}: {column!r}' for key, column in told)}}}"
-
-    text = _OPTION.sub(as_argument, text)
-    text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
-    return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")
 
 
 complete(globals())

@@ -300,7 +300,8 @@ class MotionLog:
         unused = varying_columns(file.header, found.extra, file.first) if held else ()
         doubts = _dataset_doubts(file, found, coordinates, degrees=degrees) if dataset else []
         if not columns and _FANUC.search(model.name.lower()) and {f"J{k}" for k in range(1, 7)} <= set(file.header):
-            doubts.append(doubt("fanuc-j3", [coordinates.names[2]], joint=coordinates.names[2]))
+            third = coordinates.names[2]
+            doubts.append(doubt("fanuc-j3", [third], joint=third, column=Argument("columns", {third: "J3+J2"})))
         plan = plan or (isinstance(file, ArrayFile) and file.plan)
         return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts), plan, degrees)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..answers.blocks import Headline, Line
 from ..answers.data import plain
-from ..answers.sentences import SENTENCES, sentence
+from ..answers.sentences import sentence, spoken_sentences
 from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
@@ -186,7 +186,7 @@ def verdict_data(
     velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)
     data = {
         "fixed": why_fixed(load) or why_doubted(report),
-        "sentences": dict(SENTENCES),
+        "sentences": spoken_sentences(),
         "words": {
             "kinds": KINDS, "causes": {term: cause_label(term) for term in load_case.TERMS},
             "remedy": load_case.limits_remedy(model.source),

@@ -21,7 +21,7 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY, checked_strength
 from ..core.numbers import printed
 from ..core.tables import csv_table
-from ..core.text import Argument, Placeholder
+from ..core.text import Argument, Placeholder, in_the_shell, spelled
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -41,7 +41,13 @@ _ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 _LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
 _SENSORS = {"demo": "demo_sensor.json"}
 _MOST_BYTES = 2**20
-_ADVICE = "`sensor identify LOG --save FILE` writes one."
+
+
+def _advice() -> str:
+    """Sentence that names the call or command for a sensor file."""
+    if in_the_shell():
+        return f"twistwrench sensor identify LOG {spelled(Argument('save', Placeholder('FILE')))} writes one."
+    return "tw.sensing.identify(log).write(path) writes one."
 
 
 def log_path(name: str | Path) -> Path:
@@ -169,11 +175,11 @@ def read_sensor_file(path: str | Path) -> SensorFile:
         known = content.get("uncertainty")
         uncertainty = None if known is None else _uncertainty(known)
     except FileNotFoundError:
-        raise NotFoundError(f"no sensor file {str(path)!r}. {_ADVICE}") from None
+        raise NotFoundError(f"no sensor file {str(path)!r}. {_advice()}") from None
     except TwistWrenchError as problem:
         raise ValueRangeError(f"{path}: {problem}") from None
     except (ValueError, TypeError, KeyError, OverflowError):
-        raise ValueRangeError(f"{path}: is not a sensor file. {_ADVICE}") from None
+        raise ValueRangeError(f"{path}: is not a sensor file. {_advice()}") from None
     return SensorFile(sensor, (moment, force), uncertainty)
 
 
@@ -189,13 +195,13 @@ def _uncertainty(known: dict[str, Any]) -> Uncertainty:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    with third_party_errors(lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_ADVICE}")):
+    with third_party_errors(lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_advice()}")):
         try:
             content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no integers beyond the float range
         except FileNotFoundError:
             raise NotFoundError(str(path)) from None
     if not isinstance(content, dict):
-        raise ValueRangeError(f"is not a sensor file: it holds one value of kind {type(content).__name__}. {_ADVICE}")
+        raise ValueRangeError(f"is not a sensor file: it holds one value of kind {type(content).__name__}. {_advice()}")
     return content
 
 

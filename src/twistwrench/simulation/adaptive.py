@@ -19,6 +19,7 @@ from ..compiler.runtime.dispatch import Rows, bind_calls, can_bind_calls
 from ..compiler.runtime.gufunc import owner_of
 from ..core.errors import SimulationError
 from ..core.numbers import printed, residual
+from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.algorithms.recursion import zeros
 from ..robot.engine import compiled
@@ -278,12 +279,14 @@ class Stiffness:
             return (
                 f"{said}. Dry friction of joint {names[worst]!r} is eased off below {printed(friction.creep[worst], 2)} "
                 "rad/s or m/s, "
-                "which is steep for so light a joint. Take method='semi_implicit', in whose steps friction stops joints and "
+                f"which is steep for so light a joint. Take {argument('method', 'semi_implicit')}, in whose "
+                "steps friction stops joints and "
                 "holds them; or, in Python, a larger creep=."
             )
         return (
             f"{said}, most of all in joint {names[worst]!r}: a torque, a wrench or a contact there is steep for so light a "
-            "joint. Take less gain or stiffness, or method='semi_implicit', which takes viscous friction, and the kd of a "
+            f"joint. Take less gain or stiffness, or {argument('method', 'semi_implicit')}, which takes "
+            "viscous friction, and the kd of a "
             "tw.control.PD given as tau=, at the end of its steps."
         )
 

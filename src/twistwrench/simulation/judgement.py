@@ -10,6 +10,7 @@ import numpy as np
 from ..answers.page import MarkedJoint
 from ..core.colours import Style
 from ..core.numbers import number, seconds
+from ..core.text import Argument, spelled
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
@@ -33,14 +34,20 @@ class MotionClearance(Protocol):
 
 
 PASSED = {
-    "position": ("is at", "Nothing held the joint: --stop-at-limits ends where a limit is reached"),
+    "position": ("is at", "Nothing held the joint: {stop} ends where a limit is reached"),
     "torque": (
         "is given",
-        "The robot's drives cannot give it: reduce --torque, or raise the efforts in the robot's file",
+        "The robot's drives cannot give it: reduce {tau}, or raise the efforts in the robot's file",
     ),
     "velocity": ("moves at", "The robot's drives would not let it"),
 }
 """Verb and meaning for each kind of exceeded limit."""
+
+
+def _meaning(kind: str) -> str:
+    """Meaning of an exceeded limit, and what to do."""
+    stop = Argument("limits", "stop", option="stop-at-limits", alone=True)
+    return PASSED[kind][1].format(stop=spelled(stop), tau=spelled(Argument("tau", option="torque")))
 
 
 def verdict_with_clearance(result: SimulationResult) -> Verdict:
@@ -65,7 +72,7 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
         return Verdict(Word.DONE)
     more = f"; {len(passed) - 1} more limit{'s are' if len(passed) > 2 else ' is'} passed" if len(passed) > 1 else ""
     return Verdict(
-        Word.OVER_LIMIT, (f"{_in_words(passed[0], degrees=result.degrees)}{more}. {PASSED[passed[0].kind][1]}",)
+        Word.OVER_LIMIT, (f"{_in_words(passed[0], degrees=result.degrees)}{more}. {_meaning(passed[0].kind)}",)
     )
 
 
@@ -131,5 +138,5 @@ def limits_passed(result: SimulationResult) -> list[str]:
     for kind, mine in _violations(result).items():
         more = len(mine) - 1
         others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
-        sentences.append(f"{_in_words(mine[0], degrees=result.degrees)}{others}. {PASSED[kind][1]}.")
+        sentences.append(f"{_in_words(mine[0], degrees=result.degrees)}{others}. {_meaning(kind)}.")
     return sentences

@@ -17,6 +17,7 @@ from ..core.arguments import positive, whole
 from ..core.errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
+from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import NONE_GIVEN
@@ -111,7 +112,7 @@ def build_run(
         if method != ADAPTIVE and longest < h * (1.0 - 1e-9):
             raise ValueRangeError(
                 f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
-                f"dt, and every= to keep fewer states; max_step is for method={ADAPTIVE!r}."
+                f"dt, and {argument('every')} to keep fewer states; max_step is for {argument('method', ADAPTIVE)}."
             )
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))

@@ -12,6 +12,7 @@ from ..compiler.runtime.dispatch import can_bind_calls
 from ..core.errors import SimulationError
 from ..core.numbers import printed
 from ..core.quadrature import probe_spacing
+from ..core.text import argument
 from ..core.typing import Array
 from .accuracy import Accuracy, Extent, ForceCheck, ForceQuadrature, StepDoubling
 from .adaptive import Stepper
@@ -31,7 +32,7 @@ def instability(run: Run, t0: float, t1: float, y: Array) -> str:
     """Error message for an unstable step from t0 to t1: joint, speed and remedy."""
     speeds = y[run.system.moving]
     bad = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
-    advice = f"Take a smaller dt than {printed(run.h)} s, or method={ADAPTIVE!r}."
+    advice = f"Take a smaller dt than {printed(run.h)} s, or {argument('method', ADAPTIVE)}."
     if run.method == ADAPTIVE:
         advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
         if run.controller is not None:  # with the torque held for h, damping kd turns dq into (1 - kd h / M) dq

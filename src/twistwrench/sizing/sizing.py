@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.errors import ModelError, ShapeError, ValueRangeError
+from ..core.text import Argument, spelled
 from ..core.typing import Celsius, Hours, Seconds
 from ..formats.yaml import Source
 from ..mechanics.model.couplings import refuse_couplings
@@ -128,7 +129,8 @@ def size_drives(
     _check_settings(pause, ambient, life)
     if arm.actuators:
         raise ModelError(
-            f"robot {arm.name!r} has actuators already, and the catalogue describes the drives. Load it without --actuators."
+            f"robot {arm.name!r} has actuators already, and the catalogue describes the drives. "
+            f"Load it without {spelled(Argument('actuators'))}."
         )
     reading = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode, "degrees": degrees}
     logs = {"named": named, "plan": plan, "locked": tuple(lock or ()), **reading}

@@ -12,6 +12,7 @@ from ..core import arguments
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, vector
+from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.model.couplings import motor_torques
 from ..robot.task_space_methods import require_robot
@@ -471,7 +472,7 @@ def _deepest_point(H: Array, b: Array) -> Array:
     if found.status != 0 or found.x is None or found.x[-1] <= 1e-9:
         raise ValueRangeError(
             "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs need more. "
-            "Look at statics.largest_payload for the joint, or pass larger limits=."
+            f"Look at statics.largest_payload for the joint, or pass larger {argument('limits')}."
         )
     return np.asarray(found.x[:-1]) * scale
 

@@ -18,7 +18,7 @@ from ..core.doubts import Doubt
 from ..core.errors import FrameError, UnknownNameError, ValueRangeError
 from ..core.numbers import rounded_down, without_noise
 from ..core.tables import csv_table
-from ..core.text import listed
+from ..core.text import Argument, argument, listed, spelled
 from ..core.typing import Array, Frame, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.limits import Limits
@@ -142,7 +142,8 @@ class PayloadReport(Answer):
         doubts += [*base_doubts(model, payload=True), *limit_doubts(self.load.robot, self.limits, self.loads)]
         if found.joint < 0 and found.holds and self.is_default_pose:
             doubts.append(
-                "at the default pose the load stands on the axes of the joints, so no torque depends on it: give --at"
+                "at the default pose the load stands on the axes of the joints, so no torque depends on it: give "
+                f"{spelled(Argument('at'))}"
             )
         if lacking := model_warnings(model):
             doubts.append(f"{'; '.join(lacking)}: the payload may be less")
@@ -298,7 +299,9 @@ def payload(
     OK: largest payload at rest in this pose: 14.15 kg at tool0. Limited by shoulder_lift_joint, lower limit: -150.0 N m, of which -48.93 carry the robot itself.
     """  # noqa: E501  the verdict in full
     if samples is not None and map is None:
-        raise ValueRangeError("samples=… is about the map, and there is none. Add map='rz'.")
+        raise ValueRangeError(
+            f"{argument('samples')} is about the map, and there is none. Add {argument('map', 'rz')}."
+        )
     plane, count = (None, 0) if map is None else plane_and_samples(map, SAMPLES if samples is None else samples)
     loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(tool))
     robot, place = loads.with_load, arguments.one(points(com), "com", 3)
@@ -324,11 +327,11 @@ def _frame_of(robot: Robot, frame: str | None) -> str:
     if frame is None and robot.tip is None:
         require_fixed_base(robot, "the largest payload")  # a frame does not help there
         raise FrameError(
-            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: frame='FRAME'. "
+            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: {argument('frame', 'FRAME')}. "
             f"Its leaves: {listed(robot.model.leaves)}."
         )
     try:
         robot.model.frame(frame)
     except UnknownNameError as error:
-        raise UnknownNameError(f"frame=…: {error}") from None
+        raise UnknownNameError(f"{argument('frame')}: {error}") from None
     return str(robot.tip if frame is None else frame)

@@ -13,7 +13,7 @@ from ..answers.answer import Answer
 from ..answers.blocks import Block
 from ..core.errors import KernelError, ShapeError, ValueRangeError
 from ..core.numbers import printed, residual
-from ..core.text import listed
+from ..core.text import argument, listed
 from ..core.typing import Array, Names
 from ..core.verdict import Verdict, Word
 from ..robot import Robot, load
@@ -64,8 +64,9 @@ def check_expanded(name: str, products: float, coordinates: int) -> None:
                 f"coordinates; allowed are {LARGEST_EXPANDED // coordinates:,}"
             )
         raise ValueRangeError(
-            f"{name!r} is too large to write out: {count}. Leave form='expanded' out and intermediate results get names; or "
-            "lock joints (robot.lock), or keep numbers instead of symbols, symbols='none'."
+            f"{name!r} is too large to write out: {count}. Leave {argument('form', 'expanded')} out and "
+            "intermediate results get names; or "
+            f"lock joints (robot.lock), or keep numbers instead of symbols, {argument('symbols', 'none')}."
         )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..core.errors import PathError, ValueRangeError
 from ..core.numbers import printed
+from ..core.text import Argument, spelled
 from ..core.typing import Array
 from ..mechanics.model.couplings import motor_torques, motor_velocities
 
@@ -80,8 +81,8 @@ class PathRows:
         if friction and (np.any(law.load) or np.any(law.static != law.coulomb)):
             raise ValueRangeError(
                 f"friction of {robot.name!r} depends on the load or has static or Stribeck parts, but fastest timing supports "
-                "only viscous and Coulomb friction. Leave friction out (--no-friction) and lower the effort limits by the "
-                "friction torques."
+                f"only viscous and Coulomb friction. Leave friction out ({spelled(Argument('friction', False))}) and lower the "
+                "effort limits by the friction torques."
             )
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))
         self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))

@@ -19,6 +19,7 @@ from ..core import arguments
 from ..core.doubts import Doubt
 from ..core.errors import ConstraintWarning, PathError, TwistWrenchError, ValueRangeError
 from ..core.numbers import number, printed
+from ..core.text import Argument, argument
 from ..core.typing import Array, Metres, Seconds, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
@@ -317,15 +318,17 @@ def move(
     OVER LIMIT
     """
     if not step > 0:
-        raise ValueRangeError(f"step=… is {printed(step)}. Give seconds above zero.")
+        raise ValueRangeError(f"{argument('step')} is {printed(step)}. Give seconds above zero.")
     if fastest and duration is not None:
-        raise ValueRangeError("fastest=True computes the duration, and duration=… sets it. Leave one of them out.")
+        raise ValueRangeError(
+            f"{argument('fastest', True)} computes the duration, and {argument('duration')} sets it. Leave one of them out."
+        )
     arguments.refuse_unused_srdf(clearance, srdf)
     loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(payload), friction=friction)
     arm = loads.with_load
     bounds = _bounds(arm, limits_file.limits_of(limits, arm.model, degrees=degrees), acceleration, jerk)
-    q0 = configuration_of(arm, start, degrees=degrees, what="start=…")
-    q1 = configuration_of(arm, to, degrees=degrees, what="to=…", start=q0)
+    q0 = configuration_of(arm, start, degrees=degrees, what=Argument("start", option="from"))
+    q1 = configuration_of(arm, to, degrees=degrees, what=Argument("to"), start=q0)
     ends = (("start", start, q0), ("to", to, q1))
     found = [(name, degrees_hint(arm, q)) for name, given, q in ends if given is not None]
     kinds = (("acceleration", acceleration), ("jerk", jerk))
@@ -390,13 +393,19 @@ def _check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, pa
     if scaling not in get_args(Scalings):
         raise ValueRangeError(f"scaling is {scaling!r}. Give one of {', '.join(map(repr, get_args(Scalings)))}.")
     if to is not None and by is not None:
-        raise ValueRangeError("to=… and by=… both set the end of the motion. Keep one of them.")
+        raise ValueRangeError(
+            f"{argument('to')} and {argument('by')} both set the end of the motion. Keep one of them."
+        )
     if to is None and by is None:
-        raise ValueRangeError("where does it end? Give to=… for the joints, or by=… for the tip.")
+        raise ValueRangeError(
+            f"where does it end? Give {argument('to')} for the joints, or {argument('by')} for the tip."
+        )
     if by is not None and path != "joint":
-        raise ValueRangeError("by=… moves the tip on a straight line. Leave the path out.")
+        raise ValueRangeError(f"{argument('by')} moves the tip on a straight line. Leave the path out.")
     if waypoints is not None and (by is not None or path != "joint"):
-        raise ValueRangeError("waypoints=… are for the joints, and the path is one of the tip. Keep one of them.")
+        raise ValueRangeError(
+            f"{argument('waypoints')} are for the joints, and the path is one of the tip. Keep one of them."
+        )
 
 
 def _path_and_trouble(

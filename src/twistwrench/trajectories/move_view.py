@@ -11,7 +11,7 @@ from ..answers.blocks import Bar, Block, Glyphs, Headline, Line, Table, mark_sty
 from ..answers.page import MarkedJoint
 from ..core.colours import Style, strong, word_style
 from ..core.numbers import number, percent, percent_of_limit, seconds, torque
-from ..core.text import listed
+from ..core.text import Argument, listed, spelled
 from ..core.typing import Array
 from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit
@@ -106,9 +106,8 @@ def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
     if not len(missing):
         return []
     of = "any joint" if len(missing) == len(names) else listed(missing, 6)
-    return [
-        f"No velocity limit of {of} is known, so none was applied. Give them with --limits FILE.csv (column velocity)."
-    ]
+    file = spelled(Argument("limits", "FILE.csv"))
+    return [f"No velocity limit of {of} is known, so none was applied. Give them with {file} (column velocity)."]
 
 
 # ── Tables

@@ -259,7 +259,7 @@ def still(
     shapes = [
         replace(s, colour=COLOURS[mark].scene) if s.body in marked and s.layer == "looks" else s for s in scene.shapes
     ]
-    with style.figure(6.4, 4.6, "", "Drawing the report (--report)") as drawn:
+    with style.figure(6.4, 4.6, "", "Drawing the report") as drawn:
         axes = drawn.subplots()
         scene = replace(scene, shapes=tuple(shapes)).decimated(_TRIANGLES)
         camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest(scene, q))

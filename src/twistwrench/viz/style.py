@@ -74,7 +74,7 @@ STYLE = MappingProxyType(
 
 
 @contextlib.contextmanager
-def figure(width: float, height: float, title: str, purpose: str = "Drawing (--plot)") -> Iterator[Figure]:
+def figure(width: float, height: float, title: str, purpose: str = "Drawing") -> Iterator[Figure]:
     """Empty figure of a given size and title, in the common style within the ``with`` block.
 
     Parameters
@@ -186,7 +186,7 @@ def page_svg(plot: Callable[[Path], object]) -> str:
     >>> text[:4], "var(--paper)" in text, text == page_svg(plot)
     ('<svg', True, True)
     """
-    mpl = require_matplotlib("Drawing the report (--report)")
+    mpl = require_matplotlib("Drawing the report")
     fixed = {"svg.fonttype": "none", "svg.hashsalt": "twistwrench", "path.simplify_threshold": 0.5}
     with tempfile.TemporaryDirectory() as folder, mpl.rc_context(cast("Any", fixed)):
         path = Path(folder) / "plot.svg"
@@ -221,7 +221,7 @@ def _write_minus(drawn: Figure) -> None:
         text.set_text(_MINUS.sub("−", text.get_text()))
 
 
-def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
+def require_matplotlib(purpose: str = "Drawing") -> Any:
     """Import matplotlib.
 
     Parameters

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
-from ...core.text import clipped, listed
+from ...core.text import Argument, clipped, listed, spelled
 from ..known_elements import KNOWN, READ, Entry, Rows
 from ..xml import Element, parse
 
@@ -103,7 +103,7 @@ def expand_xacro(
         known = f" It declares the arguments {listed(declared)}." if declared else ""
         return RobotFileError(
             f"xacro cannot expand it: {reason}.{known} Folders of packages that are not above the file, and of other files "
-            "that it reads, go into include_paths or ROS_PACKAGE_PATH; in the shell: --include-path FOLDER."
+            f"that it reads, go into {spelled(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
         )
 
     declared: dict[str, None] = {}

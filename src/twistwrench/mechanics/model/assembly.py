@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ...core.errors import ModelError, ShapeError, UnknownNameError
 from ...core.numbers import number
-from ...core.text import listed
+from ...core.text import argument, listed
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
@@ -284,12 +284,14 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
 def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
     if leader not in by_name:
         found = UnknownNameError.from_choices("joint", leader, by_name)
-        raise ModelError(f"the mimic leader of {joint} is not there: {found} Or load with mimic='independent'.")
+        raise ModelError(
+            f"the mimic leader of {joint} is not there: {found} Or load with {argument('mimic', 'independent')}."
+        )
     for one in (joint, by_name[leader]):
         if one.joint.nv > 1:
             raise ModelError(
                 f"{joint} mimics {by_name[leader]}, but a {one.joint.kind} joint has several coordinates and can "
-                "neither mimic nor be mimicked. Load with mimic='independent', or remove the <mimic>."
+                f"neither mimic nor be mimicked. Load with {argument('mimic', 'independent')}, or remove the <mimic>."
             )
 
 

@@ -11,7 +11,7 @@ from ...core.errors import ModelError, ValueRangeError
 from ...core.glossary import complete
 from ...core.gravity import GRAVITY, gravity_vector
 from ...core.numbers import printed
-from ...core.text import listed
+from ...core.text import argument, listed
 from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
 from ..joints.screw_joint import number, numbers
@@ -405,11 +405,11 @@ class ModelBuilder:
             return []
         if ROOT_JOINT in self._joints:
             raise ModelError(
-                f"{self._joints[ROOT_JOINT]} has the name that floating_base=True gives to the joint it adds. "
+                f"{self._joints[ROOT_JOINT]} has the name that {argument('floating_base', True)} gives to the joint it adds. "
                 "Rename it, or leave out floating_base."
             )
         twice = [j for j in tree.joints if j.parent == tree.root and isinstance(j.joint, Floating)]
-        return [f"{joint} floats already, and floating_base=True makes the root link float too" for joint in twice]
+        return [f"{joint} floats already, and a floating base makes the root link float too" for joint in twice]
 
 
 def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | None) -> None:

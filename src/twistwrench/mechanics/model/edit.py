@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ...core.errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ...core.glossary import complete
 from ...core.gravity import gravity_vector
+from ...core.text import argument
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint
@@ -141,7 +142,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
             leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
             raise ValueRangeError(
                 f"joint {name!r} mimics {leader!r} and moves with it. "
-                f"Lock {leader!r}, or load with mimic='independent'."
+                f"Lock {leader!r}, or load with {argument('mimic', 'independent')}."
             )
         if name not in moving:
             raise UnknownNameError.from_choices("moving joint", name, moving)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.errors import InertiaError
 from ...core.numbers import printed
+from ...core.text import argument
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from .description import ModelNote
@@ -65,8 +66,9 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
         more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
         more += _PLANAR if planar else ""
         raise InertiaError(
-            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest "
-            "valid ones, or with inertia='accept' to keep them."
+            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with "
+            f"{argument('inertia', 'repair')} to take the nearest "
+            f"valid ones, or with {argument('inertia', 'accept')} to keep them."
         )
     remarks.extend(_on_links(model, set(bad), link))
     return replace(model, bodies=tuple(bodies)) if bad else model, remarks

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...core.errors import FrameError, ModelError, UnknownNameError
-from ...core.text import listed
+from ...core.text import argument, listed
 from ...core.typing import Array
 from .actuators import Actuator
 from .assembly import ROOT_JOINT
@@ -201,7 +201,7 @@ def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
         if joint.mimic is not None and joint.mimic[0] not in names:
             raise ModelError(
                 f"joint {joint.name!r} follows {joint.mimic[0]!r}, which is not in that part of the robot. Load with "
-                "mimic='independent', or lock the leader first."
+                f"{argument('mimic', 'independent')}, or lock the leader first."
             )
     more = found.additions
     sites = {name: site for name, site in more.sites.items() if site.link in kept}

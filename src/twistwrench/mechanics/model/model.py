@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.errors import FrameError, ModelError, UnknownNameError
-from ...core.text import listed
+from ...core.text import argument, listed
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint
@@ -437,7 +437,7 @@ class Model:
             if self.tip is None:
                 raise FrameError(
                     f"robot {self.name!r} has no single tip, so the frame must be named. "
-                    f"Its leaves: {listed(self.leaves)}. Load with tip=…, or name the frame in the call."
+                    f"Its leaves: {listed(self.leaves)}. Load with {argument('tip')}, or name the frame in the call."
                 )
             name = self.tip
         try:

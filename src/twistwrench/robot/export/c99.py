@@ -18,6 +18,7 @@ from ...core.files import check_outputs, replacing_together
 from ...core.glossary import complete
 from ...core.gravity import STRENGTH
 from ...core.numbers import in_file
+from ...core.text import argument
 from ...core.typing import Array
 from ...mechanics.joints.units import unit_of
 from ...mechanics.model.parameters import nominal
@@ -415,7 +416,8 @@ def results_at_states(
         if not (np.isfinite(port).all() and np.isfinite(port_single).all()):
             raise KernelError(
                 f"{request.quantity}: {name.name} is not finite at every configuration of robot {robot.name!r}, so no "
-                "number can be checked. Ask for a quantity that is, or pass test=False."
+                "number can be checked. Ask for a quantity that is, or pass "
+                f"{argument('test', False, option='no-test-program')}."
             )
         size = largest_entry(np.asarray(port_double))
         rounding = float(np.abs(port_single - port_double).max()) / size

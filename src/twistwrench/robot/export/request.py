@@ -15,6 +15,7 @@ from ...compiler.ir.tracer import trace
 from ...compiler.printers.c99 import PRECISIONS, CFunction, identifier
 from ...core import arguments
 from ...core.errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ...core.text import argument
 from ...mechanics.algorithms.kinematics import velocity_map
 from ...mechanics.lie.labelled import TWIST
 from ..arguments import CONFIGURATIONS
@@ -50,7 +51,7 @@ def prefix_of(robot: Robot, prefix: str | None) -> str:
         return found if re.match(r"[A-Za-z]", found) else f"robot_{found}".strip("_")
     if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
         raise ValueRangeError(
-            f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores, a letter first."
+            f"{argument('prefix', prefix)} cannot begin a name in C. Use letters, digits and underscores, a letter first."
         )
     return prefix
 

@@ -136,7 +136,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     """
     robot, t, e = motion.load.with_load, motion.time, energies(motion)
     power = e.power
-    with style.figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
+    with style.figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing") as drawn:
         upper, lower = drawn.subplots(2, 1, sharex=True)
         style.draw_joints(upper, t, power, robot.model.velocity_names, np.abs(power).max(axis=0))
         upper.plot(t, power.sum(axis=1), color=style.INK, linewidth=1.5, label="all joints")
@@ -181,7 +181,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     ...     plot_phase(motion, f"{folder}/phase.svg").name
     'phase.svg'
     """
-    style.require_matplotlib("Drawing (plot)")
+    style.require_matplotlib("Drawing")
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
@@ -241,7 +241,7 @@ def _panels(
     chosen = _chosen(motion, joints)
     rows, columns = style.panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
-    with style.figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
+    with style.figure(*size, f"{_title(motion)} · {what}", "Drawing") as drawn:
         axes = style.panels(drawn, len(chosen), sharex=bool(below))
         for k, axis in enumerate(axes):
             draw(axis, chosen[k])

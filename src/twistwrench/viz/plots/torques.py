@@ -39,7 +39,7 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     rows, columns = style.panel_grid(count)
     height = 1.95 * rows + 0.3
     width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
-    with style.figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
+    with style.figure(width, height + 3.4, report_title(report), "Drawing the report") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
         if report.noisy:
             _draw_key(upper, report)
@@ -206,7 +206,7 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
     rows, columns = style.panel_grid(len(motors), _ABREAST)
-    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--plot motors)") as drawn:
+    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors") as drawn:
         axes = style.panels(drawn, len(motors), _ABREAST)
         keys: dict[str, Any] = {}
         for k, (axis, motor) in enumerate(zip(axes, motors, strict=True)):
@@ -236,7 +236,7 @@ def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
     joints = list(sizing.joints.values())
     rows, columns = style.panel_grid(len(joints), _ABREAST)
     width, height = 3.6 * columns + 0.6, 2.7 * rows + 0.8
-    with style.figure(width, height + 2.6, "Motors over the cycle", "Drawing the drives (--plot)") as drawn:
+    with style.figure(width, height + 2.6, "Motors over the cycle", "Drawing the drives") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 2.5]))
         axes = style.panels(upper, len(joints), _ABREAST)
         keys: dict[str, Any] = {}
