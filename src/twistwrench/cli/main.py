@@ -7,34 +7,30 @@ Commands read options, call one function of the library, and convert errors to o
 from __future__ import annotations
 
 import errno
-import io
 import logging
 import os
 import re
 import signal
 import sys
-import tempfile
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import click
 
-from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
-from ..core.files import check_outputs, picture_path, refuse_existing
+from ..core.errors import ModelWarning, TwistWrenchError
 from ..core.text import visible, words_of_the_shell
 from ..core.verdict import ExitCode, end_at_once
 from .hints import Seconds, missing_parameter, unknown_command, unknown_option
 
 if TYPE_CHECKING:
-    from ..answers.answer import Answer
+    pass
 
 
 class RobotOption(click.Option):
@@ -197,10 +193,8 @@ _LONGEST = 80
 _HEARD: list[bool] = []
 """Nonempty after Ctrl-C."""
 
-ARGUMENTS, NOTES, BLOCKS = "twistwrench.arguments", "twistwrench.notes", "twistwrench.blocks"
-"""Context entries: words of the command line, sentences of :func:`note`, and blocks of the report."""
-ANSWER = "twistwrench.answer"
-"""Context entry: the answer of the command."""
+ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
+"""Context entries: words of the command line, and sentences of :func:`note`."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """Environment variable that enables the traceback of program errors."""
@@ -344,24 +338,6 @@ def typed_words_and_notes() -> tuple[list[str], list[str]]:
     return meta.get(ARGUMENTS, []), meta.get(NOTES, [])
 
 
-def printed_blocks() -> list[Any]:
-    """Printed blocks of the report; :func:`.terminal.show` appends to them."""
-    context = click.get_current_context(silent=True)
-    found: list[Any] = [] if context is None else context.meta.setdefault(BLOCKS, [])
-    return found
-
-
-def keep_answer(answer: Answer) -> None:
-    """Keep the answer of the running command for --json."""
-    click.get_current_context().meta[ANSWER] = answer
-
-
-def kept_answer() -> Answer | None:
-    """Answer of the running command; None for commands without one."""
-    found: Answer | None = click.get_current_context().meta.get(ANSWER)
-    return found
-
-
 def _end(*_: Any) -> None:
     """Exit by an exception, so that temporary files are removed."""
     sys.exit(ExitCode.TERMINATED)
@@ -406,77 +382,6 @@ def plain_errors() -> Iterator[None]:
 Decorator: TypeAlias = Callable[[Any], Any]
 
 
-class Given(SimpleNamespace):
-    """Options of a command by parameter name."""
-
-    wrenches: tuple[str, ...] = ()
-    no_friction = False
-    plan = False
-    overwrite = False
-    html: str | None = None
-    json: str | None = None
-    results: str | None = None
-    """Text of --json that replaces the report as data."""
-
-    def pick(self, *names: str) -> dict[str, Any]:
-        """Options as keyword arguments of a function with the same names."""
-        return {name: getattr(self, name) for name in names}
-
-    def check_files(self, inputs: Mapping[str, str | Path | None], **outputs: str | Path | None) -> list[str]:
-        """Raise if an output would replace an input or another output, or if a picture cannot be drawn.
-
-        Outputs are ``outputs`` and all parameters whose form begins with OUT; the names of the used ones are returned.
-        Pictures get their suffix. Existing data files are replaced only with --overwrite.
-        """
-        files, data = {f"--{name}": path for name, path in outputs.items()}, list[str]()
-        for param in click.get_current_context().command.params:
-            form, name = param.metavar or "", str(param.name)
-            path = getattr(self, name, None)
-            if form.startswith("OUT") and path not in (None, "-"):  # '-' in derive: documents on standard output
-                if form == "OUT.png" or name == "report":
-                    check_matplotlib()
-                if form == "OUT.png":
-                    path = picture_path(path)
-                    setattr(self, name, path)
-                files[param.opts[0] if isinstance(param, click.Option) else form] = path
-                if _DATA.fullmatch(form):
-                    data.append(path)
-        check_outputs(files, inputs)
-        for path in data:
-            refuse_existing(path, overwrite=self.overwrite)
-        return list(files)
-
-
-_DATA = re.compile(r"OUT(\.(csv|json|mcap|npz|rrd|urdf|yaml))?")
-"""Forms of data outputs, excluding pictures, pages and source code."""
-_PORTION = 1 << 16
-
-
-@contextmanager
-def printed_output(given: dict[str, Any]) -> Iterator[None]:
-    """Print the table of ``--csv -``, or the data of ``--json -``, in place of the report; "wrote" lines go to stderr."""
-    names = [name for name in ("csv", "json") if given.get(name) == "-"]
-    if not names:
-        yield
-        return
-    if len(names) > 1:
-        raise ValueRangeError(
-            "--csv - and --json - would print two files as one. Choose one, or give the other a name."
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, f"out.{names[0]}")
-        given[names[0]] = str(path)
-        with redirect_stdout(io.StringIO()) as report:
-            yield
-        for line in report.getvalue().splitlines():
-            if line.startswith("wrote ") and folder not in line:
-                click.echo(line, err=True)
-        if path.is_file():
-            with path.open(encoding="utf-8", newline="") as file:
-                while portion := file.read(_PORTION):
-                    click.echo(portion, nl=False)
-
-
 def check_matplotlib() -> None:
     """Raise if a picture cannot be drawn, before a long run."""
     from ..viz.style import require_matplotlib
@@ -514,34 +419,6 @@ def option_group(*options: Decorator) -> Decorator:
         for option in reversed(options):
             function = option(function)
         return function
-
-    return decorate
-
-
-def command(name: str, *options: Decorator, examples_: Sequence[str], **settings: Any) -> Decorator:
-    """Command from a function of :class:`Given` that returns an exit code; library errors are printed in one line."""
-
-    def decorate(function: Callable[[Given], int | None]) -> click.Command:
-        @wraps(function)
-        def run(**given: Any) -> None:
-            with plain_errors():
-                with printed_output(given):
-                    options = Given(**given)
-                    code = function(options)
-                    if options.json is not None:
-                        from .report import write_json
-
-                        write_json(options, code)
-                if code:
-                    sys.exit(code)
-
-        declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples_), **settings)
-        made: click.Command = declare(option_group(*options)(run))
-        if any("--json" in param.opts for param in made.params):
-            made.params.append(click.Option(["--all", "whole_report"], is_flag=True, help="Print all rows and notes."))
-        if any(_DATA.fullmatch(param.metavar or "") for param in made.params):
-            made.params.append(click.Option(["--overwrite"], is_flag=True, help="Replace files of data that exist."))
-        return made
 
     return decorate
 

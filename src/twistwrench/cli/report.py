@@ -7,12 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..answers.answer import Answer
-from ..answers.data import report_data
 from ..answers.page import answer_page
 from ..core.files import replacing
-from ..core.version import __version__
-from .main import Given, kept_answer, option, option_group, printed_blocks, typed_words_and_notes
-from .shared import write_text
+from .main import option, option_group, typed_words_and_notes
 
 REPORT = option_group(
     option("--report OUT.html", "Write a report as one self-contained page."),
@@ -37,16 +34,3 @@ def write_answer_json(answer: Answer, path: str) -> None:
         scratch.write_text(
             json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n", encoding="utf-8", newline=""
         )
-
-
-def write_json(given: Given, code: int | None) -> None:
-    """Write the file of --json: the command's own results if it has any, otherwise the printed report."""
-    text = given.results
-    if text is None:
-        typed, notes = typed_words_and_notes()
-        answer = kept_answer()
-        own = report_data(printed_blocks()) if answer is None else answer.to_dict()
-        data = {"command": typed, **own, "exit_code": int(code or 0)}
-        data |= {"notes": [*data["notes"], *notes], "version": __version__}
-        text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
-    write_text(given.json or "", text)

@@ -6,7 +6,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, partial, wraps
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +18,10 @@ from ..core.files import replacing
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
-from ..mechanics.model.couplings import refuse_couplings
-from ..motion.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
+from ..motion.load_case import joints_beside, joints_held
 from ..robot import load
 from ..robots.finding import bundled_file
-from .main import Decorator, Given, RobotOption, command, note, option, option_group
+from .main import Decorator, RobotOption, note, option, option_group
 from .parameters import Question
 
 if TYPE_CHECKING:
@@ -187,32 +186,8 @@ ROBOT = option_group(
 DEGREES = option("--degrees", "Use degrees for angles in files, options and reports.", cls=RobotOption)
 
 
-def robot_command(
-    name: str, *options: Decorator, examples: Sequence[str], robot_first: bool = False, angles: bool = True
-) -> Decorator:
-    """Command with ROBOT and the robot options, from a function of these and of the command's own options.
-
-    ROBOT precedes the command's own arguments if ``robot_first``. The command has --degrees if ``angles``.
-    """
-
-    def decorate(function: Callable[[RobotOptions, Given], int | None]) -> click.Command:
-        @wraps(function)
-        def run(given: Given) -> int | None:
-            return function(RobotOptions.of(vars(given)), given)
-
-        order = (ROBOT, *options) if robot_first else (*options, ROBOT)
-        made: click.Command = command(name, *order, *[DEGREES][:angles], examples_=examples)(run)
-        return made
-
-    return decorate
-
-
 # ── Options of several commands
 
-LIMITS = option(
-    "--limits FILE.csv",
-    "Limits of the joints, in place of the robot file's; template: twistwrench info ROBOT --csv FILE.csv.",
-)
 PAYLOADS = option(
     "--payload MASS[,x,y,z][@FRAME]",
     "Mass attached to the robot's tip, or to FRAME, at x,y,z there [kg, m]; may be repeated.",
@@ -243,11 +218,6 @@ AT = option(
     multiple=True,
 )
 JSON = option("--json OUT.json", "Write the results as JSON; '-' prints them in place of the report.")
-
-
-def csv_option(text: str) -> Decorator:
-    """Option ``--csv`` with its help text."""
-    return option("--csv OUT.csv", f"{text}; '-' prints it in place of the report.")
 
 
 COLUMNS = option(
@@ -307,25 +277,6 @@ def motion_argument(*, required: bool) -> Decorator:
     )
 
 
-def motion_options(*, required: bool) -> Decorator:
-    """Arguments for the file of a motion, and options for how it is read."""
-    return option_group(motion_argument(required=required), reading_options())
-
-
-def reading_options() -> Decorator:
-    """Options for how the file of a motion is read."""
-    return option_group(
-        LOG_READING,
-        option("--smooth", "Smooth a noisy log before differentiating it, even if its noise does not matter."),
-        PLAN,
-    )
-
-
-def loaded_motion_options(*, required: bool) -> Decorator:
-    """Options for the motion, its payloads and its wrenches."""
-    return option_group(motion_options(required=required), PAYLOADS, WRENCHES, NO_FRICTION)
-
-
 @dataclass(frozen=True)
 class LogOptions:
     """Options for reading the file of a motion."""
@@ -379,14 +330,6 @@ def open_motion(
     reading["gain"] = current_gains(log.gain, robot.model, options.drives)
     still = [name for name in missing if name in locked]
     return robot, MotionLog.open(file, robot.model, locked=locked, held=still, plan=log.plan, **reading)
-
-
-def load_case(robot: Robot, options: RobotOptions, given: Given) -> LoadCase:
-    """Robot with the payloads and wrenches of the options; raises ModelError if --html cannot show its drives."""
-    if given.html is not None:
-        refuse_couplings(robot.model, "--html")
-    payloads = tuple(parse_payload(text, options.tip) for text in given.payloads)
-    return LoadCase(robot, payloads, parse_wrenches(given.wrenches), friction=not given.no_friction)
 
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:

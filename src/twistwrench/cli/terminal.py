@@ -15,16 +15,14 @@ from ..answers.answer import Answer
 from ..answers.blocks import Block, shown_blocks
 from ..answers.terminal import console, rendered
 from ..core.text import visible
-from .main import keep_answer, printed_blocks
 
 
 def show(*blocks: Block) -> None:
-    """Print blocks on standard output and keep them for --json.
+    """Print blocks on standard output.
 
     Without --all, long tables are shortened and notes on how a file was read are counted.
     """
     output = console()
-    printed_blocks().extend(blocks)
     context = click.get_current_context(silent=True)
     every = context is None or bool(context.params.get("whole_report", True))
     for block in shown_blocks(blocks, every=every, hint="--all"):
@@ -32,8 +30,7 @@ def show(*blocks: Block) -> None:
 
 
 def show_answer(answer: Answer) -> None:
-    """Print an answer, and keep it for --json."""
-    keep_answer(answer)
+    """Print an answer."""
     show(*answer.blocks())
 
 
