@@ -256,7 +256,8 @@ class ExcitingMotion(Answer):
         from ..reports.drawn_motion import motion_of
         from ..viz.page import viewer_page
 
-        return viewer_page(self.robot, motion=motion_of(self.robot, self.motion), embed=True)
+        shown = replace(motion_of(self.robot, self.motion), judged=False)
+        return viewer_page(self.robot, motion=shown, embed=True)
 
     def plot(self, kind: str | Path | None = None, path: str | Path | None = None) -> Any:
         """Draw velocities and torques of the motion relative to their limits.

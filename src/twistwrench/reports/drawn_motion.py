@@ -74,6 +74,8 @@ class DrawnMotion:
     """Contradictions in the input, one sentence each."""
     report: TorqueReport | None = None
     """Report of the command ``torques`` on the motion; None for arrays and without a verdict."""
+    judged: bool = True
+    """False if a page shows no verdict on the motion, since it contains the answer to another question."""
 
     @property
     def passed(self) -> tuple[str, ...]:

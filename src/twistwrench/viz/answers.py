@@ -22,6 +22,7 @@ from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import as_path, picture_path
 from ..core.numbers import percent_of_limit, seconds
 from ..diagnosis.report import DoctorReport
+from ..motion.load_case import LoadCase
 from ..reports.drawn_motion import motion_of, reported_motion
 from ..reports.torque_report import TorqueReport
 from ..robot import Robot
@@ -110,6 +111,18 @@ def _(answer: SimulationResult) -> Iterable[Picture]:
         return []
     pictures = [] if answer.simulated is None else [robot_picture(answer.simulated, *worst_moment_of(answer))]
     return [*pictures, drawn("Joints, energies and drift", partial(plot_simulation, answer))]
+
+
+@viewer_of.register
+def _(answer: SimulationResult) -> Viewer | None:
+    """Robot that follows the motion; without the motion if its torques are not those of the motors alone."""
+    robot = answer.simulated
+    if robot is None or robot.model.couplings:
+        return None
+    if robot.constraints or any(answer.work[force].any() for force in ("wrenches", "contacts")):
+        return _of_size(page.viewer_page(robot, q=answer.q[0], embed=True))
+    motion = motion_of(LoadCase(robot, friction=answer.friction), answer.motion)
+    return _of_size(page.viewer_page(robot, motion=replace(motion, judged=False), embed=True))
 
 
 # ── Calibrated robots
@@ -216,6 +229,13 @@ def _(answer: PayloadReport) -> Iterable[Picture]:
     marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
     pictures = [robot_picture(answer.robot, answer.q, marked, f"{answer.robot.name} in this pose")]
     return pictures + [drawn("Forces and holding torques", plot) for plot in plots_of(answer).values()]
+
+
+@viewer_of.register
+def _(answer: PayloadReport) -> Viewer | None:
+    if answer.robot.model.couplings:
+        return None
+    return _of_size(page.viewer_page(answer.robot, q=answer.q, embed=True))
 
 
 # ── Drives of a cycle

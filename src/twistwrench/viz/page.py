@@ -205,6 +205,7 @@ def viewer_page(
     data["book"] = None if book is None else section_data(book, robot, start)
     data["python"] = python_source(robot, motion)
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
+    data["box"] = scene.bounds(start).tolist() if motion is None and book is None else None
     data["neighbours"] = dict(neighbours or {})
     data["embed"], data["control"] = embed, _checked_control(control, data)
     if control == "fall":

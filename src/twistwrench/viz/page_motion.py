@@ -54,6 +54,7 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
         "still": put(motion.still, "u2") if motion.still.any() and friction else None,
         "viscous": laws.viscous.tolist() if friction and laws.any else None,
         "mass": 0.0 if payload is None else payload.mass,
+        "judged": motion.judged,
         "verdict": verdict,
     }
 

@@ -51,7 +51,8 @@ class Compact {
     address.first.camera.splice(2, 4, stage.distance, ...stage.target);
   }
 
-  get parts() { // the verdict, and the control that is named, or the first there is
+  get parts() { // the verdict, and the control that is named, or the first there is; none beside a motion that is not judged
+    if (this.viewer.motion && !this.viewer.motion.data.judged) return [];
     const { robot } = this.viewer, name = robot.control ?? "", joint = name.startsWith("q:") ? robot.hands.findIndex((hand) => hand.name === name.slice(2)) : -1;
     const named = { payload: "payload", push: "push-z", speed: "pace", fall: "let-go", section: "book" }[name] ?? (joint >= 0 ? `hand-${joint}` : null);
     const id = [named, ...(robot.book ? ["book"] : []), "payload", "pace", "hand-0"].find((found) => found && document.getElementById(found)), found = document.getElementById(id);

@@ -81,14 +81,15 @@ class Viewer {
     this.seek(time);
   }
 
-  // Places of bodies and tip, of the pose or over the motion.
+  // Places of bodies and tip over the motion; of a pose also the corners of the box around its shapes.
   get reach() {
     const { robot, motion, mechanics } = this, n = motion ? motion.q.length : 1;
     const rows = motion ? Array.from({ length: REACH }, (_, k) => Array.from(motion.q[Math.round((k * (n - 1)) / (REACH - 1))])) : [this.q];
-    return rows.flatMap((q) => {
+    const corners = robot.box ? Array.from({ length: 8 }, (_, k) => [0, 1, 2].map((i) => robot.box[(k >> i) & 1][i])) : [];
+    return corners.concat(rows.flatMap((q) => {
       const poses = mechanics.poses(q), places = robot.bodies.map((_, k) => place(poseOf(poses, k)));
       return [place(poseOf(poses, -1)), ...places, ...(robot.payload === null ? [] : [place(mechanics.tipPose(q))])];
-    });
+    }));
   }
 
   seek(time) { // the state of the motion at a time, between two samples a mean of both
@@ -187,7 +188,8 @@ class Viewer {
     return new Set(this.tau.flatMap((x, k) => (this.robot.torques[k].limit && isOver(x / this.robot.torques[k].limit) ? [k] : [])));
   }
 
-  get answer() { // the verdict on the motion, never OK beside a joint that is red at a pose set by hand
+  get answer() { // the verdict on the motion, if it is judged; never OK beside a joint that is red at a pose set by hand
+    if (this.motion && !this.motion.data.judged) return null;
     const { verdict, over, posed, tau, robot } = this;
     if (!verdict || verdict.word !== "OK" || !posed || !over.size) return verdict;
     const share = (k) => Math.abs(tau[k]) / robot.torques[k].limit, worst = [...over].reduce((a, b) => (share(b) > share(a) ? b : a)), { name, unit, limit } = robot.torques[worst];

@@ -61,7 +61,7 @@ class Menu {
   }
 
   picture() { // at twice the size, with the verdict and the scale
-    const { viewer } = this, { stage, robot, verdict } = viewer, { canvas, covered } = stage, ratio = 2;
+    const { viewer } = this, { stage, robot, answer: verdict } = viewer, { canvas, covered } = stage, ratio = 2;
     viewer.draw({ ...FINENESS[0], exact: ratio });
     viewer.changes += 1; // so that the screen is drawn anew
     const width = Math.round(canvas.clientWidth - covered.right), height = canvas.clientHeight, paper = document.createElement("canvas"), draw = paper.getContext("2d");
