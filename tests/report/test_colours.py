@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,3 +146,60 @@ def test_a_lossy_conversion_is_done_and_unsure_only_if_strict(tmp_path):
     strict = CliRunner().invoke(main, (*lossy, "--strict", "--overwrite"))
     assert (done.exit_code, done.stdout[:5]) == (0, "DONE:")
     assert (strict.exit_code, strict.stdout[:7]) == (1, "UNSURE:")
+
+
+TABLES = ("core/colours.py", "viz/style.py", "viz/colours.py")
+"""Meanings, colours of plots, and colours of scenes and articles."""
+HEX = re.compile(r"[\"'`: ]#(?:[0-9a-fA-F]{8}|[0-9a-fA-F]{6}|[0-9a-fA-F]{3})\b(?!;?\d)")
+NAMED = re.compile(
+    r"(?:colou?rs?|fill|stroke|foreground|background|style)[\"']?\s*[=:]\s*[\"'](?:bold |dim )?([a-z_:0-9]+)[\"']"
+)
+NAMES = frozenset(
+    [
+        "black",
+        "white",
+        "red",
+        "green",
+        "blue",
+        "yellow",
+        "orange",
+        "amber",
+        "grey",
+        "gray",
+        "cyan",
+        "magenta",
+        "purple",
+        "k",
+        "w",
+        "r",
+        "g",
+        "b",
+        "c",
+        "m",
+        "y",
+    ]
+)
+
+
+def test_colours_are_written_in_their_tables_alone():
+    """No code and no script has a colour of its own; a style sheet has them as variables of its root."""
+    package = Path(tw.__file__).parent
+    found = []
+    for path in sorted(package.rglob("*")):
+        name = path.relative_to(package).as_posix()
+        if name in TABLES or path.suffix not in (".py", ".js", ".css", ".html"):
+            continue
+        for k, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+            if path.suffix == ".css" and line.lstrip().startswith(":root {"):
+                continue
+            if HEX.search(line) or NAMES & set(NAMED.findall(line)):
+                found.append(f"{name}:{k}: {line.strip()[:90]}")
+    assert not found
+
+
+def test_no_style_sheet_repeats_a_colour_that_has_a_meaning():
+    """Over, near, good, pointed and quiet come from one table on every page."""
+    own = {colour for each in COLOURS.values() for colour in (each.light, each.dark)}
+    for path in Path(tw.__file__).parent.rglob("*.css"):
+        variables = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", path.read_text("utf-8")))
+        assert not {name for name, colour in variables.items() if colour in own and name in set(map(str, Style))}, path

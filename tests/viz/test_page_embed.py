@@ -267,3 +267,54 @@ def test_pages_stay_small(tmp_path, motion):
     """Without meshes: a robot at most 210 kB, a motion of 751 rows at most 340 kB."""
     assert write_page(motion.load.robot, tmp_path / "robot.html").stat().st_size <= 210_000
     assert write_page(motion.load.robot, tmp_path / "motion.html", motion=motion).stat().st_size <= 340_000
+
+
+@pytest.fixture
+def opened(page, folder):
+    """Opens the page inside the page of an answer."""
+
+    def opened(answer, width=960, height=480):
+        path = folder / f"{answer.call}.html"
+        path.write_text(answer.viewer().page, encoding="utf-8")
+        page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        page.call("Page.navigate", url="about:blank")
+        page.complaints.clear()
+        page.open(path.as_uri())
+        assert page.wait("!!window.viewer")
+        page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        return page
+
+    yield opened
+    page.call("Emulation.clearDeviceMetricsOverride")
+
+
+def test_a_robot_at_a_pose_is_within_its_frame(opened):
+    """Its shapes, not only its joints, stand above the control."""
+    page = opened(tw.payload("ur5", {"shoulder_lift_joint": -0.6}))
+    seen = page.run(SEEN)
+    assert sorted(seen) == ["#one", "header"]
+    places = page.run("viewer.reach.map((p) => viewer.stage.project(p))")
+    assert len(places) > 8  # the box around the shapes among them
+    assert all(0 <= x <= 960 and 0 <= y <= seen["#one"][3] for x, y in places)
+    assert page.complaints == []
+
+
+def test_a_simulation_has_no_second_verdict_inside_its_page(opened):
+    """A fall passes speeds that a planned motion must keep: DONE outside, and no word inside."""
+    robot = tw.robots.ur5()
+    fall = robot.simulate(robot.neutral, [0.0] * 6, duration=0.3)
+    assert fall.verdict.word == "DONE"
+    page = opened(fall)
+    assert sorted(page.run(SEEN)) == ["#player", "header"]
+    assert page.run("viewer.motion.time.length") > 100
+    assert page.complaints == []
+
+
+def test_a_simulation_under_a_wrench_is_shown_without_its_motion(folder):
+    """Torques of the states alone would be those of other forces."""
+    robot = tw.robots.pendulum()
+    for wrench, is_shown in ((None, True), ({robot.tip: [0.0, 0.0, 0.0, 5.0, 0.0, 0.0]}, False)):
+        fall = robot.simulate([0.3], [0.0], wrench_on_robot=wrench, duration=0.05)
+        path = folder / "wrench.html"
+        path.write_text(fall.viewer().page, encoding="utf-8")
+        assert (read_page(path)[0]["motion"] is not None) == is_shown

@@ -331,11 +331,11 @@ def share_cell(share: float) -> str | Line:
 # ── What a surface shows
 
 
-def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Block]:
+def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str, rows: int | None = None) -> list[Block]:
     """Blocks of the short form, or all of them if ``every``.
 
-    Long tables keep the rows with the largest share; notes on how files were read are counted. The ``hint`` says how to see
-    the rest.
+    Long tables keep the rows with the largest share, at most ``rows``; notes on how files were read are counted. The ``hint``
+    says how to see the rest.
     """
     most = Level.ALL if every else Level.SHORT
     found = [block for block in blocks if isinstance(block, str) or block.level <= most]
@@ -345,7 +345,7 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Blo
     kept = list[Block]()
     for block in found:
         if isinstance(block, Table):
-            kept += shortened(block, hint)
+            kept += shortened(block, hint, rows)
         elif isinstance(block, More):
             kept += [Line((f"{block.sentence}: {hint}", Style.QUIET))] if hint else []
         elif not (isinstance(block, Remark) and block.reading):
@@ -357,14 +357,17 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str) -> list[Blo
     return kept
 
 
-def shortened(table: Table, hint: str) -> list[Block]:
-    """Table with its most important rows, in their order, and a line that counts the others."""
+def shortened(table: Table, hint: str, rows: int | None = None) -> list[Block]:
+    """Table with its most important rows, at most ``rows``, in their order, and a line that counts the others."""
     count = len(table.styles)
-    if table.most is None or count <= table.most + 1:
+    if table.most is None:
+        return [table]
+    most = table.most if rows is None else min(table.most, rows)
+    if count <= most + 1:
         return [table]
     shares = [0.0 if math.isnan(x) else x for x in table.by] if table.by is not None else [0.0] * count
     order = sorted(range(count), key=lambda k: -shares[k])
-    kept, left = sorted(order[: table.most]), order[table.most :]
+    kept, left = sorted(order[:most]), order[most:]
     largest = shares[left[0]] if table.of_limits else 0.0
     below = f" below {percent_of_limit(largest)}" if largest > 0 else ""
     columns = [_rows_of(column, kept) for column in table.columns]

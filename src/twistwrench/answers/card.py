@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.colours import COLOURS, NEAR_LIMIT
+from ..core.colours import COLOURS, NEAR_LIMIT, Style
 from ..core.numbers import number
 from ..core.text import visible
 from ..core.typing import Array
@@ -92,7 +92,7 @@ def shares_svg(shares: Shares) -> str:
     lines = []
     for k in [*(int(k) for k in np.flatnonzero(known) if k != worst), worst]:
         points = " ".join(f"{a},{b}" for a, b in zip(x, height(peaks[:, k]), strict=True))
-        colour = COLOURS[limit_style(float(peaks[:, k].max()))].plot if k == worst else "#9aa3ad"
+        colour = COLOURS[limit_style(float(peaks[:, k].max()))].plot if k == worst else COLOURS[Style.QUIET].plot
         width = 1.8 if k == worst else 1.0
         lines.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}"/>')
     limit = height(1.0)

@@ -44,19 +44,41 @@ def console() -> Console:
 
 _PLAIN_WIDTH, _NARROWEST = 80, 40
 """Width of reports as text; least width of equations."""
+MOST_LINES = 45
+"""Lines of a short form at 80 columns."""
+_ROWS = (10, 8, 6, 4, 3, 2)
+"""Rows of a long table, fewer until the report fits."""
 
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Short form of a report in 80 columns, without colours."""
     output = _Output(width=_PLAIN_WIDTH, file=StringIO(), highlight=False, color_system=None)
     with output.capture() as captured:
-        _print(shown_blocks(blocks, every=False, hint=".print(every=True)"), output)
+        _print(short_form(blocks, output, ".print(every=True)"), output)
     return captured.get().rstrip("\n")
 
 
 def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO | None = None) -> None:
     """Print a report in the width of the terminal, with colours where it has some."""
-    _print(shown_blocks(blocks, every=every, hint=".print(every=True)"), _Output(file=file, highlight=False))
+    output, hint = _Output(file=file, highlight=False), ".print(every=True)"
+    _print(shown_blocks(blocks, every=True, hint=hint) if every else short_form(blocks, output, hint), output)
+
+
+def short_form(blocks: Iterable[Block], output: Console, hint: str) -> list[Block]:
+    """Blocks of the short form; long tables show fewer rows if the report has more than :data:`MOST_LINES`."""
+    blocks = list(blocks)
+    shown = shown_blocks(blocks, every=False, hint=hint)
+    for rows in _ROWS:
+        if _line_count(shown, output) <= MOST_LINES:
+            break
+        shown = shown_blocks(blocks, every=False, hint=hint, rows=rows)
+    return shown
+
+
+def _line_count(blocks: Iterable[Block], output: Console) -> int:
+    with output.capture() as captured:
+        _print(blocks, output)
+    return captured.get().count("\n")
 
 
 def _print(blocks: Iterable[Block], output: Console) -> None:

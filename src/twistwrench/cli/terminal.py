@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ..answers.answer import Answer
 from ..answers.blocks import Block, shown_blocks
-from ..answers.terminal import console, rendered
+from ..answers.terminal import console, rendered, short_form
 from ..core.text import visible
 
 
@@ -25,7 +25,8 @@ def show(*blocks: Block) -> None:
     output = console()
     context = click.get_current_context(silent=True)
     every = context is None or bool(context.params.get("whole_report", True))
-    for block in shown_blocks(blocks, every=every, hint="--all"):
+    shown = shown_blocks(blocks, every=True, hint="--all") if every else short_form(blocks, output, "--all")
+    for block in shown:
         output.print(rendered(block, output))
 
 

@@ -49,7 +49,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "momentum": ("#8b3a9b", "#d79fe8"),
         "wrench": ("#b05a00", "#f2a84e"),
         "change": ("#5b6672", "#b4bfca"),
-        "link": ("#1f5fa8", "#8fc2f5"),
+        "link": (MEANINGS[Style.POINTED].light, MEANINGS[Style.POINTED].dark),
     }
 )
 """Colours of words and arrows in articles, on light and on dark paper: hues of Okabe and Ito, with 4.5 : 1 as text."""

@@ -477,7 +477,9 @@ class _Stage:
         axis.set_xlim(-0.56 * size, 0.56 * size)
         axis.set_ylim(-0.47 * size, 0.47 * size)
         self.polygons = axis.add_collection(PolyCollection([], linewidths=0.25, zorder=2))
-        axis.add_collection(LineCollection(list(painter.grid(2.2 * size)), colors="#d9dde2", linewidths=0.6, zorder=1))
+        axis.add_collection(
+            LineCollection(list(painter.grid(2.2 * size)), colors=style.FLOOR, linewidths=0.6, zorder=1)
+        )
 
     def show(self, q: Array) -> None:
         triangles, colours = self.painter.paint(q)

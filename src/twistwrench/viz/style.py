@@ -29,6 +29,8 @@ __all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 OVER, NEAR, POINTED, QUIET = (COLOURS[s].plot for s in (Style.OVER, Style.NEAR, Style.POINTED, Style.QUIET))
 LINE, AXIS, INK, PALE = "#1f4e79", "#555b63", "#222222", "#d5d9df"
 """Colours of curves, axes and zero lines, marks over colours, and backgrounds of curves."""
+PAPER, FLOOR = "#ffffff", "#d9dde2"
+"""Colours of rims on the paper, and of the floor's grid."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, GREY = "#D55E00", "#8C8C8C"
 """Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only."""
@@ -154,7 +156,7 @@ SHORT, LONG = "#f8e3b5", "#c3e3d3"
 _PAGE = {
     SHORT: "short",
     LONG: "long",
-    "#ffffff": "paper",
+    PAPER: "paper",
     "#000000": "ink",
     INK: "ink",
     AXIS: "axis",

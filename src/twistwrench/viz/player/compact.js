@@ -37,7 +37,7 @@ class Compact {
   fit() {
     const { stage, reach, book, address } = this.viewer, { canvas, home } = stage, seen = (id) => document.getElementById(id).getBoundingClientRect();
     if (!this.embedded || book || stage.distance !== home.distance || !canvas.clientHeight) return;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight], edge = 0.03 * height, verdict = seen("verdict"), title = document.querySelector("header").getBoundingClientRect().bottom, control = seen("one").top || height, above = verdict.width > 0.6 * width;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight], edge = 0.03 * height, verdict = seen("verdict"), title = document.querySelector("header").getBoundingClientRect().bottom, control = seen("one").top || seen("player").top || height, above = verdict.width > 0.6 * width;
     const left = 1.5 * edge, right = verdict.width && !above ? verdict.left - edge : width - 1.5 * edge, top = (above ? verdict.bottom + edge : title) + edge, bottom = control + BEHIND * (height - control);
     for (let k = 0; k < FITS; k++) {
       const places = reach.map((p) => stage.project(p)), axis = (i) => places.map((p) => p[i]), [x, y] = [axis(0), axis(1)];

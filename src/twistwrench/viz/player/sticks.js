@@ -13,11 +13,11 @@ class Sticks extends Orbit {
 
   // sticks: pairs of points in the base frame; ends: points.
   draw(items, lines, floor, { sticks, ends }) {
-    const { pen, canvas } = this, ratio = window.devicePixelRatio || 1;
+    const { pen, canvas } = this, ratio = window.devicePixelRatio || 1, tone = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
     if (!pen) return;
     [canvas.width, canvas.height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio];
     pen.scale(ratio, ratio);
-    Object.assign(pen, { lineWidth: 7, lineCap: "round", strokeStyle: "#7f93a8", fillStyle: "#2f7fc8" });
+    Object.assign(pen, { lineWidth: 7, lineCap: "round", strokeStyle: tone("--stick"), fillStyle: tone("--stick-end") });
     for (const [a, b] of sticks) {
       pen.beginPath();
       pen.moveTo(...this.project(a));

@@ -48,7 +48,7 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
     places = np.arange(len(order))
     axis.bar(places, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
     axis.bar(places, _MILLI * after, color=style.POINTED, label="after")
-    axis.plot(places[~used], _MILLI * after[~used], "x", color="black", label="left out", linestyle="none")
+    axis.plot(places[~used], _MILLI * after[~used], "x", color=style.INK, label="left out", linestyle="none")
     axis.set_yscale("log")
     axis.yaxis.set_major_formatter(lambda x, _: number(x))
     axis.set_xlabel("reading, sorted")

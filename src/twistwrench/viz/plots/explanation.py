@@ -46,8 +46,8 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
     for names, colours in ((bodies, _BODIES), ([name for name in apart if name not in _APART], (style.AXIS,))):
         for k, name in enumerate(names):
             hatch = (None, "///", "...", "xxx")[k // len(colours) % 4]
-            found[name] = {"color": colours[k % len(colours)], "hatch": hatch, "edgecolor": "white"}
-    return found | {name: {"color": _APART[name], "edgecolor": "white"} for name in apart if name in _APART}
+            found[name] = {"color": colours[k % len(colours)], "hatch": hatch, "edgecolor": style.PAPER}
+    return found | {name: {"color": _APART[name], "edgecolor": style.PAPER} for name in apart if name in _APART}
 
 
 def plot_explanation(why: Explanation, path: str | Path) -> Path:
@@ -75,7 +75,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     drawn_as = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
     rows = [(names[c], parts[c], drawn_as[names[c]]) for c in shown]
     if rest:
-        others = {"color": "white", "hatch": "////", "edgecolor": style.GREY}
+        others = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
         rows.append((f"{len(rest)} others", parts[rest].sum(axis=0), others))
     places = np.arange(len(why.joints))
     width = max(6.0, 1.1 * len(places) + 3.2)

@@ -203,7 +203,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         )
         end: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
         (seen["beginning"],) = axis.plot(*points[0], "o", **end)
-        (seen["end"],) = axis.plot(*points[-1], "s", markerfacecolor="white", **end)
+        (seen["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **end)
         low, high = points.min(axis=0), points.max(axis=0)
         pad = np.maximum(0.12 * (high - low), 0.02)
         for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():

@@ -51,7 +51,7 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
         style.titles(axis, title)
         names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
-        axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
+        axis.plot(*place, "x", color=style.PAPER, markeredgewidth=3.5, markersize=8)
         (cross,) = axis.plot(*place, "x", color=style.POINTED, markeredgewidth=1.8, markersize=7, linestyle="none")
     axes[0].set_ylabel(f"{names[1]} [m]")
     figure.legend([cross], ["the pose above"], loc="outside lower center")
@@ -237,10 +237,10 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     if len(nearest) >= 3:
         look: dict[str, Any] = {"facecolor": style.POINTED, "edgecolor": style.POINTED, "linewidth": 1.2, "alpha": 0.25}
         axis.add_collection3d(Poly3DCollection([nearest], zorder=3, **look))
-    rim = [Stroke(linewidth=6, foreground="white"), Normal()]
+    rim = [Stroke(linewidth=6, foreground=style.PAPER), Normal()]
     axis.plot(*([0, x] for x in tip), color=style.POINTED, linewidth=3, label=label, zorder=10, path_effects=rim)
     for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.POINTED, 9)):
-        axis.plot(*([x] for x in place), "o", color=colour, markersize=size, markeredgecolor="white", zorder=11)
+        axis.plot(*([x] for x in place), "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11)
 
 
 def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
@@ -250,8 +250,8 @@ def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
     axis.plot(on @ first, on @ second, color=style.POINTED, linewidth=2.5, alpha=0.5, zorder=9)
     axis.plot([0, tip @ first], [0, tip @ second], color=style.POINTED, linewidth=3, label=label, zorder=10)
-    axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor="white", zorder=11)
-    axis.plot(tip @ first, tip @ second, "o", color=style.POINTED, markersize=8, markeredgecolor="white", zorder=11)
+    axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor=style.PAPER, zorder=11)
+    axis.plot(tip @ first, tip @ second, "o", color=style.POINTED, markersize=8, markeredgecolor=style.PAPER, zorder=11)
 
 
 def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:

@@ -163,7 +163,7 @@ _NAMED = 0.013
 def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     for touch in fast.limit_contacts:
         k = names.index(touch.joint)
-        look: dict[str, Any] = {"color": style.SERIES[k % len(style.SERIES)], "edgecolor": "white", "linewidth": 0}
+        look: dict[str, Any] = {"color": style.SERIES[k % len(style.SERIES)], "edgecolor": style.PAPER, "linewidth": 0}
         hatch = "///" if touch.kind == "velocity" else None
         axis.barh(0, touch.end - touch.begin, left=touch.begin, height=0.8, hatch=hatch, **look)
         name = touch.joint.removesuffix("_joint")
@@ -172,7 +172,7 @@ def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
         if max(map(len, name.split("\n"))) <= longest:
             box = {"facecolor": look["color"], "edgecolor": "none", "pad": 1.5}
             place = (touch.begin + touch.end) / 2, 0
-            axis.text(*place, name, color="white", ha="center", va="center", fontsize=style.SMALL, bbox=box)
+            axis.text(*place, name, color=style.PAPER, ha="center", va="center", fontsize=style.SMALL, bbox=box)
     axis.set_yticks([])
     axis.grid(visible=False)
     caption = "active limits: torques plain, velocities hatched (dotted beside)"
@@ -212,7 +212,7 @@ def _coloured(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
         part = (s >= touch.s) & (s <= end)
         colour = style.SERIES[names.index(touch.joint) % len(style.SERIES)]
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=":" if touch.kind == "velocity" else "-")
-    look: dict[str, Any] = {"color": "white", "markeredgecolor": style.LINE, "markersize": 5}
+    look: dict[str, Any] = {"color": style.PAPER, "markeredgecolor": style.LINE, "markersize": 5}
     axis.plot(*curves.switches, "o", label="another limit takes over", **look)
 
 

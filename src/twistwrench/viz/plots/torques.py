@@ -95,7 +95,7 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
     bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
     _frame_limits(axis, joint, bottom, top, most=report.scale)
     peak = 0.0 if report.is_zero(joint.peak) else joint.peak
-    axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor="white", zorder=5)
+    axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor=style.PAPER, zorder=5)
     late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
     axis.annotate(
         report.label(joint.peak),
@@ -106,7 +106,7 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
         va="bottom" if up else "top",
         color=colour,
         fontsize=style.SMALL,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
+        bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
     limit = f"{percent_of_limit(joint.share)} of {number(joint.limit)} " if math.isfinite(joint.limit) else ""
     style.titles(axis, joint.joint, limit + joint.unit, style.OVER if over_limit(joint.share) else style.QUIET)
@@ -171,9 +171,9 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
         name: x for name, x in zip(terms, parts, strict=True) if np.nanmax(np.abs(x), initial=0.0) > ZERO * report.scale
     }
     _, below, above = style.stack(axis, time, ((cause_label(name), style.CAUSES[name], x) for name, x in large.items()))
-    axis.plot(time, np.sum(parts, axis=0), color="black", linewidth=1.3, label="total")
+    axis.plot(time, np.sum(parts, axis=0), color=style.INK, linewidth=1.3, label="total")
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
-    axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
+    axis.axvline(joint.time, color=style.INK, linewidth=0.8, linestyle=":")
     _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=report.scale)
     whole = len(states) == report.rows
     part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
