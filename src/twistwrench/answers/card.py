@@ -15,7 +15,7 @@ from ..core.numbers import number
 from ..core.text import visible
 from ..core.typing import Array
 from .blocks import Block, Headline, Remark, Table, limit_style, shown_blocks
-from .page import paragraphs, table_html
+from .page import block_html, paragraphs, table_html
 
 if TYPE_CHECKING:
     from .answer import Answer
@@ -24,9 +24,11 @@ _MOST = 120_000
 """Maximum number of bytes of a card."""
 _LONGEST = 200
 """Maximum number of characters of a name."""
-_WIDTH, _HEIGHT, _LEFT, _BELOW = 640, 150, 36, 18
+_WIDTH, _HEIGHT, _LEFT, _BELOW = 640, 150, 42, 18
 """Size of the picture, and its margins, in pixels."""
 _MOST_POINTS = 240
+_MOST_LINES = 8
+"""Maximum number of lines of a card without a table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +48,30 @@ def card(answer: Answer) -> str:
     blocks = shown_blocks(answer.blocks(), every=False, hint="")
     head = [html_of(block) for block in blocks if isinstance(block, Headline)]
     tables = [block for block in blocks if isinstance(block, Table)]
-    remarks = [block for block in blocks if isinstance(block, Remark)]
+    remarks: list[Block] = [block for block in blocks if isinstance(block, Remark)]
     shares = answer.shares()
     parts = [f'<p class="kind">{_clipped(answer.subject)}</p>', *head]
     if shares is not None and np.isfinite(shares.values).any():
         parts.append(shares_svg(shares))
     parts += [table_html(table) for table in tables[:1]]
-    rest = len(tables[1:]) + len(remarks)
+    rest: Sequence[Block] = [*tables[1:], *remarks]
+    if not tables:
+        lines = [block for block in blocks if block != "" and not isinstance(block, Headline)]
+        parts += map(block_html, lines[:_MOST_LINES])
+        rest = lines[_MOST_LINES:]
     if rest:
-        parts.append(
-            f'<p class="kind">{rest} more table{"s" * (rest > 1)} and notes: .print(), .to_html("report.html")</p>'
-        )
+        parts.append(f'<p class="kind">{_counted(rest)} more: .print(), .to_html("report.html")</p>')
     text = f'<div class="twistwrench">{_STYLE}{"".join(parts)}</div>'
     if len(text.encode()) > _MOST:
         text = f'<div class="twistwrench">{_STYLE}{"".join(parts[:2])}</div>'
     return text
+
+
+def _counted(blocks: Sequence[Block]) -> str:
+    """Numbers of tables and of other blocks."""
+    tables = sum(isinstance(block, Table) for block in blocks)
+    counts = {"table": tables, "note": len(blocks) - tables}
+    return " and ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
 
 
 def html_of(block: Block) -> str:
@@ -124,7 +135,10 @@ def _style() -> str:
         ".twistwrench .strong { font-weight: 650 } .twistwrench .kind { opacity: 0.7; font-size: 0.85rem } "
         ".twistwrench svg { display: block; width: 100%; max-width: 640px; height: auto } "
         ".twistwrench figure { margin: 0.5rem 0 } .twistwrench td, .twistwrench th { text-align: right; padding: 0.1rem 0.6rem "
-        "0.1rem 0; font-variant-numeric: tabular-nums } .twistwrench .word { text-align: left } "
+        "0.1rem 0; font-variant-numeric: tabular-nums } .twistwrench .word, .twistwrench caption { text-align: left } "
+        ".twistwrench caption { font-weight: 600; padding: 0.2rem 0; white-space: nowrap } "
+        ".twistwrench .scroll { overflow-x: auto } "
+        ".twistwrench th, .twistwrench .number, .twistwrench .whole { white-space: nowrap } "
         f"{light}@media (prefers-color-scheme: dark) {{ {dark} }}</style>"
     )
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from ..core.colours import COLOURS, Style, page_colours
 from ..core.files import replacing
+from ..core.text import visible
 from ..core.version import __version__
 from .blocks import Aligned, Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
 from .data import plain, table_data
@@ -170,11 +171,11 @@ class ReportPage:
             *([_MOVE] if self.viewer is not None else []),
             *map(_picture, [picture for picture in self.pictures if isinstance(picture.content, str)]),
             "<h2>Results</h2>",
-            *map(_block, shown),
-            *(["<h2>Details</h2>", *map(_block, self.details)] if self.details else []),
+            *map(block_html, shown),
+            *(["<h2>Details</h2>", *map(block_html, self.details)] if self.details else []),
         ]
         if doubts or self.notes:
-            items = [html.escape(doubt.words) for doubt in doubts] + [html.escape(note) for note in self.notes]
+            items = [_escaped(doubt.words) for doubt in doubts] + [_escaped(note) for note in self.notes]
             parts.append(f"<h2>Doubts and notes</h2><ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
         parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(table_html, self.tables))}")
         text = "\n".join(self._cut(part) for part in parts)
@@ -190,9 +191,9 @@ class ReportPage:
         return _TEMPLATE.format(
             policy=html.escape(policy),
             scripts=scripts,
-            title=html.escape(f"{self.command}: {self.subject}"),
+            title=_escaped(f"{self.command}: {self.subject}"),
             style=page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8"),
-            kind=html.escape(f"twistwrench {self.command} · {self.subject}"),
+            kind=_escaped(f"twistwrench {self.command} · {self.subject}"),
             body=text,
             data=self.shorten(self._data()).replace("<", "\\u003c"),
         )
@@ -345,6 +346,11 @@ _TEMPLATE = """<!doctype html>
 """
 
 
+def _escaped(text: str) -> str:
+    """Text for HTML, with control characters as escapes."""
+    return html.escape(visible(text))
+
+
 def _line(line: Block | Cell) -> str:
     """HTML of a line or cell; a bar is its label, and glyphs are left out."""
     if isinstance(line, Glyphs):
@@ -353,15 +359,15 @@ def _line(line: Block | Cell) -> str:
         return _pieces(line.label)
     if isinstance(line, Headline | Line | Remark):
         return _pieces(line.pieces)
-    return html.escape(str(line))
+    return _escaped(str(line))
 
 
 def _pieces(pieces: Iterable[Piece]) -> str:
     found = []
     for piece in pieces:
         text, style = (piece, "") if isinstance(piece, str) else piece
-        escaped = html.escape(text)
-        found.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
+        safe = _escaped(text)
+        found.append(f'<span class="{style}">{safe}</span>' if style else safe)
     return "".join(found)
 
 
@@ -381,7 +387,7 @@ def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
     first, *others = [
         text for block in head if isinstance(block, str | Headline | Line) for text in paragraphs(block)
     ] or [""]
-    decisive = "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in facts)
+    decisive = "".join(f"<div><dt>{_escaped(k)}</dt><dd>{_escaped(v)}</dd></div>" for k, v in facts)
     more = "".join(f"<p>{text}</p>" for text in others)
     return f'<div class="verdict"><h1>{first}</h1>{more}</div>' + (
         f'<dl class="facts">{decisive}</dl>' if decisive else ""
@@ -389,7 +395,7 @@ def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
 
 
 def _picture(picture: Picture) -> str:
-    name = html.escape(picture.title)
+    name = _escaped(picture.title)
     if isinstance(picture.content, bytes):
         data = base64.b64encode(picture.content).decode("ascii")
         image = f'<img alt="{name}" src="data:image/png;base64,{data}">'
@@ -397,14 +403,15 @@ def _picture(picture: Picture) -> str:
     return f'<figure><div class="scroll" tabindex="0" role="img" aria-label="{name}">{picture.content}</div></figure>'
 
 
-def _block(block: Block) -> str:
+def block_html(block: Block) -> str:
+    """HTML of a block below the headline."""
     if isinstance(block, Table):
         return table_html(block)
     if isinstance(block, Branch):
-        return f"<ul><li>{_line(block.label)}{''.join(map(_block, block.branches))}</li></ul>"
+        return f"<ul><li>{_line(block.label)}{''.join(map(block_html, block.branches))}</li></ul>"
     if isinstance(block, Aligned):
-        caption = f"<h3>{html.escape(block.title)}</h3>" if block.title else ""
-        return caption + "".join(f"<p>{html.escape(f'{left} {right}')}</p>" for left, right in block.rows)
+        caption = f"<h3>{_escaped(block.title)}</h3>" if block.title else ""
+        return caption + "".join(f"<p>{_escaped(f'{left} {right}')}</p>" for left, right in block.rows)
     start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
     return "".join(f"{start}{text}</p>" for text in paragraphs(block) if text)
 
@@ -415,12 +422,12 @@ def table_html(table: Table) -> str:
     columns = [c for c in columns if any(_line(c.show(value)) for value in c.values)]
     kinds = ["number" if not c.words else "word whole" if c.whole else "word" for c in columns]
     sides = [f' class="{kind}"' for kind in kinds]
-    heads = "".join(f'<th scope="col"{s}>{html.escape(c.head)}</th>' for s, c in zip(sides, columns, strict=True))
+    heads = "".join(f'<th scope="col"{s}>{_escaped(c.head)}</th>' for s, c in zip(sides, columns, strict=True))
     rows = []
     for k, style in enumerate(table.styles):
         cells = "".join(f"<td{s}>{_line(c.show(c.values[k]))}</td>" for s, c in zip(sides, columns, strict=True))
         rows.append(f'<tr class="{style}">{cells}</tr>' if style else f"<tr>{cells}</tr>")
-    name = html.escape(table.title)
+    name = _escaped(table.title)
     caption = f"<caption>{name}</caption>" if name else ""
     return (
         f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{name or "Table"}"><table>{caption}'
@@ -429,7 +436,7 @@ def table_html(table: Table) -> str:
 
 
 def _list(pairs: Iterable[tuple[str, str]]) -> str:
-    return f"<dl>{''.join(f'<dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd>' for k, v in pairs)}</dl>"
+    return f"<dl>{''.join(f'<dt>{_escaped(k)}</dt><dd>{_escaped(v)}</dd>' for k, v in pairs)}</dl>"
 
 
 _HEADS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
