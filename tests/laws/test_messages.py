@@ -80,6 +80,7 @@ def test_an_error_speaks_python_and_the_shell_asks_for_its_own_words():
         ("move planar_2r --to 1,0.5 --fastest --duration 2", "--fastest computes the duration, and --duration sets it"),
         ("move planar_2r", "Give --to for the joints, or --by for the tip"),
         ("move planar_2r --from 1,2,3 --to 1,0.5", "--from '1,2,3'"),
+        ("info ur5 --keep arm", "--keep arm is of MJCF files"),
         ("payload ur5 --samples 9", "--samples is about the map, and there is none. Add --map rz"),
         (
             "export planar_2r --st a.st --style codesys --quantity mass_matrix",

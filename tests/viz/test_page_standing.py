@@ -39,7 +39,7 @@ def held(tmp_path_factory):
 
 def test_a_legged_file_with_a_fixed_base_opens_standing_and_says_so(held, tmp_path):
     header = read_page(write_page(held, tmp_path / "page.html"))[0]
-    assert header["held"] == "base fixed in the air by the file; with --floating-base the feet carry"
+    assert header["held"] == "base fixed in the air by the file; with floating_base=True the feet carry"
     assert header["standing"] is None
     soles = [0.03, 0.0, -0.08]  # middle of the box feet's lower side
     q = np.array(header["start"])
@@ -78,7 +78,7 @@ def test_legged_files_of_the_field_stand_within_a_millimetre(name, tmp_path):
     robot = tw.load(FILES[name], inertia="accept")
     legs = hanging_base(robot.model).legs
     header = read_page(write_page(robot, tmp_path / "page.html"))[0]
-    assert header["held"].endswith("with --floating-base the feet carry")
+    assert header["held"].endswith("with floating_base=True the feet carry")
     heights = least_heights(robot, np.array(header["start"]), len(legs))
     assert np.ptp(heights) < 0.01
     assert heights[0] == pytest.approx(header["floor"], abs=1e-3)

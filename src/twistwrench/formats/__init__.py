@@ -77,7 +77,9 @@ def load_model(
         for option, value, own in (("keep", keep, ("mjcf",)), ("model", model, ("sdf", "usd"))):
             if value is not None and found not in own:  # only formats whose files have several parts
                 formats = " and ".join(name.upper() for name in own)
-                raise ValueRangeError(f"{option}={value!r} is of {formats} files, and this one is {found.upper()}.")
+                raise ValueRangeError(
+                    f"{argument(option, value)} is of {formats} files, and this one is {found.upper()}."
+                )
         if format not in (None, found):
             raise RobotFileError(f"it is {said}, and format={format!r} was given.")
         if usd is not None:  # import only the required reader

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.errors import ConstraintError, ValueRangeError
 from ..core.numbers import number
+from ..core.text import spoken
 from ..core.typing import Array
 from ..mechanics.algorithms.constraints import GROUND, Closure, independent_constraints
 from ..mechanics.lie import se3
@@ -153,7 +154,7 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     )
 
 
-HELD = "base fixed in the air by the file; with --floating-base the feet carry"
+HELD = "base fixed in the air by the file; with <floating_base=True> the feet carry"
 _LEVEL = 1e-3
 """Greatest height of a sole's corner off the floor in a standing pose [m]."""
 
@@ -171,7 +172,7 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     if len(feet) < len(held.legs) or any(body.joint.nv != 1 for body in robot.model.leaders):
         missing = ", ".join(robot.model.bodies[chain[-1]].link for chain in held.legs if chain[-1] not in shapes)
         why = f"no shape of {missing}" if missing else "joints of several degrees of freedom"
-        return q, f"{HELD}; no standing pose found: {why}"
+        return q, f"{spoken(HELD)}; no standing pose found: {why}"
     start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
     T = scene.body_poses(start)
     heights = np.concatenate([sole @ T[k][2, :3] + T[k][2, 3] + lift for k, sole in zip(feet, soles, strict=True)])
@@ -179,9 +180,9 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     if off > _LEVEL:
         return (
             q,
-            f"{HELD}; no standing pose found: within the limits a foot stays {number(1e3 * off, 2)} mm off the floor",
+            f"{spoken(HELD)}; no standing pose found: within the limits a foot stays {number(1e3 * off, 2)} mm off the floor",
         )
-    return start, HELD
+    return start, spoken(HELD)
 
 
 def _stance_on(

@@ -424,7 +424,9 @@ def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | N
 
 def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
-        raise ValueRangeError(f"{option}={value!r} is not allowed. Choose from: {', '.join(map(repr, choices))}.")
+        raise ValueRangeError(
+            f"{argument(option, value)} is not allowed. Choose from: {', '.join(map(repr, choices))}."
+        )
 
 
 complete(globals())
