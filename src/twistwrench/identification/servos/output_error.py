@@ -120,11 +120,25 @@ class OutputErrorProblem:
     def linearised(self, p: Array) -> tuple[Array, Array]:
         """r (M,) and J (M, P) = ∂q̂/∂p of the free unknowns."""
         size = np.append(np.full(len(p) - 1, _DIFFERENCE), _DELAY_DIFFERENCE)[self.free]
-        moved = np.tile(p, (len(size) + 1, 1))
-        moved[1:, self.free] += np.diag(size)
+        moved, B = np.tile(p, (len(size) + 1, 1)), self.directions
+        moved[1:, self.free] += size[:, None] * B
         moved[1:, -1] = np.maximum(moved[1:, -1], 0.0)
         r = self.flat(moved)
-        return r[0], (r[0] - r[1:]).T / size
+        return r[0], np.linalg.solve(B, (r[0] - r[1:]) / size[:, None]).T
+
+    @property
+    def directions(self) -> Array:
+        """(P, P) rows of the free unknowns' differences: one by one, but the four logarithms of a joint together for its kp.
+
+        Positions depend little on the scale of a light joint; the sum of four differences would hide it.
+        """
+        n = len(QUANTITIES)
+        B = np.eye(len(self.free))
+        for j in range(self.replay.robot.nv):
+            mine = slice(n * j, n * (j + 1))
+            if self.free[mine].all():
+                B[n * (j + 1) - 1, mine] = 1.0
+        return B[np.ix_(self.free, self.free)]
 
     def normal_equations(self, p: Array, r: Array, J: Array) -> tuple[Array, Array, float]:
         """H, g and σ² of the free unknowns."""
