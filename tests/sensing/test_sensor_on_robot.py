@@ -6,9 +6,11 @@ import warnings
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench import sensing
+from twistwrench.cli.main import main
 
 ARM = tw.robots.ur5()
 RNG = np.random.default_rng(0)
@@ -72,3 +74,11 @@ def test_a_log_without_orientations_or_without_a_joint_is_one_error(tmp_path):
     fewer = {name: x for name, x in columns(ARM.joint_names).items() if name != "elbow_joint"}
     with pytest.raises(tw.TrajectoryError, match="no column for elbow_joint"):
         sensing.read_log(written(tmp_path / "fewer.csv", fewer), robot=ARM)
+
+
+def test_the_command_takes_the_robot(tmp_path):
+    path = written(tmp_path / "log.csv", columns([f"actual_q_{k}" for k in range(6)], np.degrees(1.0)))
+    said = CliRunner().invoke(main, ["sensor", "identify", str(path), "--robot", "ur5", "--degrees"])
+    assert said.exit_code == 0 and said.output.startswith("OK: 2.5"), said.output
+    alone = CliRunner().invoke(main, ["sensor", "identify", str(path), "--degrees"])
+    assert alone.exit_code == 2 and "--robot ROBOT" in alone.output

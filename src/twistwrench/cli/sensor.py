@@ -9,8 +9,11 @@ from pathlib import Path
 import click
 
 from ..core.arguments import parse_numbers
+from ..core.errors import ValueRangeError
+from ..core.gravity import STRENGTH
 from ..sensing import Compensation, Identification, PoseProposal, compensate, identify, propose_poses
-from ..sensing.files import log_path, sensor_path
+from ..sensing.files import log_path, readings_of, sensor_path
+from ..sensing.log import ReadingLog
 from .main import option
 from .parameters import Kind, Spelling
 from .skin import Asked, OutputFile, command_of, picture_file, table_file
@@ -18,6 +21,26 @@ from .skin import Asked, OutputFile, command_of, picture_file, table_file
 _LOG = click.argument("readings", metavar="LOG")
 _PICTURE = "Draw the readings before and after."
 _TABLE = "Write the readings without bias and load as a table"
+
+
+_ON_ROBOT = (
+    option("--robot ROBOT", "Robot whose joint positions are in the log in place of orientations.", "arm"),
+    option("--frame FRAME", "Frame of the sensor on the robot. [default: its tip]"),
+    option("--degrees", "Joint positions without a unit are in degrees."),
+)
+
+
+def _readings(
+    readings: str, arm: str | None, frame: str | None, degrees: bool, asked: Asked, taker: str
+) -> str | ReadingLog:
+    """The log, read with the joint positions of a robot if one is given."""
+    if arm is None and (frame is not None or degrees):
+        raise ValueRangeError(
+            "--frame and --degrees are about joint positions. Give the robot that has them, --robot ROBOT."
+        )
+    if arm is None:
+        return readings
+    return readings_of(readings, asked.get("gravity", STRENGTH), taker, robot=arm, frame=frame, degrees=degrees)
 
 
 def _log_file(readings: str | None) -> dict[str, Path | None]:
@@ -34,6 +57,7 @@ def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
     "compensate",
     compensate,
     _LOG,
+    *_ON_ROBOT,
     files=(table_file(Compensation.to_csv, _TABLE), picture_file(_PICTURE)),
     report=True,
     examples=("sensor compensate demo --sensor demo",),
@@ -44,19 +68,20 @@ def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
     kinds={"SensorGiven": Kind("SENSOR.json", lambda text, _flag: sensor_path(text), is_file=True)},
     reads=_log_file,
 )
-def compensate_command(readings: str, asked: Asked) -> Compensation:
+def compensate_command(readings: str, arm: str | None, frame: str | None, degrees: bool, asked: Asked) -> Compensation:
     """Subtract bias, weight and inertial load from the readings of a sensor.
 
     Exit code: 1 if --contacts finds one, or, LOOK AGAIN, if the sensor file does not explain the log: another tool, unit,
     sign or orientation, or a log in motion whose moments hold an inertia that was not identified.
     """
-    return compensate(readings, **asked)
+    return compensate(_readings(readings, arm, frame, degrees, asked, "compensate"), **asked)
 
 
 @command_of(
     "identify",
     identify,
     _LOG,
+    *_ON_ROBOT,
     files=(
         OutputFile("--save OUT.json", "Write the sensor file for `compensate`.", Identification.write),
         table_file(Identification.to_csv, _TABLE),
@@ -74,14 +99,14 @@ def compensate_command(readings: str, asked: Asked) -> Compensation:
     kinds={"BiasGiven": Kind("m,m,m,f,f,f", _numbers(6)), "NoiseGiven": Kind("M,F", _numbers(2, 6))},
     reads=_log_file,
 )
-def identify_command(readings: str, asked: Asked) -> Identification:
+def identify_command(readings: str, arm: str | None, frame: str | None, degrees: bool, asked: Asked) -> Identification:
     """Estimate bias, mass and centre of mass of the load of a sensor, with intervals.
 
     Exit code: 1 for LOOK AGAIN, if readings contradict the others, if units, sign, mounting, gain or poses look wrong, or if
     the inertia found is impossible; 1 for UNSURE, if orientations are few, if residuals are not white, or if --assume with
     one of its causes would explain them.
     """
-    return identify(readings, **asked)
+    return identify(_readings(readings, arm, frame, degrees, asked, "identify"), **asked)
 
 
 @command_of(

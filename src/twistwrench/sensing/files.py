@@ -308,13 +308,16 @@ def read_log(
     return replace(log, notes=_notes([name for name in ignored if name not in of_joints]))
 
 
-def readings_of(log: ReadingsGiven, gravity: float, taker: str) -> ReadingLog:
-    """Log, or that of a file with gravity of this size [m/s²]; doubts about the log are left to the ``taker``'s report."""
+def readings_of(log: ReadingsGiven, gravity: float, taker: str, **of_robot: Any) -> ReadingLog:
+    """Log, or that of a file with gravity of this size [m/s²]; doubts about the log are left to the ``taker``'s report.
+
+    ``of_robot`` are the arguments of :func:`read_log` for a file with positions of a robot's joints.
+    """
     if not isinstance(log, str | Path):
         return checked_log(log, taker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        return read_log(log_path(log), gravity=(0.0, 0.0, -checked_strength(gravity)))
+        return read_log(log_path(log), gravity=(0.0, 0.0, -checked_strength(gravity)), **of_robot)
 
 
 def _names(cells: Sequence[str], where: str) -> list[str]:
