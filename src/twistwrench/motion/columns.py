@@ -103,12 +103,10 @@ class Reading:
         return PARTS if self.commands else STATES
 
 
-def check_header(cells: Sequence[str], where: str) -> None:
-    """Raise TrajectoryError if the first line has numbers in place of names."""
+def check_header(cells: Sequence[str], where: str, names: str = "time, then joints") -> None:
+    """Raise TrajectoryError if the first line has numbers in place of the names of columns."""
     if all(is_number(cell) or not cell for cell in cells):
-        raise TrajectoryError(
-            f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
-        )
+        raise TrajectoryError(f"{where}: the header is missing; the first line has numbers. Name the columns: {names}.")
 
 
 class Assignment:

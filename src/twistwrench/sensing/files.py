@@ -27,7 +27,7 @@ from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie.labelled import TWIST, WRENCH
 from ..motion.column_names import split_unit, time_meaning
-from ..motion.columns import Columns, Reading
+from ..motion.columns import Columns, Reading, check_header
 from ..motion.coordinates import Coordinates
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot, load
@@ -321,13 +321,12 @@ def readings_of(log: ReadingsGiven, gravity: float, taker: str, **of_robot: Any)
 
 
 def _names(cells: Sequence[str], where: str) -> list[str]:
+    check_header(cells, where, f"{_listed(WRENCH)} and an orientation")
     names = []
     for column in cells:
         match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", column.strip().strip('"'))
         name = (match[1] if match else column).strip().lower()
         name = _ALIASES.get(name, name)
-        if re.fullmatch(r"[-+]?\d[-+.\de]*", name):
-            raise ValueRangeError(f"{where}: the header is missing; the first line has numbers. Name the columns.")
         if name in _KNOWN and match and match[2] is not None:
             _check_unit(name, match[2], where)
         names.append(name if name in _KNOWN else column.strip().strip('"'))
