@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.identification.servos.output_error import OutputErrorProblem
 
 VALUES = {"armature": [0.5, 0.3], "damping": [4.0, 2.0], "coulomb": [0.6, 0.4], "kp": [120.0, 70.0]}
 
@@ -51,6 +54,24 @@ def test_data_and_text_have_the_same_verdict(found):
     assert data["servos"]["joint1"]["kp"]["value"] == found.kp[0]
     low, high = data["delay"]["interval"]
     assert low < found.delay < high
+
+
+def test_derivatives_along_the_scale_of_a_joint_are_those_of_its_positions(found):
+    """All four values of a joint times one factor: positions depend on it through the bodies' torques alone."""
+    p, free = found.fit.p, np.ones(len(found.fit.p), bool)
+    problem = OutputErrorProblem.from_logs(found.fit.replay, p, free)
+    scale = np.r_[np.zeros(4), np.ones(4), 0.0]
+    _, J = problem.linearised(p)
+    before, after = problem.flat(np.stack([p, p + 1e-3 * scale]))
+    right = (before - after) / 1e-3
+    assert np.linalg.norm(J @ scale - right) < 1e-6 * np.linalg.norm(right)
+
+
+def test_steps_of_two_lengths_replay_alike(found):
+    """Stiffness half a step early and damping half a step late are corrected: what is left is of second order."""
+    fit = found.fit
+    whole, half = (replace(fit.replay, step=h).positions(fit.p[None])[0] for h in (5e-4, 2.5e-4))
+    assert np.abs(whole - half).max() < 1e-4
 
 
 def test_parts_of_a_motion_keep_their_commands(log):

@@ -200,6 +200,16 @@ class MomentumObserver:
         -----
         Largest noise in each second follows a Gumbel law of its square, which gives the level of the wanted rate. Means of
         the residual in regions of speed and position are errors of the model, and are added.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.planar_2r(), np.arange(0, 40, 0.01)
+        >>> work = tw.Motion(t, np.stack([np.sin(t), np.cos(t)], axis=1), robot=arm)
+        >>> noise = np.random.default_rng(0).normal(0, 0.5, work.q.shape)
+        >>> log = tw.Motion(t, work.q, work.dq, work.ddq, work.torques() + noise, robot=arm)
+        >>> MomentumObserver(arm, 30.0).threshold(log).torques.shape
+        (2,)
         """
         from .residual_threshold import residual_threshold
 
