@@ -103,6 +103,8 @@ def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
         "export": {"st", "ros2", "payloads", "gravity_input", "style", "torque", "license"},
         "calibrate": {"factory_file"},
         "identify": {"workers", "scheduler", "force", "add"},
+        "sensor identify": {"arm", "frame"},
+        "sensor compensate": {"arm", "frame"},
     }.get(name, set())
     for option in options_of(name).values():
         known = {*parameters_of(ASKED[name]), *of_robot, *of_shell, "columns", "gain"}
