@@ -52,7 +52,7 @@ _HEADINGS = {
 """Headings of the help by option; options that are not named are of the question."""
 _HEADING_OF = {f"--{name}": heading for heading, names in _HEADINGS.items() for name in names.split()}
 _NOT_RARE = {("calibrate", "--plan")}
-"""Options of a command that ask its question, and are rare in others."""
+"""Commands and their options under the first heading, though rare in other commands."""
 _FORM, _LINE = 26, 80
 """Widths of the form of an option, and of a line of the short help."""
 
