@@ -2,8 +2,8 @@
 
     python -m bench.holds [SECTION ...]
 
-Sections: inverse, scenes, payload, mounting, bearings, systems, times. Each writes its part of ``holds.json``. Scenes of the half
-"tuned" (even seeds) served to choose displacement and amplitudes of the generator; "kept" (odd seeds) was run afterwards.
+Sections: inverse, scenes, payload, mounting, bearings, systems, times. Each writes its part of ``holds.json``. Scenes of the
+half "tuned" (even seeds) served to choose displacement and amplitudes of the generator; "kept" (odd seeds) was run afterwards.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from twistwrench.robots.finding import known_robots
 
 KEPT = Path(__file__).with_name("holds.json")
 FLOATING = (
-    "a1", "anymal_b", "anymal_c", "b1", "bolt", "borinot", "anymal_kinova", "centauro", "g1", "go1", "go2", "hector", "hyq", "hextilt_flying_arm_5",
-    "laikago", "quadruped", "solo", "simple_humanoid", "solo12", "talos_reduced",
+    "a1", "anymal_b", "anymal_c", "anymal_kinova", "b1", "bolt", "borinot", "centauro", "g1", "go1", "go2", "hector", "hyq",
+    "hextilt_flying_arm_5", "laikago", "quadruped", "simple_humanoid", "solo", "solo12", "talos_reduced",
 )  # fmt: skip
 ARMS = (
     "a1", "allegro_left_hand", "kinova", "panda", "so100", "talos_left_arm", "ur3_robot", "ur5_robot",
@@ -49,7 +49,7 @@ HALVES = {"tuned": 0, "kept": 1}
 # ── Generalised forces, mounting, bearings
 
 
-def _loaded(name: str, **options: Any) -> tw.Robot:
+def loaded(name: str, **options: Any) -> tw.Robot:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)
         return tw.load(known_robots()[name].path, inertia="accept", mimic="independent", **options)
@@ -69,7 +69,7 @@ def _states(robot: tw.Robot, rows: int = 3) -> tuple[Array, Array, Array]:
 
 def inverse() -> dict[str, float]:
     """Largest difference of generalised forces from ``mj_inverse`` for each floating robot, relative to the largest force."""
-    return {name: inverse_difference(_loaded(name, floating_base=True)) for name in FLOATING}
+    return {name: inverse_difference(loaded(name, floating_base=True)) for name in FLOATING}
 
 
 def inverse_difference(robot: tw.Robot) -> float:
@@ -99,7 +99,13 @@ def _growth(robot: tw.Robot, q: Array, dq: Array) -> Array:
     """Ṗ dq, by the motion of q along dq, of fourth order."""
     h = 1e-3
     weights = ((1, 8), (2, -1))
-    return sum(w * (_rates(robot, robot.add(q, k * h * dq)) - _rates(robot, robot.add(q, -k * h * dq))) for k, w in weights) @ dq / (12 * h)
+    return (
+        sum(
+            w * (_rates(robot, robot.add(q, k * h * dq)) - _rates(robot, robot.add(q, -k * h * dq))) for k, w in weights
+        )
+        @ dq
+        / (12 * h)
+    )
 
 
 def mounting() -> dict[str, float]:
@@ -108,7 +114,7 @@ def mounting() -> dict[str, float]:
 
 
 def mounting_difference(name: str) -> float:
-    robot = _loaded(name, floating_base=False)
+    robot = loaded(name, floating_base=False)
     model = pin.buildModelFromUrdf(str(known_robots()[name].path), pin.JointModelFreeFlyer())
     data, worst = model.createData(), 0.0
     q, dq, ddq = _states(robot, 5)
@@ -129,7 +135,7 @@ def mounting_difference(name: str) -> float:
 
 def bearings() -> dict[str, float]:
     """Largest difference of bearing loads from MuJoCo's ``cfrc_int``, relative to the largest load."""
-    return {name: bearing_difference(_loaded(name, floating_base=False)) for name in ARMS}
+    return {name: bearing_difference(loaded(name, floating_base=False)) for name in ARMS}
 
 
 def bearing_difference(robot: tw.Robot) -> float:
@@ -150,7 +156,9 @@ def bearing_difference(robot: tw.Robot) -> float:
             moment = torque - np.cross(data.xanchor[j] - data.subtree_com[model.body_rootid[body]], force)
             a, turns = data.xaxis[j], model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
             across = np.linalg.norm(force - a * (a @ force))
-            rows.append((abs(a @ force) if turns else np.nan, across, np.linalg.norm(moment - a * (a @ moment) * turns)))
+            rows.append(
+                (abs(a @ force) if turns else np.nan, across, np.linalg.norm(moment - a * (a @ moment) * turns))
+            )
         theirs = np.array(rows).T
         mine = np.stack([ours.axial[k], ours.radial[k], ours.tilting[k]])
         worst = max(worst, float(np.nanmax(np.abs(mine - theirs)) / np.nanmax(theirs)))
@@ -188,7 +196,9 @@ def _speeds(found: list[Any]) -> dict[str, Any]:
 def payload() -> dict[str, Any]:
     """Load of the first motion of a contact, relative to the predicted one, of 10 carts a half."""
     found = {half: cases(holds_scenes.cart, holds_scenes.payload_case, half, 10) for half in HALVES}
-    return {half: {"first": [min(f), max(f)], "scenes": x} for half, x in found.items() if (f := [c["first"] for c in x])}
+    return {
+        half: {"first": [min(f), max(f)], "scenes": x} for half, x in found.items() if (f := [c["first"] for c in x])
+    }
 
 
 # ── Random systems
@@ -196,7 +206,15 @@ def payload() -> dict[str, Any]:
 
 def systems(number: int = 5000) -> dict[str, int]:
     """Random systems with μ = 0, equal normals, one contact and zero load: answers, and those without their proof."""
-    answers = {"hold": 0, "fail": 0, "undecided": 0, "not least norm": 0, "outside a cone": 0, "left over": 0, "no motion": 0}
+    answers = {
+        "hold": 0,
+        "fail": 0,
+        "undecided": 0,
+        "not least norm": 0,
+        "outside a cone": 0,
+        "left over": 0,
+        "no motion": 0,
+    }
     for seed in range(number):
         rng = np.random.default_rng([3, seed])
         contacts = random_contacts(rng)
@@ -241,7 +259,7 @@ def _count(answers: dict[str, int], contacts: list[statics.Contact], wrench: Arr
 
 def humanoid(rows: int, corners: int = 8, friction: float = 0.7) -> tuple[Any, ...]:
     """Talos swaying on two soles: robot, states and corners of its feet."""
-    robot = _loaded("talos_reduced", floating_base=True)
+    robot = loaded("talos_reduced", floating_base=True)
     rng = np.random.default_rng(0)
     t = np.linspace(0, 1, rows)[:, None]
     size = 0.15 * rng.standard_normal(robot.nv)
@@ -250,7 +268,9 @@ def humanoid(rows: int, corners: int = 8, friction: float = 0.7) -> tuple[Any, .
     dq, ddq = 2 * np.pi * np.cos(2 * np.pi * t) * size, -((2 * np.pi) ** 2) * np.sin(2 * np.pi * t) * size
     around = np.linspace(0, 2 * np.pi, corners // 2, endpoint=False) + np.pi / 4
     sole = np.c_[0.14 * np.cos(around), 0.085 * np.sin(around), np.zeros(corners // 2)]
-    feet = [statics.Contact(p, friction=friction, frame=f"{side}_sole_link") for side in ("left", "right") for p in sole]
+    feet = [
+        statics.Contact(p, friction=friction, frame=f"{side}_sole_link") for side in ("left", "right") for p in sole
+    ]
     return robot, q, 0.2 * dq, 0.04 * ddq, feet
 
 
@@ -259,10 +279,13 @@ def times() -> dict[str, Any]:
     maps, b, rate, cones = programme(1000)
     one = _seconds(lambda: statics.cone_programme.cone_programme(cones, maps, b, rate), 3)
     some = slice(0, 1000, 10)
-    pyramid = {edges: 10 * _seconds(lambda edges=edges: row_by_row(maps[some], b[some], rate[some], cones, edges)) for edges in (8, 16, 64)}
-    sigma = statics.cone_programme.cone_programme(cones, maps[some], b[some], rate[some]).s
-    ours = np.where(np.isnan(sigma), -1.0, sigma)
-    wrong = {e: row_by_row(maps[some], b[some], rate[some], cones, e) for e in pyramid}
+    pyramid = {
+        edges: 10 * _seconds(lambda edges=edges: row_by_row(maps[some], b[some], rate[some], cones, edges))
+        for edges in (8, 16, 64)
+    }
+    ours = statics.cone_programme.cone_programme(cones, maps[some], b[some], rate[some]).s
+    known = np.isfinite(ours) & (ours > 0.01)
+    wrong = {e: (ours - row_by_row(maps[some], b[some], rate[some], cones, e))[known] / ours[known] for e in pyramid}
     rows = {n: _seconds(lambda n=n: _margin(n, 8)) for n in (100, 300, 1000, 3000, 10000)}
     contacts = {c: _seconds(lambda c=c: _margin(1000, c)) for c in (4, 8, 16, 32)}
     robot, q, dq, ddq, feet = humanoid(1000)
@@ -270,7 +293,7 @@ def times() -> dict[str, Any]:
         "cones, 1,000 rows [s]": one,
         "linprog row by row, by edges [s]": pyramid,
         "ratio to 8 edges": pyramid[8] / one,
-        "largest error of the pyramid's margin": {e: float(np.abs(x - ours)[np.isfinite(ours) & (ours > 0)].max() / ours[np.isfinite(ours)].max()) for e, x in wrong.items()},
+        "largest error of the pyramids' margins": {e: float(x.max()) for e, x in wrong.items()},
         "by rows, 8 contacts [s]": rows,
         "by contacts, 1,000 rows [s]": contacts,
         "statics.support with all margins, 1,000 rows [s]": _seconds(lambda: statics.support(robot, q, dq, ddq, feet)),
@@ -303,7 +326,9 @@ def row_by_row(maps: Array, b: Array, rate: Array, cones: Any, edges: int) -> Ar
         columns = []
         for i, (n, mu) in enumerate(zip(cones.normals, cones.friction, strict=True)):
             first, second = statics.contacts.tangents(n)
-            columns.append(maps[k, :, i] @ (n[:, None] + mu * (np.outer(first, np.cos(angle)) + np.outer(second, np.sin(angle)))))
+            columns.append(
+                maps[k, :, i] @ (n[:, None] + mu * (np.outer(first, np.cos(angle)) + np.outer(second, np.sin(angle))))
+            )
         E = np.column_stack([*columns, -rate[k]])
         answer = linprog(np.r_[np.zeros(E.shape[1] - 1), -1.0], A_eq=E, b_eq=b[k], method="highs")
         found[k] = answer.x[-1] if answer.status == 0 else np.inf if answer.status == 3 else -1.0

@@ -107,12 +107,16 @@ def frame(seed: int) -> Scene:
         for axis in ("0 0 1", "0 1 0", "1 0 0"):
             at = f"{x:.12g} {y:.12g} {RADIUS - height:.12g}" if axis == "1 0 0" else "0 0 0"
             inner = "" if axis == "0 0 1" else _inertial(rng.uniform(0.2, 0.6), 0.1, (0, 0, 0.05))
-            leg = f'<body name="{axis[0:5:2]}of{k}" pos="{at}"><joint name="{axis[0:5:2]}of{k}" type="slide" axis="{axis}"/>{inner}{leg}</body>'
+            name = f"{axis[0:5:2]}of{k}"
+            joint = f'<joint name="{name}" type="slide" axis="{axis}"/>'
+            leg = f'<body name="{name}" pos="{at}">{joint}{inner}{leg}</body>'
         base += leg
     angle = rng.uniform(0, 2 * np.pi)
     moved = rng.uniform(0.1, 0.3) * np.array([np.cos(angle), np.sin(angle), rng.uniform(-0.3, 0.3)])
     start, change = np.zeros(12), -np.tile(moved, 4)
-    return _scene("frame", base, height, friction, np.zeros((4, 3)), [f"001of{k}" for k in range(4)], start, change, moved, np.nan)
+    return _scene(
+        "frame", base, height, friction, np.zeros((4, 3)), [f"001of{k}" for k in range(4)], start, change, moved, np.nan
+    )
 
 
 def _scene(

@@ -56,6 +56,23 @@ def test_a_joint_that_only_holds_has_no_average_torque():
     assert math.isnan(drives.average_torque(np.array([5.0]), np.zeros(1), np.ones(1)))
 
 
+@pytest.mark.parametrize("kind", ["axial", "radial", "tilting"])
+def test_a_gear_whose_bearing_bears_too_little_is_over_its_limit(kind):
+    """The largest load of the joint's bearing without drive masses is that of the robot itself."""
+    loads = tw.statics.bearing_loads(UR5, MOTION.q, MOTION.dq, MOTION.ddq)
+    largest = float(getattr(loads, kind)[:, loads.joints.index("elbow_joint")].max())
+    for share, over in ((0.98, True), (1.02, False)):
+        catalog = yaml.safe_load(CATALOG.read_text())
+        for gear in catalog["gears"].values():
+            gear[kind] = f"{share * largest} {'N m' if kind == 'tilting' else 'N'}"
+        catalog["actuators"] = {"elbow_joint": {"motor": [*catalog["motors"]][-1], "gear": [*catalog["gears"]][-1]}}
+        catalog.pop("pairs", None)
+        demands = tw.size_drives(UR5, MOTION, catalog, **SETTINGS).joints["elbow_joint"].gear.demands
+        (found,) = (d for d in demands if "bearing" in d.what)
+        assert found.over is over
+        assert found.value == pytest.approx(largest, rel=1e-3)
+
+
 # ── Temperature ──
 
 PAIR = Thermal(housing_ambient=5.0, housing_time=900.0, winding_housing=3.0, winding_time=30.0, maximum=125.0)

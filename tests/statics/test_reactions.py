@@ -81,3 +81,62 @@ def test_impossible_mountings_are_errors():
         statics.mounting_load(ur5, ur5.neutral, z, z).bolts([[0, 0], [1, 0], [2, 0]])
     with pytest.raises(tw.ShapeError, match=r"\(k, 2\)"):
         statics.mounting_load(ur5, ur5.neutral, z, z).bolts([0.0, 0.0])
+
+
+# ── Limits of bearings
+
+
+def checked(limits, **options):
+    return tw.check("ur5", "demo", payload=5, limits=limits, **options)
+
+
+def largest_loads():
+    """Largest loads of the elbow's bearing in the demo with 5 kg, by the reactions of its samples."""
+    motion = checked(None).motion
+    loaded = tw.robots.ur5().with_payload(tw.SpatialInertia.from_com(5.0))
+    loads = statics.bearing_loads(loaded, motion.q, motion.dq, motion.ddq)
+    k = loads.joints.index("elbow_joint")
+    return {kind: float(getattr(loads, kind)[:, k].max()) for kind in ("axial", "radial", "tilting")}
+
+
+@pytest.mark.parametrize("kind", ["axial", "radial", "tilting"])
+def test_a_bearing_is_over_its_limit_where_its_largest_load_is(kind, tmp_path):
+    largest = largest_loads()[kind]
+    file = tmp_path / "limits.csv"
+    for share, word in ((0.999, "OVER LIMIT"), (1.001, "OK")):
+        file.write_text(f"joint,{kind}\nelbow_joint,{share * largest:.9g}\n")
+        assert checked(file).verdict.word == word
+    file.write_text(f"joint,{kind} [{'kN m' if kind == 'tilting' else 'kN'}]\nelbow_joint,{0.5e-3 * largest:.9g}\n")
+    found = checked(file)
+    (excess,) = found.excesses
+    assert excess.kind == kind and excess.limit == pytest.approx(0.5 * largest)
+    assert excess.value == pytest.approx(largest, rel=1e-6)
+    words = {"axial": "axial force", "radial": "radial force", "tilting": "tilting moment"}[kind]
+    assert str(found.verdict).startswith(f"OVER LIMIT: the bearing of elbow_joint: {words} ")
+
+
+def test_bearings_are_limits_of_a_robot_and_of_a_call():
+    ur5 = tw.robots.ur5()
+    assert np.isinf(ur5.limits.tilting).all()
+    answer = checked({"tilting": np.full(6, 1.0)})
+    assert {e.joint for e in answer.excesses if e.kind == "tilting"} > {"elbow_joint"}
+    assert answer.largest_payload is None  # torques alone do not tell it
+
+
+def test_units_of_bearings_are_those_of_forces_and_moments(tmp_path):
+    file = tmp_path / "limits.csv"
+    file.write_text("joint,tilting [N]\nelbow_joint,3\n")
+    with pytest.raises(tw.ValueRangeError, match="tilting"):
+        checked(file)
+
+
+def test_an_actuator_file_limits_bearings():
+    ur5 = tw.robots.ur5().with_actuators(
+        {"actuators": {"elbow_joint": {"ratio": 100, "tilting": "12 N m", "axial": "2 kN"}}}
+    )
+    k = ur5.model.velocity_names.index("elbow_joint")
+    assert (ur5.limits.tilting[k], ur5.limits.axial[k], ur5.limits.radial[k]) == (12.0, 2000.0, np.inf)
+    (excess,) = tw.check(ur5, checked(None).motion, payload=5).excesses
+    assert (excess.joint, excess.kind, excess.limit) == ("elbow_joint", "tilting", 12.0)
+    with pytest.raises(tw.ModelError, match="tilting"):
+        tw.robots.ur5().with_actuators({"actuators": {"elbow_joint": {"ratio": 100, "tilting": "0 N m"}}})

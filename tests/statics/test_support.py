@@ -104,6 +104,16 @@ def test_forces_of_least_norm_are_optimal_in_the_true_cones():
             assert_allclose(np.einsum("mck,ck->m", maps, forces[0]), b, atol=1e-9 * np.abs(b).max())
 
 
+def test_contacts_without_friction_do_not_pull():
+    """A plate on four legs of ice with its load near one: the pseudo-inverse would pull at the opposite one."""
+    legs = [statics.Contact((x, y, 0), friction=0.0) for x in (-1, 1) for y in (-1, 1)]
+    load = np.array([0.0, 0.0, -10.0])
+    found = statics.hold(np.r_[np.cross([0.7, 0.6, 0.0], load), load], legs)
+    assert found.holds[0] and found.least_norm[0]
+    assert all(c.allows(f) for c, f in zip(legs, found.forces[0], strict=True))
+    assert (np.linalg.pinv(np.vstack([np.ones(4), *np.array([c.point for c in legs]).T[:2]])) @ [10, 7, 6]).min() < -0.5
+
+
 # ── Robots ──
 
 

@@ -14,6 +14,7 @@ SENTENCES = MappingProxyType(
         "open": "{joint} may exceed its limit{end}, within the noise: {peak} ± {sigma} {unit}, limit {limit} {unit}",
         "end": " at one end of the log",
         "motion": "{joint} exceeds its {kind} limit at t = {time} s by {by} {unit}: {value}, limit {limit}",
+        "bearing": "the bearing of {joint}: {kind} {value} {unit} at t = {time} s, limit {limit}",
         "also": "also {others}",
         "other": "{joint} ({kinds})",
         "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit "

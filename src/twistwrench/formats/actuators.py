@@ -16,6 +16,7 @@ from ..mechanics.model.actuation import with_actuators, with_friction, with_link
 from ..mechanics.model.actuators import RATINGS, Actuator, Motor, Rotor, Thermal
 from ..mechanics.model.couplings import Coupling, with_couplings, without_couplings
 from ..mechanics.model.edit import with_armature
+from ..mechanics.model.limits import BEARING_UNITS, BEARINGS
 from ..mechanics.model.model import Model
 from .yaml import Section, Source, plain_number, read_yaml, shown
 
@@ -119,6 +120,7 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
     actuators: list[Actuator] = []
     armature: dict[str, float] = {}
     effort = model.limits.effort.copy()
+    bearings = {kind: getattr(model.limits, kind).copy() for kind in BEARINGS}
     laws: dict[str, dict[str, float]] = {}
     of_links: dict[str, dict[str, float]] = {}
     for name in joints.content:
@@ -130,7 +132,13 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
                 if not most > 0:
                     raise ModelError(f"{entry.where('effort')} is {printed(most)} N m; it must be above 0.")
         else:
-            entry.only(*_ACTUATOR)
+            entry.only(*_ACTUATOR, *BEARINGS)
+            for kind in set(BEARINGS) & set(entry.content):
+                bearings[kind][k] = most = entry.number(kind, "torque" if kind == "tilting" else "force")
+                if not most > 0:
+                    raise ModelError(
+                        f"{entry.where(kind)} is {printed(most)} {BEARING_UNITS[kind]}; it must be above 0."
+                    )
         kinds = _SLIDING if name in sliding else {}
         actuators.append(_actuator(name, entry, motors, kinds))
         if "reflected_inertia" in entry.content:
@@ -143,7 +151,7 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
     if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
         warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
-    model = replace(model, limits=replace(model.limits, effort=effort))
+    model = replace(model, limits=replace(model.limits, effort=effort, **bearings))
     model = with_armature(with_friction(model, laws), armature)
     return with_link_friction(with_actuators(model, actuators), of_links)
 

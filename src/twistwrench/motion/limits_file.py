@@ -1,5 +1,7 @@
 """Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
+Bearings have the columns ``axial,radial,tilting`` [N, N, N m].
+
 The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored. A page
 lists the limits used.
 """
@@ -22,7 +24,7 @@ from ..core.numbers import printed
 from ..core.text import listed
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.model.couplings import joint_effort, refuse_coupled
-from ..mechanics.model.limits import Limits, StatedLimits
+from ..mechanics.model.limits import BEARINGS, Limits, StatedLimits
 from ..mechanics.model.model import Model
 from .column_names import known_units, si_factor, split_unit
 from .coordinates import Coordinates
@@ -45,6 +47,8 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
 """Words for numbers."""
 _PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
 """Quantities of the kinds of limits, for their units; jerk is one by itself."""
+_OF_BEARINGS = {"axial": ("tau", False), "radial": ("tau", False), "tilting": ("tau", True)}
+"""Quantity, and True for a moment, of the limits of bearings, whatever the joint."""
 
 
 Given: TypeAlias = str | Path | Limits | Mapping[str, Any] | None
@@ -139,9 +143,9 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         unit = row.get("unit") or unit_of("q", turns, degrees=degrees)
         angle = _factor(unit, "q", turns, f"{where}, column 'unit'")
         for kind, value in values.items():
-            part = _PARTS.get(kind, kind)
-            of_head = _factor(units[kind], part, turns, f"{where}, column {kind!r}") if kind in units else None
-            found[kind][k] = value * (of_head or (1.0 if kind == "effort" else angle))
+            part, moment = _OF_BEARINGS.get(kind, (_PARTS.get(kind, kind), turns))
+            of_head = _factor(units[kind], part, moment, f"{where}, column {kind!r}") if kind in units else None
+            found[kind][k] = value * (of_head or (1.0 if kind in ("effort", *BEARINGS) else angle))
             with_unit[KINDS.index(kind), k] = of_head is not None
         if "acceleration" in values and "deceleration" not in values:
             found["deceleration"][k] = found["acceleration"][k]
@@ -185,7 +189,7 @@ def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
     """Column names, and the units of heads that name one, ``velocity [deg/s]``."""
     heads = [(name.lower(), unit) for name, unit in map(split_unit, file.header)]
     header = [name for name, _ in heads]
-    unknown = [name for name in header if name not in COLUMNS]
+    unknown = [name for name in header if name not in (*COLUMNS, *BEARINGS)]
     if "joint" not in header or unknown or len(set(header)) < len(header):
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "

@@ -25,9 +25,9 @@ from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.units import unit_of, units_of
-from ..mechanics.model.assembly import follower_torques
+from ..mechanics.model.assembly import bearing_loads, follower_torques
 from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
-from ..mechanics.model.limits import Limits, StatedLimits, known_velocities
+from ..mechanics.model.limits import BEARINGS, Limits, StatedLimits, known_velocities
 from ..mechanics.model.model import BASE, Model
 from .bounds import Extrema
 from .coordinates import Coordinates
@@ -240,6 +240,17 @@ class LoadCase:
         """Torques at mimic joints with an effort limit, (n, k), without friction."""
         F = self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return follower_torques(self.with_load.model, np.asarray(F))
+
+    def bearing_loads(self, s: MotionSamples) -> dict[str, Array]:
+        """Loads (n, nv) of the bearings by kind; zero at joints that have none."""
+        model = self.with_load.model
+        F = np.asarray(self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s)))
+        found = {kind: np.zeros((len(s), model.nv)) for kind in BEARINGS}
+        for kind, loads in bearing_loads(model, F).items():
+            for k, body in enumerate(model.bodies):
+                if body.joint.nv == 1 and not body.follows:
+                    found[kind][:, body.v_index] = np.nan_to_num(loads[:, k])
+        return found
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
         return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None

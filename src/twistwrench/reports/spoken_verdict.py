@@ -16,7 +16,7 @@ from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
-from ..mechanics.model.limits import TOLERANCE
+from ..mechanics.model.limits import TOLERANCE, bears
 from ..motion import load_case
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import driven_entries
@@ -263,6 +263,8 @@ def _of_the_log(report: TorqueReport) -> dict[str, Any]:
 
 def why_doubted(report: TorqueReport | None) -> str | None:
     """Reason why a page cannot judge other loads of a log in doubt; None if it can."""
+    if report is not None and bears(report.limits):
+        return "loads of bearings, which have limits, are not computed on the page"
     if report is None or not (doubted_excesses(report) or rows_in_doubt(report)):
         return None
     return "rows of the log, or its unit, are in doubt"

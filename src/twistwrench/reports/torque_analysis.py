@@ -20,7 +20,7 @@ from ..core.tables import csv_table
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
-from ..mechanics.model.limits import margin
+from ..mechanics.model.limits import BEARING_UNITS, bears, margin
 from ..motion.bounds import Extrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak
@@ -80,7 +80,7 @@ class Extremes:
     load: LoadCase
     limits: Limits
     passed: dict[str, Extrema]
-    """Excess over each kind of limit: lower, upper and velocity."""
+    """Excess over each kind of limit: lower, upper, velocity, and those of bearings if some have limits."""
     peak: Extrema
     borne: Extrema
     """Largest torques of mimic joints with an effort limit."""
@@ -97,6 +97,8 @@ class Extremes:
             "upper": (q - np.where(at >= 0, limits.upper, np.inf), q),
             "velocity": (np.abs(s.dq) - limits.velocity, s.dq),
         }
+        if bears(limits):
+            beyond |= {kind: (x - getattr(limits, kind), x) for kind, x in load.bearing_loads(s).items()}
         passed = {kind: Extrema.from_rows(s.time, *values) for kind, values in beyond.items()}
         time, *each = torques
         return cls(load, limits, passed, *(Extrema.from_rows(time, np.abs(tau), tau) for tau in each))
@@ -149,6 +151,7 @@ class Extremes:
                 drive = kind == "effort"
                 angular = turns[k] if drive else bool(c.angular_velocity[k])
                 unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
+                unit = BEARING_UNITS.get(kind, unit)
                 value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
                 name = (model.drive_labels if drive else c.velocity_names)[k]
                 found.append(Excess(name, kind, value, limit, time, unit, angular))
@@ -292,7 +295,7 @@ class MotionPass:
         some, edges = s[:: max(1, len(s) // _MASS_SAMPLES)], self._edges
         edges = edges[(edges >= rows.start) & (edges < rows.stop)] - first
         margin = None
-        if margin_determined(load):
+        if margin_determined(load) and not bears(limits):  # a bearing may bear less than the motors lift
             added = load.at_drives(load.payload_torques(s))
             every = np.hstack([added, load.follower_payload_torques(s)]) if followers else added
             margin = payload_shares(load, limits.effort, s.time, np.hstack([torques, borne]), every)

@@ -14,7 +14,7 @@ from ..core.numbers import deviation, number, percent, percent_of_limit, seconds
 from ..core.text import Argument, ReadingNote, listed, spelled
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
-from ..mechanics.model.limits import over_limit
+from ..mechanics.model.limits import BEARINGS, over_limit
 from ..mechanics.model.model import BASE
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
@@ -27,7 +27,11 @@ from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
 # ── The verdict
 
-KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
+KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"} | {
+    "axial": "axial force",
+    "radial": "radial force",
+    "tilting": "tilting moment",
+}
 """Quantity of each kind of limit."""
 _ERROR = 0.025
 """Probability that noise makes some joint appear over its limit, or hides that one is."""
@@ -57,7 +61,7 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     doubted, hanging = doubted_excesses(report), base_doubts(report.load.robot.model)
     certain = [(e, text) for e, text in (*over, *passed) if (e.joint, e.kind) not in doubted]
     if hanging:
-        certain = [(e, text) for e, text in certain if e.kind != "effort"]
+        certain = [(e, text) for e, text in certain if e.kind not in ("effort", *BEARINGS)]
     stated = _grouped(certain)
     typed = [str(found) for found in (*doubts_of_limits(report), *report.load.doubts) if found.level == "unsure"]
     instead = [*typed, *rows_in_doubt(report)]
@@ -384,7 +388,10 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
 
 
 def _excess_in_words(e: Excess, *, degrees: bool) -> str:
-    """Sentence on a position or velocity beyond its limit."""
+    """Sentence on a position, velocity or load of a bearing beyond its limit."""
+    if e.kind in BEARINGS:
+        load = {"value": torque(e.value), "limit": number(e.limit, 5), "unit": e.unit, "time": seconds(e.time)}
+        return sentence("bearing", joint=e.joint, kind=KINDS[e.kind], **load)
     speed, scale = e.kind == "velocity", math.degrees(1.0) if degrees and e.angular else 1.0
     by = abs(e.value) - e.limit if speed else abs(e.value - e.limit)
     return sentence(
@@ -415,8 +422,8 @@ def is_noise(report: TorqueReport, e: Excess) -> bool:
         if estimate is None or not d.derives_velocities:
             return False
         return abs(estimate.speed) - _SURE * estimate.speed_sigma <= e.limit
-    if not (d.derives and d.derives_velocities):
-        return False  # noise of positions was not estimated
+    if e.kind in BEARINGS or not (d.derives and d.derives_velocities):
+        return False  # noise of these was not estimated
     body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)
     return abs(e.value - e.limit) <= _SURE * float(d.errors.at_rest[body.q_index])
 

@@ -28,7 +28,7 @@ from ..core.colours import Style, strong
 from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, seconds, torque
 from ..core.text import listed
 from ..mechanics.joints.units import unit_of
-from ..mechanics.model.limits import over_limit
+from ..mechanics.model.limits import BEARING_UNITS, over_limit
 from ..motion.load_case import TERMS, cause_label
 from ..motion.model_doubts import friction_words
 from ..robot.explanation import NEGLIGIBLE_PART
@@ -36,7 +36,7 @@ from .log_quality import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
-from .torque_verdict import notes_of
+from .torque_verdict import KINDS, notes_of
 
 # ── Motors
 
@@ -253,7 +253,8 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         return x * (math.degrees(1.0) if degrees and e.angular else 1.0)
 
     units = [unit_of("dq" if e.kind == "velocity" else "q", e.angular, degrees=degrees) for e in excesses]
-    kinds = [{"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind) for e in excesses]
+    units = [BEARING_UNITS.get(e.kind, unit) for e, unit in zip(excesses, units, strict=True)]
+    kinds = [{"lower": "position, lower", "upper": "position, upper"}.get(e.kind, KINDS[e.kind]) for e in excesses]
     column = partial(numbers, show=lambda x: number(x, 5), unit=", ".join(dict.fromkeys(units)), headed=False)
 
     return Table(

@@ -12,6 +12,7 @@ from ..core.numbers import printed
 from ..formats.actuators import gear_ratio, plain_share, read_motor
 from ..formats.yaml import Section, Source, read_yaml, shown
 from ..mechanics.model.actuators import Actuator, Motor, check_actuator
+from ..mechanics.model.limits import BEARINGS
 from .drives import KINDS, CatalogMotor, Gear
 
 Pair = tuple[str, str]
@@ -23,7 +24,8 @@ DIRECT = "none"
 _GEAR = {
     "no_load_torque": "torque", "mass": "mass", "price": "", "rated_torque": "torque", "rated_speed": "rotor speed",
     "average_torque": "torque", "repeated_peak": "torque", "momentary_peak": "torque", "average_speed": "rotor speed",
-    "maximum_speed": "rotor speed", "life": "life", "mean_exponent": "",
+    "maximum_speed": "rotor speed", "life": "life", "mean_exponent": "", "axial": "force", "radial": "force",
+    "tilting": "torque",
 }  # fmt: skip
 _FAVOURABLE = ("efficiency", "no_load_torque", "mass", "mean_exponent")
 """Numbers of a gear whose absence would favour it, so that they are named as missing where they count."""
@@ -57,6 +59,11 @@ class Catalog:
     pairs: tuple[Pair, ...]
     drives: Mapping[str, Pair] = field(default_factory=dict)
     """Pairs of joints that already have a drive."""
+
+    @property
+    def bears(self) -> bool:
+        """True if a gear has limits of its bearing."""
+        return any(math.isfinite(getattr(gear, kind)) for gear in self.gears.values() for kind in BEARINGS)
 
     def pair(self, names: Pair) -> tuple[CatalogMotor, Gear]:
         """Motor and gear with the given names."""

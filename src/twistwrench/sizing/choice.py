@@ -22,6 +22,7 @@ from ..core.verdict import Verdict, Word
 from ..formats.yaml import si_unit
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.actuators import RATINGS, moving
+from ..mechanics.model.limits import BEARINGS
 from ..motion.coordinates import Coordinates
 from ..motion.limits_file import robot_origin
 from ..motion.model_doubts import as_it_hangs, base_doubts, model_warnings
@@ -30,6 +31,7 @@ from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
 from ..reports.torque_report import TorqueReport
 from ..reports.torque_verdict import as_it_stands, contradictions, log_doubts, rows_in_doubt
+from ..statics.reactions import bearing_loads
 from .catalog import Catalog, Pair
 from .drives import (
     CatalogMotor,
@@ -146,6 +148,8 @@ class SizingProblem:
     shared: bool
     doubts: tuple[str, ...] = ()
     """Reasons to be unsure of all loads."""
+    bears: bool = False
+    """True if a gear of the catalogue has limits of its bearing."""
 
     def driven(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
         """Robot with the drives as rotors with mass, and a rotor of 1 kg m² without a gear at ``probe``."""
@@ -167,7 +171,14 @@ class SizingProblem:
     def cycles(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> list[Cycle]:
         """Loads of a joint in each of the cycles, given the drives of other joints that load it."""
         robot = self._probed(joint, drives)
-        return [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
+        found = [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
+        if not self.bears:
+            return found
+        bare = self.driven({name: drive for name, drive in drives.items() if name != joint})
+        return [
+            cycle._replace(bearing=_bearing(bare, joint, states))
+            for cycle, states in zip(found, self.states, strict=True)
+        ]
 
     def emergency_cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Cycle | None:
         """Loads of a joint in the emergency; None without one."""
@@ -210,6 +221,12 @@ class SizingProblem:
             gears[0] = replace(gears[0], demands=with_noise(gears[0].demands, [g.demands for g in gears[1:]]))
         mass = motor.mass + gear.mass
         return SizedJoint(joint, (motor.name, gear.name), mass, motors[0], gears[0], cycles[0])
+
+
+def _bearing(robot: Robot, joint: str, states: tuple[Array, Array, Array]) -> dict[str, Array]:
+    loads = bearing_loads(robot, *states)
+    k = loads.joints.index(joint)
+    return {kind: getattr(loads, kind)[:, k] for kind in BEARINGS}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -462,7 +479,7 @@ def sizing_of(
     cycles, time, holding = _with_pause([states.motion, *states.draws], pause)
     problem = SizingProblem(
         bare, cycles, time, brake, holding, emergency, friction, add_masses, armed, ambient, life, shared_supply,
-        tuple(_doubts(bare, states.motion)),
+        tuple(_doubts(bare, states.motion)), catalog.bears,
     )  # fmt: skip
     if not catalog.drives:
         found = _chosen(problem, catalog, names)

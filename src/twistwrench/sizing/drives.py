@@ -7,8 +7,9 @@ constant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from ..core.numbers import printed
 from ..core.typing import Array
 from ..mechanics.model.actuators import Motor, Thermal, gear_input, moving
-from ..mechanics.model.limits import over_limit
+from ..mechanics.model.limits import BEARING_UNITS, over_limit
 from ..reports.motors import Demand
 
 _RPM = 2 * math.pi / 60
@@ -71,6 +72,12 @@ class Gear:
     life: float = math.inf
     """Life reached by half of the gears at rated torque and speed [h]."""
     mean_exponent: float = 3.0
+    axial: float = math.inf
+    """Limit of the force on the output bearing along its axis [N]."""
+    radial: float = math.inf
+    """Limit of the force across the axis [N]."""
+    tilting: float = math.inf
+    """Limit of the moment across the axis [N m]."""
     unstated: frozenset[str] = frozenset()
     """Numbers that the catalogue leaves out and whose substitutes are favourable, such as ``efficiency``."""
 
@@ -90,6 +97,8 @@ class Cycle(NamedTuple):
     """Acceleration of the motor's link about the rotor axis [rad/s²]."""
     inertia: Array
     """Inertia of the joint in M [kg m²]."""
+    bearing: Mapping[str, Array] = MappingProxyType({})
+    """Loads of the joint's bearing by kind [N, N, N m]; empty if no gear has limits of them."""
 
     def rotor_torque(self, inertia: float, ratio: float) -> Array:
         """Torque at the joint that accelerates the rotor: G J (G q̈ + α). MR section 8.9.2."""
@@ -214,6 +223,11 @@ def sized_gear(
         worst = int(np.abs(emergency.torque).argmax())
         shock = float(np.abs(emergency.torque[worst]))
         demands.append(Demand("emergency torque", shock, gear.momentary_peak, "N m", float(emergency.time[worst])))
+    for kind, loads in cycle.bearing.items():
+        if math.isfinite(limit := getattr(gear, kind)):
+            at, what = int(loads.argmax()), "moment" if kind == "tilting" else "force"
+            load, unit = float(loads[at]), BEARING_UNITS[kind]
+            demands.append(Demand(f"{kind} {what} of its bearing", load, limit, unit, float(cycle.time[at])))
     needed = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
     needed += ["momentary_peak"] if emergency is not None else []
     missing = [name for name in needed if not math.isfinite(getattr(gear, name))]

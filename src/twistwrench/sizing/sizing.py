@@ -107,7 +107,7 @@ def size_drives(
 
     Notes
     -----
-    Iron losses, bearing moments and losses of the electronics are neglected.
+    Iron losses and losses of the electronics are neglected, and bearings whose limits the catalogue leaves out.
 
     Examples
     --------

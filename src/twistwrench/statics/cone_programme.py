@@ -339,7 +339,7 @@ def _projection(cones: Cones, f: Array) -> tuple[Array, Array]:
     along = (f * n).sum(axis=-1)
     across = f - along[..., None] * n
     slide = np.linalg.norm(across, axis=-1)
-    inside = (slide <= friction * along)[..., None]
+    inside = ((slide <= friction * along) & (along >= 0))[..., None]  # without friction both sides are zero
     polar = (along <= -friction * slide)[..., None]
     u = across / np.maximum(slide, 1e-300)[..., None]
     edge = (n + friction[:, None] * u) / np.sqrt(1.0 + friction**2)[:, None]

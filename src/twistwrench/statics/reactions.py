@@ -15,6 +15,8 @@ from ..core.numbers import printed
 from ..core.typing import Array
 from ..mechanics.lie import se3
 from ..mechanics.lie.labelled import WRENCH
+from ..mechanics.model.assembly import bearing_loads as components
+from ..mechanics.model.limits import BEARINGS
 from ..mechanics.model.model import BASE
 from ..robot.task_space_methods import require_robot
 from .torque_limits import floating_entries
@@ -209,24 +211,10 @@ def bearing_loads(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> 
     """
     model = require_robot(robot, "bearing_loads").model
     F = np.asarray(robot.joint_wrenches(q, dq, ddq))
-    F = F.reshape(-1, *F.shape[-2:])
-    names, axial, radial, tilting = [], [], [], []
-    for k, body in enumerate(model.bodies):
-        if body.joint.nv != 1 or not body.joint.moves_body:
-            continue
-        moment, force = F[:, k, :3], F[:, k, 3:]
-        S = body.joint.axes[0]
-        turns = bool(S[:3].any())
-        a = S[:3] if turns else S[3:]
-        a = np.asarray(a / np.linalg.norm(a), float)
-        along = force @ a
-        names.append(body.joint.name)
-        axial.append(np.abs(along) if turns else np.full(len(F), np.nan))
-        radial.append(np.linalg.norm(force - along[:, None] * a, axis=1))
-        across = moment - (moment @ a)[:, None] * a if turns else moment
-        tilting.append(np.linalg.norm(across, axis=1))
-    columns = (np.stack(x, axis=1) if x else np.zeros((len(F), 0)) for x in (axial, radial, tilting))
-    return BearingLoads(tuple(names), *columns)
+    loads = components(model, F.reshape(-1, *F.shape[-2:]))
+    which = [k for k, body in enumerate(model.bodies) if body.joint.nv == 1 and body.joint.moves_body]
+    names = tuple(model.bodies[k].joint.name for k in which)
+    return BearingLoads(names, *(loads[kind][:, which] for kind in BEARINGS))
 
 
 complete(globals())

@@ -7,7 +7,7 @@ recursion therefore includes reflected inertia and gyroscopic terms without spec
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -240,7 +240,7 @@ def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body
         np.append(old.upper, inf),
         np.append(old.velocity, old.velocity[k]),
         np.append(np.where(np.arange(model.nv) == k, inf, old.effort), old.effort[k]),
-        *(np.append(x, inf) for x in (old.acceleration, old.deceleration, old.jerk)),
+        *(np.append(getattr(old, f.name), inf) for f in fields(Limits)[4:]),
     )
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)

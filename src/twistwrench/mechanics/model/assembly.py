@@ -17,7 +17,7 @@ from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
 from ..lie.identity import IDENTITY, UPRIGHT, is_identity, product
 from .description import JointEntry, LinkEntry, Mimic, SiteEntry
-from .limits import TOLERANCE, Friction, Limits
+from .limits import BEARINGS, TOLERANCE, Friction, Limits
 from .model import BASE, Body, Frame, Model, OfferedClosure, Spring, Tree
 
 DEFAULT_SNAP = 1e-9
@@ -332,6 +332,28 @@ def follower_torques(model: Model, F: Array) -> Array:
     """
     which = model.limited_followers
     return np.stack([F[..., i, :] @ model.bodies[i].joint.axes[0] for i in which], axis=-1)
+
+
+def bearing_loads(model: Model, F: Array) -> dict[str, Array]:
+    """Loads (..., nbodies) of the bearings by kind, from wrenches across the joints (..., nbodies, 6).
+
+    NaN at joints with other than one degree of freedom, and for forces along the axes of sliding joints, which motors bear.
+    """
+    found = {kind: np.full(F.shape[:-1], np.nan) for kind in BEARINGS}
+    for i, body in enumerate(model.bodies):
+        if body.joint.nv != 1 or not body.joint.moves_body:
+            continue
+        moment, force, S = F[..., i, :3], F[..., i, 3:], body.joint.axes[0]
+        turns = bool(S[:3].any())
+        a = S[:3] if turns else S[3:]
+        a = np.asarray(a / np.linalg.norm(a), float)
+        along = force @ a
+        if turns:
+            found["axial"][..., i] = np.abs(along)
+        found["radial"][..., i] = np.linalg.norm(force - along[..., None] * a, axis=-1)
+        across = moment - (moment @ a)[..., None] * a if turns else moment
+        found["tilting"][..., i] = np.linalg.norm(across, axis=-1)
+    return found
 
 
 # ── Assembly of links and joints to a model with one body per joint

@@ -10,12 +10,27 @@ import numpy as np
 
 from ...core.typing import Array
 
-__all__ = ["FASTEST_TURN", "TOLERANCE", "Limits", "StatedLimits", "known_velocities", "margin", "over_limit"]
+__all__ = [
+    "BEARINGS",
+    "BEARING_UNITS",
+    "FASTEST_TURN",
+    "TOLERANCE",
+    "Limits",
+    "StatedLimits",
+    "bears",
+    "known_velocities",
+    "margin",
+    "over_limit",
+]
 
 TOLERANCE = 1e-6
 """Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
 digits in files."""
 
+BEARING_UNITS = {"axial": "N", "radial": "N", "tilting": "N m"}
+"""Kinds of limits of bearings, force along and across the axis and moment across it, with their units."""
+BEARINGS = tuple(BEARING_UNITS)
+"""Kinds of limits of bearings."""
 
 FASTEST_TURN, FASTEST_SLIDE = 60.0, 100.0
 """Velocity limits [rad/s, m/s] from which they are placeholders or in other units; joints of quadrupeds reach 52 rad/s."""
@@ -58,6 +73,25 @@ def over_limit(share: Any) -> Any:
     (False, True)
     """
     return share > 1 + TOLERANCE
+
+
+def bears(limits: Limits) -> bool:
+    """True if a bearing of some joint has a limit.
+
+    Parameters
+    ----------
+    limits : Limits
+
+    Returns
+    -------
+    found : bool
+
+    Examples
+    --------
+    >>> bears(Limits(*np.ones((4, 2))))
+    False
+    """
+    return any(np.isfinite(getattr(limits, kind)).any() for kind in BEARINGS)
 
 
 def margin(limit: Any) -> Array:
@@ -110,6 +144,12 @@ class Limits:
     """Largest decelerations of a joint that slows down [rad/s² or m/s²]."""
     jerk: Array = None  # type: ignore[assignment]
     """Largest jerks [rad/s³ or m/s³]."""
+    axial: Array = None  # type: ignore[assignment]
+    """Largest forces on the bearings along the axes of turning joints [N]."""
+    radial: Array = None  # type: ignore[assignment]
+    """Largest forces on the bearings across the axes [N]."""
+    tilting: Array = None  # type: ignore[assignment]
+    """Largest moments on the bearings across the axes, of sliding joints about any axis [N m]."""
 
     if not TYPE_CHECKING:  # type checkers reject it
 
@@ -123,7 +163,8 @@ class Limits:
         up, down = (none if x is None else x for x in (self.acceleration, self.deceleration))
         object.__setattr__(self, "acceleration", np.where(np.isinf(up), down, up))
         object.__setattr__(self, "deceleration", np.where(np.isinf(down), up, down))
-        object.__setattr__(self, "jerk", none if self.jerk is None else self.jerk)
+        for name in ("jerk", *BEARINGS):
+            object.__setattr__(self, name, none if getattr(self, name) is None else getattr(self, name))
 
     @property
     def tolerance(self) -> Array:
@@ -213,7 +254,7 @@ class StatedLimits(Limits):
 
         Examples
         --------
-        >>> limits = StatedLimits(*np.ones((4, 1)), stated=np.array([True]), with_unit=np.eye(7, 1, -3, dtype=bool))
+        >>> limits = StatedLimits(*np.ones((4, 1)), stated=np.array([True]), with_unit=np.eye(10, 1, -3, dtype=bool))
         >>> limits.has_unit("effort").tolist(), limits.has_unit("velocity").tolist()
         ([True], [False])
         """
