@@ -22,9 +22,11 @@ __all__ = [
     "film",
     "motion_of",
     "movie",
+    "plot_mounting",
     "plot_phase",
     "plot_power",
     "plot_split",
+    "plot_support",
     "read_motion",
     "scene_of",
     "write_article",
@@ -33,15 +35,19 @@ __all__ = [
 
 if TYPE_CHECKING:
     from . import style as style
+    from .plots.holds import plot_mounting, plot_support
     from .plots.motion import Energies, energies, plot_phase, plot_power, plot_split
 
-_PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
-"""Names of ``viz.plots.motion``, imported at first use because that module imports this package."""
+_PLOTS = {
+    **dict.fromkeys(("Energies", "energies", "plot_phase", "plot_power", "plot_split"), ".plots.motion"),
+    **dict.fromkeys(("plot_mounting", "plot_support"), ".plots.holds"),
+}
+"""Names of modules that are imported at first use because they import this package."""
 
 
 def __getattr__(name: str) -> object:
     if name == "style":
         return importlib.import_module(".style", __name__)
     if name in _PLOTS:
-        return getattr(importlib.import_module(".plots.motion", __name__), name)
+        return getattr(importlib.import_module(_PLOTS[name], __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
