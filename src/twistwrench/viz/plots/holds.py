@@ -115,7 +115,7 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
         corners = at
     axis.fill(*corners.T, color=style.PALE, zorder=0)
     axis.plot(*at.T, "o", color=style.AXIS, markersize=4, linestyle="none", label="contacts that carry")
-    path = axis.scatter(*found.zmp.T, c=t, s=6, cmap=style.time_colours(), zorder=3)
+    path = axis.scatter(found.zmp[:, 0], found.zmp[:, 1], c=t, s=6, cmap=style.time_colours(), zorder=3)
     axis.plot(
         *found.zmp[found.worst], "x", color=style.POINTED, markersize=8, label=f"t = {seconds(float(t[found.worst]))} s"
     )
@@ -204,10 +204,11 @@ def plot_mounting(load: MountingLoad, path: str | Path, *, time: ArrayLike, bolt
     axial = None if bolts is None else load.bolts(bolts)
     with style.figure(9.6, 3.0 * (1 + (axial is not None)), str(load), "Drawing the load of a mounting") as drawn:
         axes = drawn.subplots(1 + (axial is not None), 2, sharex=True, squeeze=False)
+        panels: list[tuple[str, Array, tuple[str, ...]]]
         panels = [("Force on the foundation [N]", load.wrench[:, 3:], WRENCH[3:])]
         panels += [("Moment on the foundation [N m]", load.wrench[:, :3], WRENCH[:3])]
         if axial is not None:
-            names = [f"bolt {k + 1}" for k in range(axial.shape[1])]
+            names = tuple(f"bolt {k + 1}" for k in range(axial.shape[1]))
             panels += [("Axial load of the bolts, pull above 0 [N]", axial[..., 0], names)]
             panels += [("Shear of the bolts [N]", axial[..., 1], names)]
         for axis, (name, values, labels) in zip(axes.ravel(), panels, strict=True):
