@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
@@ -70,10 +70,12 @@ def settings_chosen_once() -> Iterator[None]:
     """
     plain, first = SettingRows.choose, dict[int, tuple[SettingRows, FitSettings]]()
 
-    def choose(self: SettingRows, prior: Prior, train: Iterable[int]) -> FitSettings:
+    def choose(
+        self: SettingRows, prior: Prior, sets: Sequence[Sequence[int]], *progress: Callable[[float], None]
+    ) -> list[FitSettings]:
         if id(self) not in first:
-            first[id(self)] = self, plain(self, prior, train)
-        return first[id(self)][1]
+            first[id(self)] = self, plain(self, prior, sets[:1], *progress)[0]
+        return [first[id(self)][1]] * len(sets)
 
     SettingRows.choose = choose  # type: ignore[method-assign]
     try:

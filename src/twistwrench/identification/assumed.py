@@ -214,7 +214,7 @@ class AssumedCauses:
         base = self.base if turned else BaseParameters.from_unknowns(self.base.unknown)
         known, (samples, gravity) = self, self.corrected()
         made = build(_under(base, gravity), samples)
-        settings = made[0].choose(made[2], range(FOLDS))
+        (settings,) = made[0].choose(made[2], [range(FOLDS)])
         for _ in range(_STEPS):
             trial = Trial(made[0], settings)
             x, *_ = weighted_fit(trial.W, trial.tau, made[2], method, trial.felt)

@@ -100,9 +100,8 @@ class CauseFit:
     @cached_property
     def W(self) -> Array:
         """(m, nv, r) columns of the groups and of the laws."""
-        columns = self.states.columns
-        W = np.concatenate([columns, *(e[..., None] for e in self.laws)], axis=2) if self.laws else columns
-        return np.asarray(W * self.live[:, None])
+        columns = self.states.columns * (self.states.gain * self.live)[:, None]
+        return np.concatenate([columns, *(e[..., None] for e in self.laws)], axis=2) if self.laws else columns
 
     def release(self, before: CauseFit) -> None:
         """Release columns that another fit does not share, to limit memory; they are computed again when needed."""
@@ -274,18 +273,24 @@ class ScreenedCause:
 
 
 def screened(fit: CauseFit, tried: Iterable[Cause]) -> list[ScreenedCause]:
-    """Screen causes with a value by their columns at each of their start values."""
-    s, places = fit.states, list[tuple[CauseFit, Cause, Array, Array]]()
+    """Screen causes with a value by their columns at each of their start values.
+
+    Columns at the value 0 are tested together. Each distant start has a fit of its own, which is released before the next.
+    """
+    s, found, near = fit.states, list[ScreenedCause](), list[int]()
     for cause in tried:
         for start in cause.starts:
             beta = np.full(cause.size, start)
-            at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            places.append((at, cause, beta, cause_columns(at, s, cause, beta)))
-    gained = iter(fit.gains([e for at, _, _, e in places if at is fit]))
-    found = list[ScreenedCause]()
-    for at, cause, beta, e in places:
-        S, step = next(gained) if at is fit else at.gains([e])[0]
-        found.append(ScreenedCause(S if at is fit else fit.gained(at) + S, cause, beta + step, e))
+            if start == 0.0:
+                near.append(len(found))
+                found.append(ScreenedCause(0.0, cause, beta, cause_columns(fit, s, cause, beta)))
+                continue
+            at = fit.refit(cause.correct(s, beta))
+            e = cause_columns(at, s, cause, beta)
+            S, step = at.gains([e])[0]
+            found.append(ScreenedCause(fit.gained(at) + S, cause, beta + step, e))
+    for k, (S, step) in zip(near, fit.gains([found[k].e for k in near]), strict=True):
+        found[k] = replace(found[k], S=S, beta=found[k].beta + step)
     return found
 
 

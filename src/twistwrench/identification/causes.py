@@ -38,8 +38,9 @@ from .rows import SteadySamples, of_springs, states_with_rows
 
 _PORTION = 2048
 _MADE_OF = {
-    "bodies": ("q", "dq", "ddq", "gravity", "weightless", "rows", "lag"),
-    "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lag"),
+    "bodies": ("q", "dq", "ddq", "gravity", "weightless", "rows"),
+    "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lagging"),
+    "columns": ("q", "dq", "ddq", "gravity", "weightless", "rows", "pieces", "friction_speed", "lag"),
 }
 """Fields on which the columns depend."""
 
@@ -148,38 +149,67 @@ class LogStates:
         time = self.time[s]
         return UniformSpline.from_samples(time, self.tau[s])(np.clip(time + self.shift, time[0], time[-1]))
 
+    @property
+    def lagging(self) -> bool:
+        """True if the torques passed a low-pass, which also depends on the states between the rows."""
+        return self.lag > 0.0
+
     @cached_property
     def columns(self) -> Array:
-        """(m, nv, r) columns of the groups at the rows, with friction low-passed like the torques."""
+        """(m, nv, r) columns of the groups at the rows, without gains, with friction low-passed like the torques."""
+        if not self.lagging:
+            return self._joined(self.bodies, self.drives)
+        return self._lagged(lambda span: self._joined(self._of_bodies(span), self.drives[span]))
+
+    def _joined(self, bodies: Array, drives: Array) -> Array:
+        """Columns (n, nv, r) of the groups from columns of the body parameters and factors of the drives."""
         kept, unknown = self.base.kept, self.base.unknown
-        of_bodies, drives = unknown.of_bodies[kept] >= 0, self.base.drives
-        W = np.empty((*self.bodies.shape[:2], len(kept)))
-        W[:, :, of_bodies] = self.bodies[:, :, unknown.of_bodies[kept[of_bodies]]]
-        W[:, :, drives] = self.drives[:, None] * unknown.shares[kept[drives]].T
-        return self._at_rows(W)
+        W = np.take(bodies, np.maximum(unknown.of_bodies[kept], 0), axis=2)
+        W[:, :, self.base.drives] = drives[:, None] * unknown.shares[kept[self.base.drives]].T
+        return W
 
     def predicted(self, x: Array) -> Array:
         """(m, nv) torques W x at the rows."""
-        bodies, drives = self._parts(x)
-        return self._at_rows(bodies + drives)
+        if not self.lagging:
+            bodies, drives = self._parts(x)
+            return np.asarray(self.gain * (bodies + drives))
+        mine, drives = self._values_of_bodies(x), self._torques_of_drives(x)
+        return np.asarray(self.gain * self._lagged(lambda span: self._of_bodies(span) @ mine + drives[span]))
 
     def _parts(self, x: Array) -> tuple[Array, Array]:
         """Torques of the bodies and of the drives by groups x (r,)."""
-        kept, unknown, drives = self.base.kept, self.base.unknown, self.base.drives
-        mine, places = np.zeros(self.bodies.shape[2]), unknown.of_bodies[kept]
-        mine[places[places >= 0]] = x[places >= 0]
-        return self.bodies @ mine, (self.drives * x[drives]) @ unknown.shares[kept[drives]]
+        return self.bodies @ self._values_of_bodies(x), self._torques_of_drives(x)
 
-    def _at_rows(self, W: Array) -> Array:
-        """Columns or torques at the rows, with gains and the low-pass of the torques applied."""
-        if self.lag:
-            W = np.concatenate([lagged(W[s], self.lag * float(self.rate[s.start])) for s in self.pieces])[self.rows]
-        return np.asarray(W * self.gain.reshape(-1, *[1] * (W.ndim - 2)) if (self.gain != 1.0).any() else W)
+    def _values_of_bodies(self, x: Array) -> Array:
+        """Values of the body parameters, of those that represent groups x (r,)."""
+        unknown = self.base.unknown
+        mine, places = np.zeros(10 * len(unknown.model.bodies)), unknown.of_bodies[self.base.kept]
+        mine[places[places >= 0]] = x[places >= 0]
+        return mine
+
+    def _torques_of_drives(self, x: Array) -> Array:
+        drives = self.base.drives
+        return np.asarray((self.drives * x[drives]) @ self.base.unknown.shares[self.base.kept[drives]])
+
+    def _lagged(self, values: Callable[[slice], Array]) -> Array:
+        """Low-pass of the torques, at the rows, of ``values`` of ranges of the states, in portions to limit memory."""
+        found = list[Array]()
+        for piece in self.pieces:
+            steps, last = self.lag * float(self.rate[piece.start]), None
+            for k in range(piece.start, piece.stop, _PORTION):
+                span = slice(k, min(piece.stop, k + _PORTION))
+                y = lagged(values(span), steps, last)
+                here, last = self.rows[(self.rows >= k) & (self.rows < span.stop)], y[-1]
+                found.append(y[here - k])
+        return np.concatenate(found)
 
     @cached_property
     def bodies(self) -> Array:
-        """Columns of the body parameters at the rows, or in all states if there is a low-pass."""
-        at = slice(None) if self.lag else self.rows
+        """Columns of the body parameters at the rows."""
+        return self._of_bodies(self.rows)
+
+    def _of_bodies(self, at: Array | slice) -> Array:
+        """Columns (n, nv, p) of the body parameters at some states."""
         states = self.q[at], self.dq[at], self.ddq[at]
         Y = self.base.unknown.regressor(*states, self.gravity)
         if self.weightless:
@@ -189,8 +219,8 @@ class LogStates:
 
     @cached_property
     def drives(self) -> Array:
-        """Factors of the columns of motor inertias, friction and offsets, for the same states."""
-        unknown, at = self.base.unknown, slice(None) if self.lag else self.rows
+        """Factors of the columns of motor inertias, friction and offsets at the rows, or in all states for a low-pass."""
+        unknown, at = self.base.unknown, slice(None) if self.lagging else self.rows
         which = self.base.kept[self.base.drives]
         found = unknown.drives(which, self.dq[at], self.ddq[at], self.friction_speed)
         dry = [c for c, k in enumerate(which.tolist()) if unknown.kinds[k] in ("coulomb", "stribeck")]

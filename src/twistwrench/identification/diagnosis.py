@@ -18,10 +18,10 @@ the end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -140,8 +140,7 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
         if fit is not before:
             before = fit = _at_best_speed(fit)
         for _ in range(_ROUNDS):
-            tried, count = stage(fit)
-            best = _first(fit, tried, count)
+            best = _first(fit, *stage(fit))
             if best is None:
                 break
             found += _with_another_zero(best) if best.kind == "zero" else [best]
@@ -230,16 +229,28 @@ def _at_best_speed(fit: CauseFit) -> CauseFit:
     return best if fit.gained(best) > _WORTH else fit
 
 
-def _first(fit: CauseFit, tried: Sequence[FoundCause], count: int) -> FoundCause | None:
+def _first(fit: CauseFit, tried: Iterable[FoundCause], count: int) -> FoundCause | None:
     """Significant cause with the largest S, or a preferred cause with equal evidence; None if none is significant."""
-    told = [one for one in tried if one.S >= LEAST_S and one.t >= one.fit.sure(count) and _possible(one)]
+    told = _strongest(tried, count)
     if not told:
         return None
-    most = max(one.S - one.cost for one in told)
-    told = [_at_its_speed(fit, one) for one in told if one.S - one.cost >= _NEAR * most]
+    told = [_at_its_speed(fit, one) for one in told]
     most = max(one.S - one.cost for one in told)
     best, *rivals = (one for one in told if one.S - one.cost >= most - max(_TIE, _TIE_SHARE * most))
     return replace(best, rivals=tuple(rivals), effect=effect(fit, best))
+
+
+def _strongest(tried: Iterable[FoundCause], count: int) -> list[FoundCause]:
+    """Significant causes among ``count`` tested ones, whose S is near the largest.
+
+    The others, with their fits, are released one by one, so that memory does not grow with the number of causes.
+    """
+    told, most = list[FoundCause](), -np.inf
+    for one in tried:
+        if one.S >= LEAST_S and one.t >= one.fit.sure(count) and _possible(one):
+            most = max(most, one.S - one.cost)
+            told = [each for each in (*told, one) if each.S - each.cost >= _NEAR * most]
+    return told
 
 
 def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
@@ -323,31 +334,35 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=size)], 1
 
 
-def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
+def _of_the_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
     """Stages 2 and 3: refits of discrete causes if the residual is large, and of continuous causes with the best columns."""
-    s, found, count = fit.states, list[FoundCause](), 0
+    s, discrete = fit.states, list[Cause]()
     total = float(np.sqrt((fit.left**2).sum() / max(float((fit.tau**2).sum()), 1e-300)))
     much = total > _DISCRETE[0] or float(fit.shares.max()) > _DISCRETE[1]
     if much:
         worst = [k for k in np.argsort(-fit.shares)[:_SUSPECTS].tolist() if fit.live[k]]
-        for cause in causes.discrete_causes(s, sorted(worst)):
-            found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
-            count += 1
-    whole = screened(fit, causes.continuous_causes(s, wide=much))
-    tried = [*whole, *screened_changes(fit)]
-    return found + _refined_causes(fit, tried) + _refined_laws(fit, tried), count + len(whole)
+        discrete = list(causes.discrete_causes(s, sorted(worst)))
+    continuous = list(causes.continuous_causes(s, wide=much))
+
+    def found() -> Iterator[FoundCause]:
+        yield from (_judged(fit, fit.refit(cause.correct(s)), cause) for cause in discrete)
+        tried = [*screened(fit, continuous), *screened_changes(fit)]
+        yield from _refined_causes(fit, tried)
+        yield from _refined_laws(fit, tried)
+
+    return found(), len(discrete) + sum(len(cause.starts) for cause in continuous)
 
 
-def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
+def _of_the_joints(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
     """Stage 4: laws of the joints and their elasticity, screened by their columns."""
-    elastic = _refined_causes(fit, fit.joint_causes)
     swaying, more = _sway(fit)
-    return _refined_laws(fit, fit.joint_causes) + elastic + swaying, len(fit.joint_causes) + more
+    elastic = _refined_causes(fit, fit.joint_causes)
+    return chain(_refined_laws(fit, fit.joint_causes), elastic, swaying), len(fit.joint_causes) + more
 
 
-def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
+def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[FoundCause]:
     """Refine the laws whose columns gain most; a second refit uses columns from the first fitted torques."""
-    found, s, r = list[FoundCause](), fit.states, fit.states.base.count
+    s, r = fit.states, fit.states.base.count
     laws = [(one, one.cause) for one in sorted(tried, key=lambda one: -one.S) if isinstance(one.cause, Law)]
     for one, law in laws[:_REFINED]:
         if one.S > 0.5 * LEAST_S:
@@ -360,8 +375,7 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCa
             log = 0 if law.since is None else s.logs[law.since[0]]
             value, deviation = refit.x[-k:][:1], refit.law_deviation(k)[:1]
             refit.release(fit)
-            found.append(replace(told, law=law, value=value, deviation=deviation, span=span, log=log))
-    return found
+            yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log)
 
 
 def _refined_causes(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache, partial, reduce
 from itertools import pairwise
 
 import numpy as np
@@ -226,9 +226,9 @@ _USUAL_SPEED = 0.05
 _LATER = (1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300)
 _SHIFTS = tuple(1e-3 * s for s in (*(-s for s in reversed(_LATER)), 0, *_LATER))
 _ROWS = 10.0  # minimum number of equations per group at a cut-off
-_BYTES = 96 * 2**20
-"""Cache size for rows at several cut-offs, and for normal equations at several settings; the least recently used are
-evicted."""
+_BYTES = 64 * 2**20
+"""Cache size for rows at several cut-offs with their states, and for normal equations at several settings; the least
+recently used are evicted."""
 _MOST_CHOICE = 3000
 """Maximum number of rows for the choice of settings."""
 _EXACT = 5e-5
@@ -238,6 +238,10 @@ _WORTH = 2e-3
 _CHANCE = 6.0
 """Decrease of log |residual|² of all joints, times the number of independent rows, that an offset or a speed exceeds by
 chance once in 70 times. Twice a log-likelihood ratio, it is χ² distributed with one degree of freedom (Wilks 1938)."""
+
+
+def _half_done(progress: Callable[[float], None], turn: int, share: float) -> None:
+    progress(0.5 * (turn + share))
 
 
 class SettingRows:
@@ -256,15 +260,17 @@ class SettingRows:
         self.usual_speed = np.full(nv, _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed)
         self.coulomb = base.unknown.coulomb_columns(base.kept)
         """Columns of dry friction, with (nv,) bool, True for the joints that each column affects."""
-        cached = lru_cache(2 + int(_BYTES / (8 * nv * base.count * _MOST_CHOICE)))
-        self.rows, self._judged = cached(self._rows), cached(self._states)
+        columns, states = nv * base.count * _MOST_CHOICE, 3 * nv * sum(map(len, samples))
+        cached = lru_cache(2 + int(_BYTES / (8 * (columns + states))))
+        self.rows, self._judged, self._later = (cached(x) for x in (self._rows, self._states, self._judged_torques))
         self._trials = lru_cache(2)(self._trial)
         self._parts = lru_cache(2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS)))(self._undelayed)
 
     def release(self) -> None:
         """Release the rows of all candidates, to limit memory; they are computed again when needed."""
-        for cache in (self.rows, self._judged, self._trials, self._parts):
+        for cache in (self.rows, self._judged, self._later, self._trials, self._parts):
             cache.cache_clear()
+        self.__dict__.pop("_torques", None)
 
     def _rows(self, cutoff: float, most: float) -> FilteredRows:
         """Rows at a cut-off, with the usual friction speed."""
@@ -310,17 +316,28 @@ class SettingRows:
         usual = [max(float(np.median(x)), 1e-6) for x in found]
         return tuple(np.maximum(x, 1e-2 * u) for x, u in zip(found, usual, strict=True))
 
-    def choose(self, prior: Prior, blocks: Iterable[int]) -> FitSettings:
-        """Choose the settings that minimise the cross-validation residual over the given fifths."""
-        blocks = tuple(blocks)
-        settings = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
-        for _ in range(2):
-            cutoff = self._best_cutoff(prior, blocks, settings) if len(self.tried) > 1 else settings.cutoff
-            again = cutoff != settings.cutoff
-            settings = self._tuned(replace(settings, cutoff=cutoff), prior, blocks)
-            if not again:
-                break
-        return settings
+    def choose(
+        self,
+        prior: Prior,
+        sets: Sequence[Sequence[int]],
+        progress: Callable[[float], None] = lambda _share: None,
+    ) -> list[FitSettings]:
+        """Choose, for each set of fifths, the settings that minimise its cross-validation residual.
+
+        Each cut-off is scored for all sets before the next, so that the rows of few cut-offs are in memory: from the lowest
+        to the highest, whose rows cost most, and back.
+        """
+        begin = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
+        found, left = [begin] * len(sets), list(range(len(sets)))
+        for turn in range(2):
+            open_sets = [(tuple(sets[k]), found[k]) for k in left]
+            done = partial(_half_done, progress, turn)
+            best = self._best_cutoffs(prior, open_sets, done, rising=turn == 0)
+            again = [k for k, cutoff in zip(left, best, strict=True) if cutoff != found[k].cutoff]
+            for k, cutoff in zip(left, best, strict=True):
+                found[k] = self._tuned(replace(found[k], cutoff=cutoff), prior, tuple(sets[k]))
+            left = again
+        return found
 
     def _tuned(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
         """Optimise clock offset and friction speeds one after another, at one cut-off."""
@@ -372,27 +389,44 @@ class SettingRows:
         left = sum((part.squares(x) for part, x in self._fits(settings, prior, blocks)), np.zeros(len(self.dead)))
         return float(np.log(np.maximum(left, 1e-300)).sum())
 
-    def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
-        """Lowest cut-off whose predictions of torques, below the highest cut-off, are nearly as good as the best."""
-        torques = [torques_below(s, max(self.tried)) for s in self.samples]
-        tried = [replace(settings, cutoff=cutoff) for cutoff in self.tried]
-        scores = np.array([self._judged_score(prior, blocks, each, torques) for each in tried])
-        return self.tried[int(np.flatnonzero(scores <= scores.min() + _WORTH * len(self.dead))[0])]
+    @cached_property
+    def _torques(self) -> list[tuple[Array, Array]]:
+        """Times and torques of each log below the highest cut-off, against which all cut-offs are scored."""
+        return [torques_below(s, max(self.tried)) for s in self.samples]
 
-    def _judged_score(
-        self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
-    ) -> float:
-        """Sum of log |residual|² over the joints, for torques given with their times for each log."""
-        judged = self._judged(settings.cutoff)
-        tau = np.concatenate(
-            [
-                np.stack([np.interp(s.time + settings.shift, time, x) for x in tau.T], axis=1)
-                for s, (time, tau) in zip(judged.states, torques, strict=True)
-            ]
-        )
+    def _judged_torques(self, cutoff: float, shift: float) -> Array:
+        """(m, nv) torques of the states on which a cut-off is scored, ``shift`` seconds later."""
+        states = zip(self._judged(cutoff).states, self._torques, strict=True)
+        parts = [[np.interp(s.time + shift, time, x) for x in tau.T] for s, (time, tau) in states]
+        return np.concatenate([np.stack(part, axis=1) for part in parts])
+
+    def _best_cutoffs(
+        self,
+        prior: Prior,
+        sets: Sequence[tuple[tuple[int, ...], FitSettings]],
+        progress: Callable[[float], None],
+        *,
+        rising: bool,
+    ) -> list[float]:
+        """Lowest cut-off for each set whose predictions, below the highest cut-off, are nearly as good as the best."""
+        if len(self.tried) == 1:
+            return [settings.cutoff for _, settings in sets]
+        order = self.tried if rising else self.tried[::-1]
+        scores = np.empty((len(order), len(sets)))
+        for k, cutoff in enumerate(order):
+            scores[k] = [self._judged_score(prior, blocks, replace(s, cutoff=cutoff)) for blocks, s in sets]
+            progress((k + 1) / len(order))
+        scores = scores if rising else scores[::-1]
+        near = scores <= scores.min(axis=0) + _WORTH * len(self.dead)
+        return [self.tried[k] for k in near.argmax(axis=0).tolist()]
+
+    def _judged_score(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
+        """Sum of log |residual|² over the joints, of torques that are not low-passed at the tested cut-off."""
+        judged, tau = self._judged(settings.cutoff), self._later(settings.cutoff, settings.shift)
         fold = self.folds(judged.log, judged.time)
-        W, unknown = judged.W.copy() if self.coulomb else judged.W, self.base.unknown
-        for c, joints in self.coulomb:
+        W, unknown, usual = judged.W, self.base.unknown, np.array_equal(settings.friction_speed, self.usual_speed)
+        W = W if usual else W.copy()
+        for c, joints in () if usual else self.coulomb:
             k = int(self.base.kept[c])
             factors = [unknown.drives([k], s.dq, s.ddq, settings.friction_speed) for s in judged.states]
             W[:, joints, c] = np.concatenate(factors) * unknown.shares[k, joints]

@@ -226,9 +226,9 @@ def _identified(
 ) -> IdentifiedRobot:
     """Identify from logs that were read; ``lost`` are doubts about the others."""
     samples, dead, asked = *_rows_of(trained, asked), _without_delay(asked, wanted)
-    source, sizes, prior, settings, assumed = _settings(unknown, samples, dead, asked, method, wanted)
-    tell(0.4)
-    without = [settings] * FOLDS if tested else _settings_without(source, prior, lambda share: tell(0.4 + 0.3 * share))
+    source, sizes, prior, assumed, settings, without = _settings(
+        unknown, samples, dead, asked, method, wanted, lambda share: tell(0.2 + 0.5 * share), among=not tested
+    )
     source.release()
     base, unknown, trial = source.base, source.base.unknown, Trial(source, settings)
     rows, fold = trial.rows, trial.fold
@@ -280,30 +280,27 @@ def _settings(
     asked: FitOptions,
     method: Method,
     wanted: Sequence[WantedCause],
-) -> tuple[SettingRows, Array, Prior, FitSettings, AssumedCauses | None]:
-    """Rows, sizes of the unknowns, weak prior and chosen settings; with assumed causes if there are any."""
+    progress: Callable[[float], None],
+    *,
+    among: bool,
+) -> tuple[SettingRows, Array, Prior, AssumedCauses | None, FitSettings, list[FitSettings]]:
+    """Rows, sizes of the unknowns, weak prior, assumed causes, and chosen settings; those without each fifth if ``among``."""
 
     def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
         source = SettingRows(base, samples, asked, dead)
         sizes = base.unknown.scales(*source.typical())
         return source, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
 
-    if not wanted:
-        source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
-        return source, sizes, prior, source.choose(prior, range(FOLDS)), None
-    begin = begin_settings(unknown.model.nv, samples, asked)
-    start = AssumedCauses.estimated(unknown, samples, wanted, begin, dead)
-    assumed, settings, (source, sizes, prior) = start.refined(build, method, MOST_ROWS)
-    return source, sizes, prior, settings, assumed
-
-
-def _settings_without(source: SettingRows, prior: Prior, progress: Callable[[float], None]) -> list[FitSettings]:
-    """Settings chosen without each fifth of the time."""
-    found = list[FitSettings]()
-    for block in range(FOLDS):
-        found.append(source.choose(prior, [b for b in range(FOLDS) if b != block]))
-        progress(len(found) / FOLDS)
-    return found
+    whole, without = range(FOLDS), [[b for b in range(FOLDS) if b != block] for block in range(FOLDS)]
+    if wanted:
+        begin = begin_settings(unknown.model.nv, samples, asked)
+        start = AssumedCauses.estimated(unknown, samples, wanted, begin, dead)
+        assumed, settings, (source, sizes, prior) = start.refined(build, method, MOST_ROWS)
+        each = source.choose(prior, without, progress) if among else [settings] * FOLDS
+        return source, sizes, prior, assumed, settings, each
+    source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
+    settings, *each = source.choose(prior, [whole, *without] if among else [whole], progress)
+    return source, sizes, prior, None, settings, each if among else [settings] * FOLDS
 
 
 _HIGHEST, _FEWEST_ROWS = 5.0, 2.0

@@ -17,7 +17,7 @@ import numpy as np
 from ..compiler.ir.tracer import trace
 from ..core.doubts import doubt
 from ..core.errors import TrajectoryError
-from ..core.estimation.filters import UniformSpline, low_pass
+from ..core.estimation.filters import REACH, UniformSpline, low_pass, low_pass_at
 from ..core.estimation.sampling import GAP, pauses
 from ..core.numbers import number
 from ..core.typing import Array
@@ -265,7 +265,6 @@ class BaseColumns:
 # identification of robots with power model", ICRA 1997).
 
 _PORTION = 8192  # states per batch, so that columns fit in the processor's cache
-_PERIODS = 12  # margin of batches in periods of the cut-off; the filter response beyond is below 1e-12
 MOST_ROWS = 10_000
 """Maximum number of rows of all logs together: 46 MB for seven joints."""
 _JUDGED_ROWS = 2500  # number of states of all logs on which predictions of different cut-offs are compared
@@ -407,16 +406,16 @@ def filtered_portions(
 
     Yields each batch with its indices (k,) among the wanted states.
     """
-    margin, base = int(_PERIODS * s.rate / cutoff) + 1, columns.base
+    margin, base = int(REACH * s.rate / cutoff) + 1, columns.base
     for begin in range(0, len(s.time), _PORTION):
         here = np.flatnonzero((wanted >= begin) & (wanted < begin + _PORTION))
         if not here.size:
             continue
         span = slice(max(0, begin - margin), min(len(s.time), begin + _PORTION + margin))
         states, at = (s.q[span], s.dq[span], s.ddq[span]), wanted[here] - span.start
-        entries = low_pass(columns.rows(*states, friction_speed), cutoff, s.rate)[at]
+        entries = low_pass_at(columns.rows(*states, friction_speed), cutoff, s.rate, at)
         springs = base.unknown.model.springs
-        yield here, entries, low_pass(of_springs(base, *states), cutoff, s.rate)[at] if springs else 0.0
+        yield here, entries, low_pass_at(of_springs(base, *states), cutoff, s.rate, at) if springs else 0.0
 
 
 def _columns(

@@ -21,6 +21,12 @@ from ..typing import Array
 _CACHED = 1 << 16
 _BLOCK, _FADED = 64, 1e-20
 """Block size in samples, and relative size below which a state is negligible."""
+_ALL_PASS = 0.45
+"""Cut-off over the sampling rate from which samples are unchanged."""
+REACH = 12
+"""Periods of the cut-off beyond which the impulse response of the zero-phase low-pass is below 1e-12."""
+_SPARSE = 16
+"""Minimum number of samples per wanted one, for which sums of the impulse response take less time than the recursion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +88,7 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     Both ends are extended by odd reflection over three periods of the cut-off. Samples are unchanged if the cut-off
     exceeds the Nyquist frequency.
     """
-    if cutoff >= 0.45 * rate:
+    if cutoff >= _ALL_PASS * rate:
         return x
     filtered, pad = _butterworth(float(cutoff) / float(rate)), min(len(x) - 1, int(3 * rate / cutoff) + 1)
     flat, found = x.reshape(len(x), -1), np.empty(x.shape)
@@ -95,11 +101,53 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     return found
 
 
-def lagged(x: Array, steps: float) -> Array:
-    """First-order low-pass of samples (n, ...), time constant ``steps`` steps, with a constant signal before them."""
+def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
+    """Samples ``at`` (k,), in increasing order, of :func:`low_pass` of (n, ...), to 1e-12 of the size of ``x``.
+
+    If few samples are wanted, each is the sum of the impulse response times its neighbours; only the ends are filtered.
+    """
+    reach, n = int(REACH * rate / cutoff) + 1, len(x)
+    if n < 6 * reach or n < _SPARSE * len(at) or cutoff >= _ALL_PASS * rate:
+        return low_pass(x, cutoff, rate)[at]
+    found = np.empty((len(at), *x.shape[1:]))
+    flat, out = x.reshape(n, -1), found.reshape(len(at), -1)
+    begin, end = np.searchsorted(at, [reach, n - reach]).tolist()
+    if begin:
+        out[:begin] = low_pass(flat[: 2 * reach], cutoff, rate)[at[:begin]]
+    if end < len(at):
+        out[end:] = low_pass(flat[n - 2 * reach :], cutoff, rate)[at[end:] - (n - 2 * reach)]
+    response = _zero_phase_response(float(cutoff) / float(rate), reach)
+    while begin < end:
+        stop = int(np.searchsorted(at[:end], at[begin] + reach))
+        first = at[begin] - reach
+        T = np.zeros((stop - begin, at[stop - 1] + reach + 1 - first))
+        for row, place in zip(T, at[begin:stop] - reach - first, strict=True):
+            row[place : place + len(response)] = response
+        out[begin:stop] = T @ flat[first : first + T.shape[1]]
+        begin = stop
+    return found
+
+
+@lru_cache(maxsize=32)
+def _zero_phase_response(ratio: float, reach: int) -> Array:
+    """Impulse response (2 reach + 1,) of the zero-phase low-pass; ``ratio`` is the cut-off over the sampling rate."""
+    impulse = np.zeros(4 * reach + 1)
+    impulse[2 * reach] = 1.0
+    return low_pass(impulse, ratio, 1.0)[reach : 3 * reach + 1]
+
+
+def lagged(x: Array, steps: float, before: Array | None = None) -> Array:
+    """First-order low-pass of samples (n, ...), time constant ``steps`` steps.
+
+    Continues from the response (...) ``before`` the first sample, or from a constant signal.
+    """
     a = np.exp(-1.0 / steps)
     filtered = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
-    return filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
+    found = filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
+    if before is None:
+        return found
+    faded = a ** np.arange(1.0, len(x) + 1.0)
+    return np.asarray(found + faded.reshape(-1, *[1] * (x.ndim - 1)) * (before - x[0]))
 
 
 @dataclass(frozen=True, eq=False)

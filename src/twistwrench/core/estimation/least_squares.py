@@ -128,18 +128,22 @@ class Prior:
         """Solve (A + size⁻²) x = b + size⁻² mean, scaled to unit sizes."""
         S = self.size
         scaled = A * S[:, None] * S[None, :]
-        scaled[np.diag_indices_from(scaled)] += 1.0
-        scaled[np.diag_indices_from(scaled)] *= 1.0 + _ROUNDING
+        diagonal = np.einsum("ii->i", scaled)  # a view
+        diagonal += 1.0
+        diagonal *= 1.0 + _ROUNDING
         return np.asarray(self.mean + solve_positive(scaled, S * (b - A @ self.mean), S))
 
 
 def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
     """Solve A x = b for positive definite A by Cholesky factors, scaled to unit diagonal; returns ``units`` times x."""
-    import scipy.linalg
+    from scipy.linalg.lapack import dpotrf, dpotrs  # cho_factor and cho_solve take as long again for their checks
 
     size = np.sqrt(A.diagonal())
-    factor = scipy.linalg.cho_factor(A / size[:, None] / size[None, :], check_finite=False)
-    return np.asarray(units * scipy.linalg.cho_solve(factor, b / size, check_finite=False) / size)
+    factor, failed = dpotrf(A / size[:, None] / size[None, :], clean=0)
+    if failed:
+        raise np.linalg.LinAlgError(f"the matrix is not positive definite: leading minor {failed}.")
+    solution, _ = dpotrs(factor, b / size)
+    return np.asarray(units * solution / size)
 
 
 # ── Weighted least squares of rows with Huber's loss

@@ -259,10 +259,13 @@ class SingleRowGlitches:
         candidate = (np.abs(d) > _LEAST_SIZE) & (beside < _LIKE_HALF * np.abs(d))
         touched = candidate[:-2] | candidate[1:-1] | candidate[2:]
         self._largest = np.maximum(self._largest, np.where(touched, 0.0, np.abs(e[2:-2])).max(axis=0))
-        for row, k in np.argwhere(candidate[1:-1]).tolist():
-            slope = (curves[row + 4] - curves[row + 2]) / (t[row + 4] - t[row + 2])
-            found = Glitch(abs(float(e[row + 2, k])), float(t[row + 3]), _late(e[row + 2], slope))
-            self._found[k] = sorted([*self._found[k], found], key=lambda g: -g.size)[:_MOST]
+        for k in np.flatnonzero(candidate[1:-1].any(axis=0)).tolist():
+            rows = np.flatnonzero(candidate[1:-1, k])
+            largest = rows[np.argsort(-np.abs(e[rows + 2, k]), kind="stable")[:_MOST]]
+            for row in largest.tolist():
+                slope = (curves[row + 4] - curves[row + 2]) / (t[row + 4] - t[row + 2])
+                self._found[k].append(Glitch(abs(float(e[row + 2, k])), float(t[row + 3]), _late(e[row + 2], slope)))
+            self._found[k] = sorted(self._found[k], key=lambda one: -one.size)[:_MOST]
 
     def result(self) -> list[tuple[int, list[Glitch]]]:
         """Joints with wrong rows and these rows, largest first."""
