@@ -262,7 +262,8 @@ class SettingRows:
         """Columns of dry friction, with (nv,) bool, True for the joints that each column affects."""
         columns, states = nv * base.count * _MOST_CHOICE, 3 * nv * sum(map(len, samples))
         cached = lru_cache(max(2, int(_BYTES / (8 * (columns + states)))))
-        self.rows, self._judged, self._later = (cached(x) for x in (self._rows, self._states, self._judged_torques))
+        self.rows, self._judged = cached(self._rows), cached(self._states)
+        self._later = cached(self._judged_torques)
         self._trials = lru_cache(2)(self._trial)
         self._parts = lru_cache(2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS)))(self._undelayed)
 
