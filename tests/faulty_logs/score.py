@@ -109,6 +109,7 @@ def score(task: Task, *, quick: bool = False) -> dict[str, Any]:
     shares = torques_wrong(task, made.truth, found)
     return row | {
         "verdict": str(found.verdict.word),
+        "fitted": [one.kind for one in found.settings.assumed],
         "doubts": [doubt_row(doubt) for doubt in found.doubts],
         "notes": [str(note)[:_LENGTH] for note in found.notes],
         "held out": _rounded(found.held_out.all),

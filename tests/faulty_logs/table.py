@@ -32,7 +32,12 @@ def case_of(row: Row) -> Case:
 
 
 def causes(row: Row) -> list[str]:
-    """Names of causes in the order of the doubts."""
+    """Names of causes: of those that were fitted unasked, then in the order of the doubts."""
+    fitted = row.get("fitted", []) if row.get("wrong", 1.0) <= _RIGHT else []
+    return [*fitted, *_doubted(row)]
+
+
+def _doubted(row: Row) -> list[str]:
     return [doubt["name"] for doubt in row["doubts"] if doubt["name"] not in NO_CAUSE]
 
 

@@ -24,7 +24,7 @@ from ..core.typing import Array
 from . import causes
 from .cause_fit import CauseFit, law_columns, log_fit
 from .causes import Cause, FittedTorques, LogStates
-from .diagnosis import FoundCause, estimated
+from .diagnosis import FoundCause, WantedCause, estimated
 from .hyperparameters import AssumedCause, FitOptions, FitSettings, SettingRows, Trial
 from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples, of_springs
@@ -62,18 +62,6 @@ _OF_RATE, _USUAL_SPEED = 0.1, 0.05
 """Cut-off as a share of the sampling rate, and Coulomb smoothing speed, at the beginning of the search."""
 _WIDE = 1e3
 """Prior standard deviation of β, as a multiple of the largest joint torque."""
-
-
-@dataclass(frozen=True)
-class WantedCause:
-    """Cause to assume, with the joints that it names; no joints for all joints or the whole log."""
-
-    kind: str
-    joints: tuple[int, ...]
-
-    def stands_for(self, found: FoundCause) -> bool:
-        """True if a found cause is this cause."""
-        return found.kind == self.kind and (not self.joints or bool({*self.joints} & {*found.joints}))
 
 
 def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[WantedCause, ...]:

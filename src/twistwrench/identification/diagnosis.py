@@ -48,6 +48,8 @@ _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Order of preference among causes with equal evidence."""
 _POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
+_OWN_DEVIATIONS = 2.0
+"""Deviations of its own that the coefficient of a law exceeds, if it widens intervals."""
 _STATES = 200
 _PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
 """Criteria of a push: minimum ratio to the usual residual, maximum share of rows, squares explained by one force."""
@@ -109,6 +111,18 @@ class FoundCause:
             return self.number, None
         t = float(student_quantile(max(1.0, len(self.fit.blocks) - 1.0), 0.95))
         return causes.in_units(self.kind, self.value, t * self.deviation)
+
+
+@dataclass(frozen=True)
+class WantedCause:
+    """Cause to assume, with the joints that it names; no joints for all joints or the whole log."""
+
+    kind: str
+    joints: tuple[int, ...]
+
+    def stands_for(self, found: FoundCause) -> bool:
+        """True if a found cause is this cause."""
+        return found.kind == self.kind and (not self.joints or bool({*self.joints} & {*found.joints}))
 
 
 def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
@@ -211,15 +225,28 @@ def _with_another_zero(first: FoundCause) -> list[FoundCause]:
 
 
 def law_changes(fit: CauseFit) -> Array:
-    """(k, p) changes of the unknown parameters by the law that explains most, and by the strongest law of each joint."""
+    """(k, p) changes of the unknown parameters by the law that explains most, and by the strongest law of each joint.
+
+    Only laws with a possible sign and more than two deviations count, each times √(p (1 - p)) with the probability p of the
+    law, 1 / (1 + exp(-n S / 2)) for n blocks of time: a law that is certain is fitted or reported.
+    """
     base, told = fit.states.base, sorted((one for one in fit.joint_causes if one.S > 0), key=lambda one: -one.S)
+    told = [one for one in told if _plausible(fit, one)]
     strongest = {one.cause.joints: one for one in reversed(told) if len(one.cause.joints) == 1} | {
         one.cause.joints: one for one in told[:1]
     }
     found = np.zeros((len(strongest), len(base.unknown.names)))
     for k, one in enumerate(strongest.values()):
-        found[k, base.kept] = fit.change(one.e, one.beta)
+        p = 1.0 / (1.0 + np.exp(-0.5 * len(fit.blocks) * one.S))
+        found[k, base.kept] = np.sqrt(p * (1.0 - p)) * fit.change(one.e, one.beta)
     return found
+
+
+def _plausible(fit: CauseFit, one: ScreenedCause) -> bool:
+    """True if a screened law has a possible sign, and a coefficient of more than two of its deviations."""
+    if one.cause.kind in _POSITIVE and not one.beta[0] > 0.0:
+        return False
+    return bool((np.abs(one.beta) > _OWN_DEVIATIONS * fit.deviation(one.e)).any())
 
 
 def _at_best_speed(fit: CauseFit) -> CauseFit:
@@ -445,6 +472,8 @@ _REFUSES, _UNSURE = 0.05, 0.01
 """Changes of predicted torques, as shares of a joint's torque, from which a cause makes the verdict LOOK AGAIN or UNSURE."""
 _LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
 """Minimum reported delay [s]; absolute [s] and relative difference below which two delays are equal."""
+_OF_A_BUS = 30e-3
+"""Longest delay [s] of a bus or a filter; a longer one suggests that positions are commands."""
 
 
 def cause_doubts(names: Sequence[str], causes: Iterable[FoundCause], taken_off: float) -> list[Doubt]:
@@ -454,6 +483,23 @@ def cause_doubts(names: Sequence[str], causes: Iterable[FoundCause], taken_off: 
         for cause in causes
         if cause.kind != "late" or cause.value is None or abs(float(cause.value[0])) >= _LEAST_DELAY
     ]
+
+
+_OF_THE_ROBOT = ("load-friction", "stribeck")
+"""Laws that belong to the robot, not to a fault of its log, in the order in which they are fitted."""
+_FALLS, _MOST_LAWS = 0.05, 2
+
+
+def laws_of_the_robot(causes: Iterable[FoundCause]) -> tuple[WantedCause, ...]:
+    """At most two laws of the robot that lower the residual of held-out rows by 5 % of itself."""
+    found = list[WantedCause]()
+    for one in sorted((one for one in causes if one.kind in _OF_THE_ROBOT), key=lambda x: _OF_THE_ROBOT.index(x.kind)):
+        left, before = (float(((fit.left * fit.spread) ** 2).sum()) for fit in (one.fit, one.before))
+        all_joints = one.kind == "stribeck" or len(one.joints) == len(one.fit.live)
+        wanted = WantedCause(one.kind, () if all_joints else one.joints)
+        if left <= (1.0 - _FALLS) ** 2 * before and wanted not in found:
+            found.append(wanted)
+    return tuple(found[:_MOST_LAWS])
 
 
 def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | None = None) -> Doubt:
@@ -479,6 +525,8 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
     level: Level = "refuse" if cause.effect > _REFUSES else "unsure" if cause.effect > _UNSURE else "note"
     row = doubt_table()[cause.kind]
     own = level if row.level == "effect" or (row.stage == 1 and level == "note") else row.level
+    if taken_off is not None and cause.kind in _OF_THE_ROBOT:
+        own = "note"  # a law that rows held out confirm is fitted
     words = {
         "evidence": evidence,
         "value": "" if value is None else number(abs(value) if cause.kind == "late" else value, 3),
@@ -494,6 +542,10 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
         delay = cause.fit.states.shift
         if abs(delay - taken_off) <= max(_SAME_DELAY[0], _SAME_DELAY[1] * abs(delay)):
             words["taken"] = "The offset is taken off."
+            own = "note"
+            if abs(delay) > _OF_A_BUS:
+                words["taken"] += " Are positions commands? Log those of the encoders."
+                own = "unsure"
         else:
             shift = spelled(Argument("shift", Placeholder(seconds(delay, 3))))
             words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give {shift}."

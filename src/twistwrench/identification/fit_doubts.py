@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import operator
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.doubts import Doubt, doubt, doubt_table
 from ..core.estimation.cross_validation import HeldOut
-from ..core.estimation.least_squares import Prior
+from ..core.estimation.least_squares import NormalEquations, Prior
 from ..core.estimation.noise import quantum
 from ..core.estimation.sampling import cut_off, moves
 from ..core.numbers import number, percent, plus_minus, printed
@@ -69,6 +71,8 @@ class FittedLog:
     covariance: Array
     held_out: HeldOut
     trained: HeldOut
+    fifths: Sequence[NormalEquations]
+    """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
     speed: Array
     acceleration: Array
     rate: float
@@ -87,6 +91,25 @@ class FittedLog:
     def names(self) -> tuple[str, ...]:
         """Names of the joints."""
         return self.base.unknown.model.velocity_names
+
+    @cached_property
+    def other_motion(self) -> Array:
+        """(n, nv, r) columns of another motion, as fast as the logs and as wide as the limits."""
+        rng, q = np.random.default_rng(0), np.concatenate([log.q for log in self.logs])
+        wide = rng.uniform(*_reach(self.base.unknown.robot, q), (_MOTION, q.shape[1]))
+        dq, ddq = (
+            rng.normal(size=(_MOTION, x.shape[1])) * np.sqrt((x**2).mean(axis=0))
+            for x in (self.speed, self.acceleration)
+        )
+        return self.base.unknown.columns(self.base.kept, wide, dq, ddq, self.settings.friction_speed)
+
+    @cached_property
+    def torque_shares(self) -> Array:
+        """(nv, r) changes of another motion's torques by a deviation of each group, as shares of a joint's torque (rms)."""
+        W = self.other_motion
+        size = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
+        shares = np.sqrt((W**2).mean(axis=0)) * self.deviations / np.maximum(size, 1e-300)[:, None]
+        return np.asarray(np.where(self.dead[:, None] | self.base.held, 0.0, shares))
 
 
 # ── Columns
@@ -159,6 +182,8 @@ _UNEXPLAINED_JOINT, _OF_LIMIT, _MOST_JOINTS = 0.1, 0.01, 4
 _NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
 """Standard deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts.
 Without noise, standard deviations do not cover filter errors, which cause such small values."""
+_MATTERS = 0.05
+"""Share of itself by which a joint's residual in rows held out rises without a negative value that counts."""
 _MANY = 0.5
 """Share of joints with negative friction from which a controller counts as compensating it: usually all joints."""
 _CHANCE, _POSES, _PART = 1e-6, 50, 0.3
@@ -243,16 +268,11 @@ def _unexciting(seen: FittedLog) -> list[Doubt]:
 
 def _undetermined(seen: FittedLog) -> list[Doubt]:
     """Joints whose torques are poorly predicted in another motion, as fast as the logs and as wide as the limits."""
-    base, rng = seen.base, np.random.default_rng(0)
-    q = np.concatenate([log.q for log in seen.logs])
-    wide = rng.uniform(*_reach(base.unknown.robot, q), (_MOTION, q.shape[1]))
-    dq, ddq = (
-        rng.normal(size=(_MOTION, x.shape[1])) * np.sqrt((x**2).mean(axis=0)) for x in (seen.speed, seen.acceleration)
-    )
-    W = base.unknown.columns(base.kept, wide, dq, ddq, seen.settings.friction_speed)
+    base, W = seen.base, seen.other_motion
     variance = np.einsum("njk,kl,njl->j", W, seen.covariance, W)
     share = np.sqrt(np.maximum(variance, 0.0) / np.maximum(((W @ seen.x) ** 2).sum(axis=0), 1e-300))
-    share[seen.dead | np.array([np.ptp(q[:, k]) == 0 for k in range(len(seen.names))])] = 0.0
+    ranges = np.ptp(np.concatenate([log.q for log in seen.logs])[:, : len(seen.names)], axis=0)
+    share[seen.dead | (ranges == 0)] = 0.0
     bad = [int(j) for j in np.argsort(-share) if share[j] > _UNSURE_TORQUE]
     if not bad:
         return []
@@ -295,12 +315,31 @@ def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
     owner = {int(k): seen.base.names[k].split(".")[0] for k in bad}
     if known or not owner:
         return []
+    found = list(_negative_values(seen, owner, kinds))
+    return found if _negative_matters(seen, bad) else [replace(one, level="note") for one in found]
+
+
+def _negative_matters(seen: FittedLog, bad: Array) -> bool:
+    """True if values of 0 in place of negative ones raise the residual of some joint in rows held out by 5 % of itself."""
+    total, squares = reduce(operator.add, seen.fifths), np.zeros((2, len(seen.names)))
+    for fifth in seen.fifths:
+        A, b = (total - fifth).N.sum(axis=0), (total - fifth).c.sum(axis=0)
+        left = np.delete(np.arange(len(b)), bad)
+        some = Prior(seen.prior.mean[left], seen.prior.size[left])
+        zero = np.zeros(len(b))
+        zero[left] = some.solve(A[np.ix_(left, left)], b[left])
+        squares += fifth.squares(seen.prior.solve(A, b)), fifth.squares(zero)
+    return bool((squares[1] > (1.0 + _MATTERS) ** 2 * squares[0])[~seen.dead].any())
+
+
+def _negative_values(seen: FittedLog, owner: dict[int, str], kinds: Array) -> Iterator[Doubt]:
+    """Doubts about negative values, by the joint of each."""
     count = Counter(owner.values())
     inertias = {owner[k] for k in owner if kinds[k] == "motor_inertia"}
     if turned := [name for name, n in count.items() if n > 1 and name in inertias]:  # friction alone may be compensated
         evidence = "its friction and motor inertia come out negative"
-        return [doubt("torque-sign", turned, level="refuse", named=listed(turned), evidence=evidence)]
-    found = []
+        yield doubt("torque-sign", turned, level="refuse", named=listed(turned), evidence=evidence)
+        return
     for kind, mine in (
         ("friction-compensated", kinds != "motor_inertia"),
         ("negative-inertia", kinds == "motor_inertia"),
@@ -313,10 +352,9 @@ def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
                     f"friction cannot be negative, but the fit gives {values}: the logs determine too little of it, or the "
                     "controller compensates it."
                 )
-                found.append(doubt("unexciting", joints, said=said))
+                yield doubt("unexciting", joints, said=said)
             else:
-                found.append(doubt(kind, joints, values=values))
-    return found
+                yield doubt(kind, joints, values=values)
 
 
 def _negative_energy(seen: FittedLog) -> list[Doubt]:

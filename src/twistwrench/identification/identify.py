@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -16,6 +16,8 @@ from ..core.errors import ModelError, ShapeError, TrajectoryError, UnknownNameEr
 from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..core.estimation.sampling import moves
+from ..core.numbers import percent
+from ..core.text import listed
 from ..core.third_party import Failure, Workers
 from ..core.typing import Array, Frame, Hertz, Seconds
 from ..motion.motion import Motion
@@ -26,7 +28,7 @@ from ..robots.finding import bundled_file
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .cause_fit import log_fit
 from .consistent import check_strength
-from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
+from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes, laws_of_the_robot
 from .fit_doubts import LEFT_OUT, FittedLog, doubts_of, sorted_doubts
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
@@ -111,7 +113,7 @@ def identify(
         ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``; ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT``
         or of all joints; ``torque-sign``, ``position-sign``, ``both-signs``, degrees and ``zero-turn``, each with
         ``:JOINT``; ``exchanged-torques`` and ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``;
-        ``time-scale``.
+        ``time-scale``; ``none``: fit no law of friction unasked.
     without : sequence of str
         Link that the robot of the logs lacks, as for :func:`without_links`.
     keep_close : float, optional
@@ -161,7 +163,8 @@ def identify(
     logs, test = log_paths(logs, bundled), log_paths(test, bundled)
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
-    asked, wanted = fit_options(cutoff, friction_speed, shift), wanted_causes(assume, robot.model.velocity_names)
+    asked, own = fit_options(cutoff, friction_speed, shift), assume not in ("none", ["none"], ("none",))
+    wanted = wanted_causes(assume, robot.model.velocity_names) if own else ()
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     reading |= {"topic": topic, "episode": episode}
     sources, tests = (log_sources(robot, given, what, reading) for given, what in ((logs, "logs"), (test, "test")))
@@ -179,7 +182,11 @@ def identify(
         for source, one in zip((*sources, *tests), read, strict=True)
         if isinstance(one, Failure)
     ]
-    found = _identified(unknown, robot, trained, tested, asked, method, tell, payload_only, wanted, lost)
+    fit = partial(_identified, unknown, robot, trained, tested, method=method, payload_only=payload_only, lost=lost)
+    found, laws = fit(asked, wanted, tell=lambda share: tell(0.2 + 0.5 * share))
+    if own and laws and not payload_only:
+        found = _better_with(laws, found, fit(_at_cutoff(asked, found), (*wanted, *laws), tell=tell)[0])
+    tell(1.0)
     files = tuple(str(log) for log in (*logs, *test) if isinstance(log, str | Path))
     return replace(found, strength=keep_close, logs=files)
 
@@ -218,13 +225,14 @@ def _identified(
     trained: Sequence[ReadLog],
     tested: Sequence[ReadLog],
     asked: FitOptions,
-    method: Method,
-    tell: Callable[[float], None],
-    payload_only: str | None,
     wanted: Sequence[WantedCause],
+    *,
+    method: Method,
+    payload_only: str | None,
     lost: Sequence[Doubt],
-) -> IdentifiedRobot:
-    """Identify from logs that were read; ``lost`` are doubts about the others."""
+    tell: Callable[[float], None],
+) -> tuple[IdentifiedRobot, tuple[WantedCause, ...]]:
+    """Identify from logs that were read, and laws that the residual shows; ``lost`` are doubts about the other logs."""
     samples, dead, asked = *_rows_of(trained, asked), _without_delay(asked, wanted)
     source, sizes, prior, assumed, settings, without = _settings(
         unknown, samples, dead, asked, method, wanted, lambda share: tell(0.2 + 0.5 * share), among=not tested
@@ -242,19 +250,20 @@ def _identified(
     held_out = _predicted(source, tested, settings, x, assumed) if tested else among
     tell(0.8)
     begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may have another cause
-    causes, of_noise = list[Doubt](), covariance.matrix  # doubts are judged by the covariance of noise and states alone
+    causes, laws = list[Doubt](), tuple[WantedCause, ...]()
+    of_noise = covariance.matrix  # doubts are judged by the covariance of noise and states alone
     if not payload_only:
         told, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
         told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
-        causes = cause_doubts(unknown.model.velocity_names, told, settings.shift)
+        causes, laws = cause_doubts(unknown.model.velocity_names, told, settings.shift), laws_of_the_robot(told)
         covariance = covariance.widened(law_changes(before) @ base.grouping.T)
-    logs = (*trained, *tested)
+    logs, fifths = (*trained, *tested), tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS))
     seen = FittedLog(
-        base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among,
+        base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among, fifths,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
-    return IdentifiedRobot(
+    found = IdentifiedRobot(
         original=uncoupled(robot),
         base=base,
         values=x,
@@ -267,10 +276,37 @@ def _identified(
         prior=prior,
         method=method,
         sizes=sizes,
-        _fifths=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
+        _fifths=fifths,
         payload_frame=payload_only,
         notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks(logs)),
+        torque_shares=seen.torque_shares,
     )
+    return found, laws
+
+
+_WORTH_A_LAW = 0.05
+"""Share of itself by which the residual of rows held out falls if a law of the robot is fitted unasked."""
+
+
+def _at_cutoff(asked: FitOptions, found: IdentifiedRobot) -> FitOptions:
+    """The same options at the cut-off of a fit, so that residuals are comparable."""
+    return replace(asked, cutoff=found.settings.cutoff)
+
+
+def _better_with(laws: Sequence[WantedCause], without: IdentifiedRobot, found: IdentifiedRobot) -> IdentifiedRobot:
+    """Fit with laws of the robot if rows held out confirm them; else the fit without them, with a note."""
+    left, before = found.held_out.all, without.held_out.all
+    kinds = listed([one.kind for one in laws])
+    if left > (1.0 - _WORTH_A_LAW) * before:
+        shares = f"{percent(left, 3)} of the torques in rows held out, in place of {percent(before, 3)}"
+        said = f"Not fitted: {kinds}, which would leave {shares}."
+        return replace(without, notes=(*without.notes, said))
+    mine = {one.kind for one in laws}
+    fitted = [one for one in found.settings.assumed if one.kind in mine]
+    notes = [note for note in found.notes if note not in {f"Assumed: {one}." for one in fitted}]
+    why = f"as it leaves {percent(left, 3)} in place of {percent(before, 3)} in rows held out"
+    told = [f"Fitted: {one}, {why}." for one in fitted]
+    return replace(found, notes=(*told, *notes))
 
 
 def _settings(

@@ -38,6 +38,7 @@ from .payload import IdentifiedPayload, payload_from
 if TYPE_CHECKING:
     from ..answers.page import Picture, Setting
 
+_OPEN = 0.02  # share of a joint's torque in another motion that the deviation of a group leaves open
 _POOR = 0.3  # relative deviation from which a group is poorly determined
 
 
@@ -105,6 +106,8 @@ class IdentifiedRobot(Answer):
     notes: tuple[str, ...] = ()
     strength: float | None = None
     logs: tuple[str, ...] = ()
+    torque_shares: Array | None = None
+    """(nv, r) changes of another motion's torques by a deviation of each group, as shares of a joint's torque (rms)."""
     _fifths: tuple[NormalEquations, ...] = ()
     """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
 
@@ -255,6 +258,15 @@ class IdentifiedRobot(Answer):
         share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
         order = np.argsort(-share)
         return tuple(self.groups[k] for k in order if share[k] > _POOR and not self.base.held[k])
+
+    @property
+    def open_for_torques(self) -> dict[str, tuple[str, float]]:
+        """Groups whose deviation changes torques of another motion by over 2 % of a joint's, with the joint and the share."""
+        by_joint = np.zeros((1, len(self.groups))) if self.torque_shares is None else self.torque_shares
+        shares, joints = by_joint.max(axis=0), by_joint.argmax(axis=0).tolist()
+        order = [k for k in np.argsort(-shares).tolist() if shares[k] > _OPEN]
+        names = self.original.model.velocity_names
+        return {self.groups[k]: (names[joints[k]], float(shares[k])) for k in order}
 
     @property
     def parameters(self) -> Mapping[str, tuple[float, float]]:

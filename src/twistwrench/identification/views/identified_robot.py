@@ -52,8 +52,7 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
         yield _bodies(changes, level, rows)
     yield _joints(found, rows)
     if changes is not None and level is Level.SHORT:
-        poor = f"{len(found.poorly_determined)} of {found.free_count} groups are poorly determined"
-        yield Line((f"● is certain (two standard deviations); {poor}.", Style.QUIET))
+        yield Line((f"● is certain (two standard deviations). {_open_groups(found)}".strip(), Style.QUIET))
     if "gain-of-all" in found.undetermined:
         yield Line(
             "→ Weigh a payload, or hold one known mass: if all torques are wrong by one factor, this log cannot show it."
@@ -72,6 +71,28 @@ def _headline(found: IdentifiedRobot) -> str:
     if found.verdict.ok:
         return f"predicts torques to {left}{joint}, {where}."
     return f"{left} of the torques unexplained{joint}, {where}."
+
+
+_MOTIONS = {
+    "coulomb": "slowly in both directions",
+    "stribeck": "slowly in both directions",
+    "viscous": "fast and steadily",
+    "motor_inertia": "with large accelerations",
+    "offset": "in both directions",
+}
+"""Motion of a joint that tells a parameter of its drive; bodies are told by far and fast motions."""
+
+
+def _open_groups(found: IdentifiedRobot) -> str:
+    """Sentence on groups that leave torques of another motion open, with the motion that tells the largest; empty without."""
+    if not (groups := found.open_for_torques):
+        return ""
+    (name, (joint, share)), count = next(iter(groups.items())), len(groups)
+    first = name.split(" ")[0]
+    way = _MOTIONS.get(first.rpartition(".")[2], "far and fast")
+    said = "1 group leaves" if count == 1 else f"{count} groups leave"
+    most = f"most {first} ({percent(share, 2)} at {joint})"
+    return f"{said} more than 2 % of another motion's torques open, {most}: move {joint} {way}."
 
 
 def tool_sentence(changes: BodyChanges) -> str:

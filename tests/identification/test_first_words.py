@@ -1,0 +1,101 @@
+"""First words of logs as they are: what was fitted or taken off is a note, and what does not change torques is no doubt."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+from identification_logs import known_log
+
+import twistwrench as tw
+from twistwrench.identification import identify
+
+ARM = tw.robots.planar_2r()
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+
+
+@pytest.mark.parametrize(("rows", "word", "level"), [(4, "OK", "note"), (12, "UNSURE", "unsure")])
+def test_a_delay_of_a_bus_that_was_taken_off_is_a_note(rows, word, level):
+    """Up to 30 ms; beyond, positions may be commands."""
+    log = known_log(ARM, 1)  # 200 Hz
+    found = identify(ARM, log.changed(tau=np.roll(log.motion.tau, rows, axis=0), rows=slice(20, None)), **GIVEN)
+    (doubt,) = found.doubts
+    assert (doubt.kind, doubt.level, found.verdict.word) == ("late", level, word), doubt
+    assert ("commands" in doubt.sentence) == (level == "unsure")
+    assert abs(found.settings.shift - rows / 200.0) < 2e-3
+
+
+def with_load_friction(share):
+    log = known_log(ARM, 1)
+    m = log.motion
+    rigid = np.asarray(ARM.inverse_dynamics(m.q, m.dq, m.ddq))
+    return log, log.changed(tau=m.tau + share * np.abs(rigid) * np.tanh(m.dq / 0.05))
+
+
+def test_load_friction_that_held_out_rows_confirm_is_fitted():
+    """Unasked, with both residuals; the written robot has it, and ``none`` prevents it."""
+    log, loaded = with_load_friction(0.1)
+    found, plain = identify(ARM, loaded, **GIVEN), identify(ARM, loaded, **GIVEN, assume="none")
+    (cause,) = found.settings.assumed
+    assert found.verdict.ok and cause.kind == "load-friction" and cause.interval[0] < 10.0 < cause.interval[1]
+    assert found.held_out.all < 0.95 * plain.held_out.all and found.load_friction["joint1"] > 0.09
+    assert found.notes[0].startswith("Fitted: load-friction ") and "in place of" in found.notes[0]
+    assert not plain.settings.assumed
+    inside = np.abs(found.values - log.truth(found)) < np.diff(found.interval(), axis=1)[:, 0] / 2
+    assert inside.mean() >= 0.85
+
+
+def test_a_law_that_held_out_rows_do_not_confirm_is_a_note(monkeypatch):
+    """The same log under a bound that nothing reaches."""
+    _, loaded = with_load_friction(0.1)
+    monkeypatch.setattr(importlib.import_module("twistwrench.identification.identify"), "_WORTH_A_LAW", 0.99)
+    found = identify(ARM, loaded, **GIVEN)
+    assert not found.settings.assumed
+    assert "Not fitted: load-friction, which would leave 2.44 %" in found.notes[-1]
+    assert [one.level for one in found.doubts if one.kind == "load-friction"] == ["note"]
+
+
+@pytest.mark.parametrize(("times", "word"), [(1.02, "OK"), (1.3, "UNSURE")])
+def test_a_negative_value_counts_if_held_out_rows_need_it(times, word):
+    """Coulomb friction of joint 1 overcompensated by 2 % of itself changes no prediction; by 30 %, it does."""
+    log = known_log(ARM, 1, noise=0.005, seconds=40.0)
+    tau = log.motion.tau.copy()
+    tau[:, 0] -= times * log.drives["coulomb"][0] * np.tanh(log.motion.dq[:, 0] / 0.05)
+    found = identify(ARM, log.changed(tau=tau), **GIVEN)
+    (doubt,) = found.doubts
+    assert "joint1.coulomb = -" in doubt.sentence and found.verdict.word == word
+
+
+def test_groups_that_leave_torques_open_are_told_with_the_motion_that_tells_them():
+    """By their effect on the torques of another motion, not by the share of their own value."""
+    short = known_log(ARM, 1, seconds=6.0, noise=0.1)
+    found = identify(ARM, short.motion, **GIVEN)
+    assert found.open_for_torques and set(found.open_for_torques) <= set(found.groups)
+    for name, (joint, share) in found.open_for_torques.items():
+        k, j = found.groups.index(name), ARM.joint_names.index(joint)
+        assert share == found.torque_shares[j, k] > 0.02
+    text = str(found)
+    assert "poorly determined" not in text and "of another motion's torques open, most" in " ".join(text.split())
+    assert "poorly_determined" in found.to_dict()
+
+
+def test_laws_widen_intervals_by_what_is_uncertain_of_them():
+    """A law that is certain is fitted or told, and one below two deviations of its own is noise."""
+    from twistwrench.identification.cause_fit import log_fit
+    from twistwrench.identification.diagnosis import law_changes
+    from twistwrench.identification.hyperparameters import FitSettings
+    from twistwrench.identification.parameters import UnknownParameters
+    from twistwrench.identification.rows import SteadySamples
+
+    log, loaded = with_load_friction(0.3)
+    settings, unknown = FitSettings(5.0, np.full(2, 0.05), 0.0), UnknownParameters(ARM)
+    sizes = []
+    for motion in (log.motion, loaded):
+        samples = SteadySamples.pieces(motion.time, motion.q, np.asarray(motion.tau), "log")
+        fit = log_fit(unknown, samples, settings, np.zeros(2, bool))
+        whole = max((np.linalg.norm(fit.change(one.e, one.beta)) for one in fit.joint_causes if one.S > 0), default=0.0)
+        sizes.append((np.linalg.norm(law_changes(fit), axis=1).max(initial=0.0), whole, fit))
+    (clean, clean_whole, _), (certain, whole, fit) = sizes
+    assert max(one.S for one in fit.joint_causes) > 1.0
+    assert certain < 0.1 * whole and clean <= 0.5 * clean_whole
