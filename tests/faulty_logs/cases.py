@@ -326,6 +326,46 @@ def without_gravity_of(log: Recording, *, joint: int) -> None:
     log.tau[:, joint] -= log.truth.rigid(q, 0 * dq, 0 * dq)[:, joint]
 
 
+def gain_drifting(log: Recording, *, share: float, joints: tuple[int, ...] | None = None) -> None:
+    """Torques whose constants fall as motors warm."""
+    which = list(range(log.tau.shape[1])) if joints is None else list(joints)
+    log.tau[:, which] *= 1.0 - share * (log.t / SECONDS)[:, None]
+
+
+def sprung(log: Recording, *, joint: int) -> None:
+    """A linear spring whose torque has 30 % of the deviation of the joint's."""
+    q = log.motion(log.t)[0][:, joint]
+    log.tau[:, joint] += 0.3 * log.size[joint] * (q - q.mean()) / q.std()
+
+
+def pulled(log: Recording) -> None:
+    """Twenty newtons on the tip throughout, along one direction of the world."""
+    direction = log.rng.normal(size=3)
+    force = 20.0 * direction / np.linalg.norm(direction)
+    states = log.motion(log.t)
+    log.tau += log.truth.rigid(*states, force=np.broadcast_to(force, (len(log.t), 3))) - log.truth.rigid(*states)
+
+
+def offset_half_way(log: Recording, *, joint: int) -> None:
+    """An offset of half a torque's deviation in the second half."""
+    log.tau[half_way(log), joint] += 0.5 * log.size[joint]
+
+
+def copied(log: Recording, *, joint: int) -> None:
+    """A torque that is also written into the column of the joint before, at another scale."""
+    log.tau[:, joint] = 0.5 * log.tau[:, joint - 1]
+
+
+def coupled_encoder(log: Recording, *, joint: int) -> None:
+    """A position that counts that of the joint before as well."""
+    log.q[:, joint] += log.q[:, joint - 1]
+
+
+def unsigned(log: Recording, *, joint: int) -> None:
+    """A torque without its sign."""
+    log.tau[:, joint] = np.abs(log.tau[:, joint])
+
+
 def standing(log: Recording) -> None:
     """A robot at rest, whose encoders are noisy by a microradian."""
     q = np.tile(log.q[100], (len(log.t), 1))
@@ -540,6 +580,24 @@ MORE: Mapping[str, Case] = {
         Case("torque 2 drops out", ("dropout",), log=(partial(dropped_out, joint=1),), joints=(1,)),
         Case("no gravity in torque 2", ("no-gravity",), log=(partial(without_gravity_of, joint=1),), joints=(1,)),
         Case("at rest", ("dead-position",), log=(standing,)),
+        Case(
+            "constants fall 15 %",
+            ("gain-drift",),
+            log=(partial(gain_drifting, share=0.15),),
+            value={"gain-drift": -15.0},
+        ),
+        Case(
+            "constant of 2 falls 25 %",
+            ("gain-drift",),
+            log=(partial(gain_drifting, share=0.25, joints=(1,)),),
+            joints=(1,),
+        ),
+        Case("spring at 3", ("spring",), log=(partial(sprung, joint=2),), joints=(2,)),
+        Case("a hose pulls 20 N", ("force",), log=(pulled,), value={"force": 20.0}),
+        Case("offset of 2 steps", ("offset-step",), log=(partial(offset_half_way, joint=1),), joints=(1,)),
+        Case("torque 2 copied to 3", ("copied",), log=(partial(copied, joint=2),), joints=(1, 2)),
+        Case("encoder of 3 counts 2", ("coupled",), log=(partial(coupled_encoder, joint=2),), joints=(2, 1)),
+        Case("torque 2 without sign", ("unsigned",), log=(partial(unsigned, joint=1),), joints=(1,)),
         Case(
             "zeros of 2 and 3 off 5 and -4 deg",
             ("zero",),

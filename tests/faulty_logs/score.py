@@ -169,7 +169,10 @@ def torques_wrong(task: Task, truth: Truth, found: Any) -> Array:
     real = truth.torques(*states, SECONDS / 2)
     base = found.base
     W = base.unknown.columns(base.kept, *states, found.settings.friction_speed)
-    off = ((W @ found.values - real) ** 2).mean(axis=0)
+    drives, dry = base.unknown.of_bodies[base.kept] < 0, np.tanh(states[1] / found.settings.friction_speed)
+    rigid = W @ np.where(drives, 0.0, found.values)
+    load = np.array([found.load_friction.get(name, 0.0) for name in truth.file.model.velocity_names])
+    off = ((W @ found.values + load * np.abs(rigid) * dry - real) ** 2).mean(axis=0)
     return np.sqrt(off / np.maximum((real**2).mean(axis=0), 1e-300))
 
 

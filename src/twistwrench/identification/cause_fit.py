@@ -64,7 +64,7 @@ class CauseFit:
     """
 
     def __init__(self, states: LogStates, prior: Prior, live: Array, laws: Sequence[Array] = ()) -> None:
-        self.states, self.live, self.laws, self._groups = states, live, tuple(laws), prior
+        self.states, self.live, self.laws, self.groups = states, live, tuple(laws), prior
         W, tau = self.W, np.asarray(states.measured * live)
         self.tau = tau
         size = np.sqrt((tau**2).mean(axis=0))
@@ -111,7 +111,7 @@ class CauseFit:
 
     def refit(self, states: LogStates, *laws: Array) -> CauseFit:
         """Fit of other states, with additional laws."""
-        return CauseFit(states, self._groups, self.live, (*self.laws, *laws))
+        return CauseFit(states, self.groups, self.live, (*self.laws, *laws))
 
     @property
     def enough(self) -> bool:
@@ -316,15 +316,20 @@ def law_columns(fit: CauseFit, laws: Iterable[Law], fitted: FittedTorques) -> li
     return found
 
 
+def screened_laws(fit: CauseFit, laws: Iterable[Law]) -> list[ScreenedCause]:
+    """Screen laws of the whole log, each by its columns."""
+    laws = list(laws)
+    fitted = FittedTorques.from_groups(fit.states, fit.x[: fit.states.base.count])
+    told = [(law, e) for law, e in zip(laws, law_columns(fit, laws, fitted), strict=True) if e.any()]
+    gained = fit.gains([e for _, e in told])
+    return [ScreenedCause(S, law, beta, e) for (law, e), (S, beta) in zip(told, gained, strict=True)]
+
+
 def _laws_screened(fit: CauseFit) -> list[ScreenedCause]:
     """Screen the laws of the joints and their elasticity, each by its column."""
     s = fit.states
-    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
-    laws = list(causes.laws(s))
-    told = [(law, e) for law, e in zip(laws, law_columns(fit, laws, fitted), strict=True) if e.any()]
-    gained = fit.gains([e for _, e in told])
-    found = [ScreenedCause(S, law, beta, e) for (law, e), (S, beta) in zip(told, gained, strict=True)]
-    return found + screened(fit, causes.compliances(s, s.filtered(fitted.whole)))
+    torque = s.torques(fit.x[: s.base.count])[0]
+    return screened_laws(fit, causes.laws(s)) + screened(fit, causes.compliances(s, s.filtered(torque)))
 
 
 def screened_changes(fit: CauseFit) -> list[ScreenedCause]:

@@ -13,7 +13,8 @@ A cause c with value β maps the states s of a log to c(s, β). If c is the faul
 Laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
 
     load friction |R_k| tanh(dq_k / v_0),   Stribeck fc_k tanh(dq_k / v_0) exp(-(dq_k / v_s)²),
-    warming fc_k (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt.
+    warming fc_k (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt,
+    gain drift (t - t_0)/T τ̂_k,   spring q_k - q̄_k,   offset from t_1 on 1(t ≥ t_1),   force on the tip -J' e.
 
 All of them use the fitted torque. The measured torque contains the residual itself.
 """
@@ -37,6 +38,8 @@ from .parameters import BaseParameters
 from .rows import SteadySamples, of_springs, states_with_rows
 
 _PORTION = 2048
+SIGNED, _SIDE = 0.2, 0.1
+"""Part of a torque (rms) below zero from which it has a sign, and minimum share of rows on either side of zero."""
 _MADE_OF = {
     "bodies": ("q", "dq", "ddq", "gravity", "weightless", "rows"),
     "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lagging"),
@@ -270,6 +273,27 @@ def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
     return s.changed(**scaled, friction_speed=width)
 
 
+def coupled(s: LogStates, k: int, j: int, sign: float) -> LogStates:
+    """Add the position of joint j, times a sign, to that of joint k: encoders of coupled drives count both."""
+    both = {name: getattr(s, name).copy() for name in ("q", "dq", "ddq")}
+    for x in both.values():
+        x[:, k] += sign * x[:, j]
+    return s.changed(**both)
+
+
+def unsigned(s: LogStates, k: int, x: Array) -> Cause | None:
+    """Torque of joint k without its sign, which that of groups x (r,) gives it; None if that keeps its sign."""
+    predicted = s.torques(x)[0][:, k]
+    negative = float((predicted < -SIGNED * np.sqrt((predicted**2).mean())).mean())
+    if not _SIDE < negative < 1.0 - _SIDE:
+        return None
+    return Cause("unsigned", (k,), partial(_with_signs, k=k, sign=np.sign(predicted)))
+
+
+def _with_signs(s: LogStates, k: int, sign: Array) -> LogStates:
+    return s.changed(tau=_one(s.tau, k, lambda x: sign * x)) if s.pieces else s
+
+
 def zero(s: LogStates, k: int, beta: float) -> LogStates:
     """Subtract the zero error β from the position of joint k."""
     return s.changed(q=_one(s.q, k, lambda x: x - beta))
@@ -401,6 +425,10 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
             for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
                 yield Cause("zero-turn", (k,), partial(zero, k=k, beta=turn), number=float(np.degrees(turn)))
+        for j in (k - 1, k + 1):
+            if 0 <= j < len(s.gain) and turning[j] == turning[k]:
+                for sign in (1.0, -1.0):
+                    yield Cause("coupled", (k, j), partial(coupled, k=k, j=j, sign=sign), number=sign)
     for j, k in combinations(suspects, 2):
         if turning[j] == turning[k]:
             yield Cause("exchanged-positions", (j, k), partial(exchanged_positions, j=j, k=k))
@@ -458,17 +486,36 @@ def laws(s: LogStates) -> Iterator[Law]:
     for k in every:
         yield Law("late-joint", (k,), _delayed)
         yield Law("drift", (k,), _drift)
+        yield Law("spring", (k,), _spring)
 
 
 def changes(s: LogStates) -> Iterator[Law]:
-    """Laws that may begin within the log: a changed gain of a joint, a changed delay of all torques, a load on the tip."""
+    """Laws that may begin within the log: gain and offset of a joint, a changed delay of all torques, a load on the tip."""
     every = tuple(range(len(s.gain)))
     for k in every:
         yield Law("gain-change", (k,), _whole)
+        yield Law("offset-step", (k,), _offset)
     yield Law("late-change", every, _delayed)
     model = s.base.unknown.model
     if model.tip is not None and model.frames[model.tip].body != BASE:
         yield Law("load-change", every, _load)
+
+
+def laws_of_the_log(s: LogStates) -> Iterator[Law]:
+    """Constant force on the tip in the world, as of a hose, and gains that change steadily, of each joint and of all."""
+    every = tuple(range(len(s.gain)))
+    for joints in (*((k,) for k in every), *([every] if len(every) > 1 else [])):
+        yield Law("gain-drift", joints, _gain_drift)
+    model = s.base.unknown.model
+    if model.tip is not None and model.frames[model.tip].body != BASE:
+        yield Law("force", every, _force)
+
+
+def _force(s: LogStates, _fitted: FittedTorques) -> Array:
+    """Columns -J' e of forces along the world's axes, against which motors work; those that move no joint are left out."""
+    J = np.asarray(s.base.unknown.robot.jacobian(s.q, kind="world_aligned"))[:, 3:]
+    e = -J.swapaxes(1, 2)
+    return np.asarray(e[..., np.linalg.norm(e, axis=(0, 1)) > _DEPENDENT * max(float(np.linalg.norm(e)), 1e-300)])
 
 
 def _load(s: LogStates, _fitted: FittedTorques) -> Array:
@@ -490,6 +537,18 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
 _OFF, _DEPENDENT = 1e-3, 1e-6
 """Step of finite differences [m]; share of a column not spanned by others below which the column is dependent."""
 _NEAR = np.concatenate([np.zeros((1, 3)), *(_OFF * way * np.eye(3)[[k]] for k in range(3) for way in (1, -1))])
+
+
+def _offset(_s: LogStates, fitted: FittedTorques) -> Array:
+    return np.ones_like(fitted.whole)
+
+
+def _gain_drift(s: LogStates, fitted: FittedTorques) -> Array:
+    return _through(s)[:, None] * fitted.whole
+
+
+def _spring(s: LogStates, _fitted: FittedTorques) -> Array:
+    return s.q[:, : len(s.gain)] - s.q[:, : len(s.gain)].mean(axis=0)
 
 
 def _whole(_s: LogStates, fitted: FittedTorques) -> Array:
@@ -556,6 +615,6 @@ _TO_UNITS: Mapping[str, Callable[[float], float]] = {
     **dict.fromkeys(("late", "late-change", "late-joint"), lambda seconds: 1e3 * seconds),
     "gain-change": lambda share: 1.0 + share,
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
-    **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
+    **dict.fromkeys(("load-friction", "stribeck", "warming", "gain-drift"), lambda share: 100.0 * share),
     **dict.fromkeys(("gain", "position-scale"), lambda x: float(np.exp(np.clip(x, -30.0, 30.0)))),
 }

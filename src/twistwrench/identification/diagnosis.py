@@ -33,7 +33,16 @@ from ..core.numbers import number, percent, seconds
 from ..core.text import Argument, Placeholder, listed, spelled
 from ..core.typing import Array
 from . import causes
-from .cause_fit import LEAST_S, CauseFit, ScreenedCause, cause_columns, law_columns, screened, screened_changes
+from .cause_fit import (
+    LEAST_S,
+    CauseFit,
+    ScreenedCause,
+    cause_columns,
+    law_columns,
+    screened,
+    screened_changes,
+    screened_laws,
+)
 from .causes import Cause, FittedTorques, Law, LogStates
 from .hyperparameters import SPEEDS
 
@@ -47,7 +56,7 @@ _REFINED, _STARTED = 5, 3
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Order of preference among causes with equal evidence."""
-_POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
+_POSITIVE = ("elasticity", "load-friction", "low-pass", "spring", "stribeck")
 _OWN_DEVIATIONS = 2.0
 """Deviations of its own that the coefficient of a law exceeds, if it widens intervals."""
 _STATES = 200
@@ -368,16 +377,30 @@ def _of_the_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
     much = total > _DISCRETE[0] or float(fit.shares.max()) > _DISCRETE[1]
     if much:
         worst = [k for k in np.argsort(-fit.shares)[:_SUSPECTS].tolist() if fit.live[k]]
-        discrete = list(causes.discrete_causes(s, sorted(worst)))
+        discrete = [*causes.discrete_causes(s, sorted(worst)), *_unsigned(fit)]
     continuous = list(causes.continuous_causes(s, wide=much))
 
+    laws = list(causes.laws_of_the_log(s))
+
     def found() -> Iterator[FoundCause]:
+        yield from _refined_laws(fit, screened_laws(fit, laws))
         yield from (_judged(fit, fit.refit(cause.correct(s)), cause) for cause in discrete)
         tried = [*screened(fit, continuous), *screened_changes(fit)]
         yield from _refined_causes(fit, tried)
         yield from _refined_laws(fit, tried)
 
-    return found(), len(discrete) + sum(len(cause.starts) for cause in continuous)
+    return found(), len(laws) + len(discrete) + sum(len(cause.starts) for cause in continuous)
+
+
+def _unsigned(fit: CauseFit) -> Iterator[Cause]:
+    """Torques without their sign, among those that are nowhere clearly negative, by the fit of the other joints."""
+    s = fit.states
+    for k in np.flatnonzero(
+        fit.live & (s.tau.min(axis=0) > -causes.SIGNED * np.sqrt((s.tau**2).mean(axis=0)))
+    ).tolist():
+        others = CauseFit(s, fit.groups, fit.live & (np.arange(len(fit.live)) != k))
+        if (cause := causes.unsigned(s, k, others.x)) is not None:
+            yield cause
 
 
 def _of_the_joints(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
@@ -400,7 +423,8 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[Fou
             told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
             span = None if law.since is None else (law.since[1], float(s.time[s.rows[-1]]))
             log = 0 if law.since is None else s.logs[law.since[0]]
-            value, deviation = refit.x[-k:][:1], refit.law_deviation(k)[:1]
+            shown = slice(k) if law.kind == "force" else slice(1)
+            value, deviation = refit.x[-k:][shown], refit.law_deviation(k)[shown]
             refit.release(fit)
             yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log)
 

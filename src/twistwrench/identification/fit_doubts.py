@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt, doubt_table
+from ..core.doubts import Doubt, Level, doubt, doubt_table
 from ..core.estimation.cross_validation import HeldOut
 from ..core.estimation.least_squares import NormalEquations, Prior
 from ..core.estimation.noise import quantum
@@ -127,6 +128,7 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
         if joints := [seen.names[k] for k in np.flatnonzero(which) if not (rests and kind == "dead-position")]:
             still = kind == "dead-position" and not moved.any()
             yield doubt(kind, joints, named="all joints" if still else None, level="refuse" if still else None)
+    yield from _copies(seen)
     cutoff = seen.settings.cutoff
     for k in np.flatnonzero(~seen.dead).tolist():
         tau = np.concatenate([log.tau[:, k] for log in seen.logs])
@@ -142,10 +144,36 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
             yield doubt("quantised", [name], grid=number(step, 3), noise=share, cutoff=printed(cutoff))
 
 
+_EQUAL, _SAME = 1e-9, 0.99
+"""Relative difference below which two values are equal, and minimum share of rows in which copied columns are."""
+
+
+def _copies(seen: FittedLog) -> Iterator[Doubt]:
+    """Doubts about pairs of columns that are equal up to a factor in nearly all rows."""
+    for what, live in (("torque", ~seen.dead), ("position", np.ones(len(seen.names), bool))):
+        x = np.concatenate([log.tau if what == "torque" else log.q[:, : len(seen.names)] for log in seen.logs])
+        x = x - x[0] if what == "position" else x
+        size = np.sqrt((x**2).mean(axis=0))
+        for j, k in combinations(np.flatnonzero(live & (np.ptp(x, axis=0) > 0)).tolist(), 2):
+            factor = float(x[:, j] @ x[:, k] / (x[:, j] @ x[:, j]))
+            if (np.abs(x[:, k] - factor * x[:, j]) <= _EQUAL * size[k]).mean() > _SAME:
+                times = "" if abs(factor - 1.0) < _EQUAL else f"{number(factor, 4)} times "
+                yield doubt("copied", [seen.names[j], seen.names[k]], what=what, times=times)
+
+
 # ── Common gain of all torques
 
-_OF_FILE = 0.1, 10.0
+_OF_FILE = 0.25, 4.0
 """Common gain of all torques against the file's bodies, below and above which it is a fault."""
+_UNITS = {
+    1e3: "N mm", 1e-3: "kN m", 10.197: "kgf cm", 0.10197: "kgf m", 9.80665: "N m if the file's masses are weights",
+    4.4482: "N if they were in lbf", 0.73756: "lbf ft", 8.8507: "lbf in", 1.35582: "N m if they were in lbf ft",
+    0.112985: "N m if they were in lbf in",
+}  # fmt: skip
+"""Torques of other units, as multiples of those in N m."""
+_OF_UNIT, _ALIKE, _OTHER_GAIN = 0.02, 2.0, 0.05
+"""Relative deviation from a unit; ratio to the residual of free groups, below which the file's bodies fit at one gain;
+deviation from 1 that is reported."""
 _TOLD = 0.75
 """Ratio to the residual of drives alone, below which the residual with the file's bodies makes their gain meaningful."""
 
@@ -164,11 +192,25 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
         least.append((x, float(((y - A @ x) ** 2).sum())))
     (x, left), (_, without) = least
     gain = float(x[0])
-    if left > _TOLD * without or _OF_FILE[0] <= gain <= _OF_FILE[1]:
+    if left > _TOLD * without:
         return []
+    if _OF_FILE[0] <= gain <= _OF_FILE[1]:
+        free = float((((seen.tau - seen.W @ seen.x) / sigma)[:, ~seen.dead] ** 2).sum())
+        return _unit(seen, gain) if left <= _ALIKE**2 * free else []
     kind, evidence = "torque-sign" if gain < 0 else "gain", "the file's bodies explain it best so"
     said = {"value": number(gain, 3), "interval": "", "evidence": evidence}
     return [doubt(kind, seen.names, level="refuse", found={"value": gain}, named="all joints", **said)]
+
+
+def _unit(seen: FittedLog, gain: float) -> list[Doubt]:
+    """Unit of torques that explain the file's bodies at one gain as well as free groups do; a note for another gain."""
+    unit = next((name for factor, name in _UNITS.items() if abs(gain / factor - 1.0) < _OF_UNIT), None)
+    if unit is None and abs(gain - 1.0) <= _OTHER_GAIN:
+        return []
+    said = f"they look like {unit}" if unit else "another unit, other torque constants, or links heavier by one factor"
+    level: Level = "refuse" if unit else "note"
+    found = {"value": gain}
+    return [doubt("unit", seen.names, level=level, found=found, named="all joints", value=number(gain, 3), said=said)]
 
 
 # ── Final residual
@@ -200,6 +242,8 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     read = [*(one for log in seen.logs for one in of_reading(log.doubts, log.name)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
     causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *seen.causes]
+    if any(one.level != "note" for one in seen.causes):  # free groups are wrong too
+        causes = [one for one in causes if one.kind != "unit"]
     known = spoiled or any(one.level != "note" for one in causes)
     found = [
         *read,

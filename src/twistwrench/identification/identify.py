@@ -25,10 +25,10 @@ from ..reports.checked_motions import expanded_paths
 from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
 from ..robots.finding import bundled_file
-from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
+from .assumed import AssumedCauses, begin_settings, fit_covariance, wanted_causes
 from .cause_fit import log_fit
 from .consistent import check_strength
-from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes, laws_of_the_robot
+from .diagnosis import WantedCause, cause_doubts, diagnose, doubt_of_cause, law_changes, laws_of_the_robot
 from .fit_doubts import LEFT_OUT, FittedLog, doubts_of, sorted_doubts
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
