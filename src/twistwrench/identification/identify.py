@@ -253,10 +253,8 @@ def _identified(
     causes, laws = list[Doubt](), tuple[WantedCause, ...]()
     of_noise = covariance.matrix  # doubts are judged by the covariance of noise and states alone
     if not payload_only:
-        told, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
-        told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
-        causes, laws = cause_doubts(unknown.model.velocity_names, told, settings.shift), laws_of_the_robot(told)
-        covariance = covariance.widened(law_changes(before) @ base.grouping.T)
+        causes, laws, changes = _diagnosed(source, begin, settings.shift, wanted)
+        covariance = covariance.widened(changes @ base.grouping.T)
     logs, fifths = (*trained, *tested), tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS))
     seen = FittedLog(
         base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among, fifths,
@@ -282,6 +280,17 @@ def _identified(
         torque_shares=seen.torque_shares,
     )
     return found, laws
+
+
+def _diagnosed(
+    source: SettingRows, begin: FitSettings, shift: float, wanted: Sequence[WantedCause]
+) -> tuple[list[Doubt], tuple[WantedCause, ...], Array]:
+    """Doubts about causes that are not assumed, laws of the robot, and changes (k, p) of the parameters by laws left out."""
+    unknown = source.base.unknown
+    told, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
+    told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
+    doubts = cause_doubts(unknown.model.velocity_names, told, shift)
+    return doubts, laws_of_the_robot(told), law_changes(before)
 
 
 _WORTH_A_LAW = 0.05
