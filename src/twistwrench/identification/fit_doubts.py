@@ -145,7 +145,7 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
 
 
 _EQUAL, _SAME = 1e-9, 0.99
-"""Relative difference below which two values are equal, and minimum share of rows in which copied columns are."""
+"""Difference, as a share of a column's deviation, below which two values are equal; minimum share of rows of a copy."""
 
 
 def _copies(seen: FittedLog) -> Iterator[Doubt]:
@@ -153,8 +153,8 @@ def _copies(seen: FittedLog) -> Iterator[Doubt]:
     for what, live in (("torque", ~seen.dead), ("position", np.ones(len(seen.names), bool))):
         x = np.concatenate([log.tau if what == "torque" else log.q[:, : len(seen.names)] for log in seen.logs])
         x = x - x[0] if what == "position" else x
-        size = np.sqrt((x**2).mean(axis=0))
-        for j, k in combinations(np.flatnonzero(live & (np.ptp(x, axis=0) > 0)).tolist(), 2):
+        size = x.std(axis=0)
+        for j, k in combinations(np.flatnonzero(live & (size > 0)).tolist(), 2):
             factor = float(x[:, j] @ x[:, k] / (x[:, j] @ x[:, j]))
             if (np.abs(x[:, k] - factor * x[:, j]) <= _EQUAL * size[k]).mean() > _SAME:
                 times = "" if abs(factor - 1.0) < _EQUAL else f"{number(factor, 4)} times "
@@ -242,7 +242,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     read = [*(one for log in seen.logs for one in of_reading(log.doubts, log.name)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
     causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *seen.causes]
-    if any(one.level != "note" for one in seen.causes):  # free groups are wrong too
+    if any(one.level != "note" for one in (*read, *seen.causes)):  # free groups are wrong too
         causes = [one for one in causes if one.kind != "unit"]
     known = spoiled or any(one.level != "note" for one in causes)
     found = [

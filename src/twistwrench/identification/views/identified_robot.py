@@ -80,11 +80,11 @@ _MOTIONS = {
     "motor_inertia": "with large accelerations",
     "offset": "in both directions",
 }
-"""Motion of a joint that tells a parameter of its drive; bodies are told by far and fast motions."""
+"""Motion of a joint that determines a parameter of its drive; far and fast motions determine bodies."""
 
 
 def _open_groups(found: IdentifiedRobot) -> str:
-    """Sentence on groups that leave torques of another motion open, with the motion that tells the largest; empty without."""
+    """Sentence on groups that leave torques of another motion open, and the motion for the largest; empty without."""
     if not (groups := found.open_for_torques):
         return ""
     (name, (joint, share)), count = next(iter(groups.items())), len(groups)
