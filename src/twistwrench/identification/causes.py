@@ -425,10 +425,8 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
             for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
                 yield Cause("zero-turn", (k,), partial(zero, k=k, beta=turn), number=float(np.degrees(turn)))
-        for j in (k - 1, k + 1):
-            if 0 <= j < len(s.gain) and turning[j] == turning[k]:
-                for sign in (1.0, -1.0):
-                    yield Cause("coupled", (k, j), partial(coupled, k=k, j=j, sign=sign), number=sign)
+        if k and turning[k - 1] and turning[k]:  # wrists; each further test makes others less significant
+            yield Cause("coupled", (k, k - 1), partial(coupled, k=k, j=k - 1, sign=-1.0), number=-1.0)
     for j, k in combinations(suspects, 2):
         if turning[j] == turning[k]:
             yield Cause("exchanged-positions", (j, k), partial(exchanged_positions, j=j, k=k))

@@ -59,6 +59,8 @@ _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 _POSITIVE = ("elasticity", "load-friction", "low-pass", "spring", "stribeck")
 _OWN_DEVIATIONS = 2.0
 """Deviations of its own that the coefficient of a law exceeds, if it widens intervals."""
+_FORCE_COST = 1.0
+"""Amount by which S of a force exceeds that of other causes: its three columns also imitate a part of zeros and tilts."""
 _STATES = 200
 _PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
 """Criteria of a push: minimum ratio to the usual residual, maximum share of rows, squares explained by one force."""
@@ -285,7 +287,8 @@ def _strongest(tried: Iterable[FoundCause], count: int) -> list[FoundCause]:
     for one in tried:
         if one.S >= LEAST_S and one.t >= one.fit.sure(count) and _possible(one):
             most = max(most, one.S - one.cost)
-            told = [each for each in (*told, one) if each.S - each.cost >= _NEAR * most]
+            least = most - (1.0 - _NEAR) * abs(most)
+            told = [each for each in (*told, one) if each.S - each.cost >= least]
     return told
 
 
@@ -389,7 +392,7 @@ def _of_the_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
         yield from _refined_causes(fit, tried)
         yield from _refined_laws(fit, tried)
 
-    return found(), len(laws) + len(discrete) + sum(len(cause.starts) for cause in continuous)
+    return found(), len(discrete) + sum(len(cause.starts) for cause in continuous)
 
 
 def _unsigned(fit: CauseFit) -> Iterator[Cause]:
@@ -426,7 +429,10 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[Fou
             shown = slice(k) if law.kind == "force" else slice(1)
             value, deviation = refit.x[-k:][shown], refit.law_deviation(k)[shown]
             refit.release(fit)
-            yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log)
+            cost = _FORCE_COST if law.kind == "force" else 0.0
+            if told.S < LEAST_S + cost:
+                continue
+            yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log, cost=cost)
 
 
 def _refined_causes(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
