@@ -430,7 +430,8 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[Fou
             value, deviation = refit.x[-k:][shown], refit.law_deviation(k)[shown]
             refit.release(fit)
             cost = _FORCE_COST if law.kind == "force" else 0.0
-            if told.S < LEAST_S + cost:
+            least = LEAST_S + cost
+            if told.S < least:
                 continue
             yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log, cost=cost)
 
