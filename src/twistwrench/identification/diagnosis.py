@@ -431,7 +431,7 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[Fou
             refit.release(fit)
             cost = _FORCE_COST if law.kind == "force" else 0.0
             least = LEAST_S + cost
-            if told.S < least:
+            if least > told.S:
                 continue
             yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log, cost=cost)
 
