@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.doubts import Doubt, Level, doubt, doubt_table
+from ..core.doubts import Doubt, doubt, doubt_table
 from ..core.estimation.cross_validation import HeldOut
 from ..core.estimation.least_squares import NormalEquations, Prior
 from ..core.estimation.noise import quantum
@@ -171,9 +171,8 @@ _UNITS = {
     0.112985: "N m if they were in lbf in",
 }  # fmt: skip
 """Torques of other units, as multiples of those in N m."""
-_OF_UNIT, _ALIKE, _OTHER_GAIN = 0.02, 2.0, 0.05
-"""Relative deviation from a unit; ratio to the residual of free groups, below which the file's bodies fit at one gain;
-deviation from 1 that is reported."""
+_OF_UNIT, _ALIKE = 0.02, 2.0
+"""Relative deviation from a unit; ratio to the residual of free groups, below which the file's bodies fit at one gain."""
 _TOLD = 0.75
 """Ratio to the residual of drives alone, below which the residual with the file's bodies makes their gain meaningful."""
 
@@ -203,14 +202,14 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
 
 
 def _unit(seen: FittedLog, gain: float) -> list[Doubt]:
-    """Unit of torques that explain the file's bodies at one gain as well as free groups do; a note for another gain."""
+    """Unit of torques that explain the file's bodies at one gain as well as free groups do."""
     unit = next((name for factor, name in _UNITS.items() if abs(gain / factor - 1.0) < _OF_UNIT), None)
-    if unit is None and abs(gain - 1.0) <= _OTHER_GAIN:
+    if unit is None:
         return []
-    said = f"they look like {unit}" if unit else "another unit, other torque constants, or links heavier by one factor"
-    level: Level = "refuse" if unit else "note"
-    found = {"value": gain}
-    return [doubt("unit", seen.names, level=level, found=found, named="all joints", value=number(gain, 3), said=said)]
+    said, found = f"they look like {unit}", {"value": gain}
+    return [
+        doubt("unit", seen.names, level="refuse", found=found, named="all joints", value=number(gain, 3), said=said)
+    ]
 
 
 # ── Final residual
