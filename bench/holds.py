@@ -286,8 +286,8 @@ def times() -> dict[str, Any]:
     ours = statics.cone_programme.cone_programme(cones, maps[some], b[some], rate[some]).s
     known = np.isfinite(ours) & (ours > 0.01)
     wrong = {e: (ours - row_by_row(maps[some], b[some], rate[some], cones, e))[known] / ours[known] for e in pyramid}
-    rows = {n: _seconds(lambda n=n: _margin(n, 8)) for n in (100, 300, 1000, 3000, 10000)}
-    contacts = {c: _seconds(lambda c=c: _margin(1000, c)) for c in (4, 8, 16, 32)}
+    rows = {n: _seconds(lambda n=n: _margin(n, 8), 2) for n in (100, 300, 1000, 3000, 10000)}
+    contacts = {c: _seconds(lambda c=c: _margin(1000, c), 2) for c in (4, 8, 16, 32)}
     robot, q, dq, ddq, feet = humanoid(1000)
     return {
         "cones, 1,000 rows [s]": one,
