@@ -127,6 +127,16 @@ def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
     return dict(text.partition(":=")[::2] for text in given)
 
 
+def _coefficients(texts: Sequence[str], flag: str) -> float | dict[str, float]:
+    """One number, or a number for each frame."""
+    form = "a number, or FRAME=NUMBER for each frame, for example 0.7"
+    entries = [part for text in texts for part in text.split(",")]
+    if len(entries) == 1 and "=" not in entries[0]:
+        return parse_numbers(entries[0], flag, form, 1)[0]
+    given = assignments(entries, flag, form)
+    return {frame: parse_numbers(value, f"{flag} {frame}", form, 1)[0] for frame, value in given.items()}
+
+
 DEMO = "demo"
 REPEATED = {"multiple": True}
 _KINDS = {
@@ -143,6 +153,12 @@ _KINDS = {
     "LoadsGiven": Kind("MASS[,x,y,z][@FRAME]", settings=REPEATED),
     "WrenchesGiven": Kind("FRAME:m,m,m,f,f,f", lambda texts, _flag: parse_wrenches(texts), REPEATED),
     "ConfigurationGiven": Kind("v,v,…|NAME|JOINT=VALUE", several, REPEATED),
+    "FeetGiven": Kind("FRAME|LxW@FRAME|auto", several, REPEATED),
+    "FramesGiven": Kind("FRAME", several, REPEATED),
+    "FrictionGiven": Kind("VALUE|FRAME=VALUE", _coefficients, REPEATED),
+    "FrameOrTrue": Kind("[FRAME]", lambda text, _flag: text or True, {"is_flag": False, "flag_value": ""}),
+    "BoltsGiven": Kind("NxDIAMETER|FILE.csv"),
+    "HolderGiven": Kind("FORCE,FRICTION[@FRAME]"),
     "limits_file.Given": Kind("FILE.csv", is_file=True),
     "Any": Kind("FILE", is_file=True, bundled=(".csv", "motion")),
     "Source | Catalog": Kind("FILE.yaml", is_file=True, bundled=(".drives.yaml", "catalogue")),

@@ -307,11 +307,12 @@ class LogOptions:
 
 
 def open_motion(
-    options: RobotOptions, log: LogOptions, path: Path, logs: Sequence[str] = ()
+    options: RobotOptions, log: LogOptions, path: Path, logs: Sequence[str] = (), *, stands: bool = False
 ) -> tuple[Robot, MotionLog]:
     """Load the robot and open a motion of it; raises the errors of :meth:`MotionLog.open`.
 
-    ``logs`` are the names that ``--columns`` may use, by default that of the path.
+    ``logs`` are the names that ``--columns`` may use, by default that of the path. If the robot ``stands``, the file may lack
+    the pose of its base.
     """
     from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
     from ..motion.motion_log import MotionLog
@@ -326,6 +327,10 @@ def open_motion(
 
     held = without_column if log.lock_missing else None
     robot, locked = options.load_and_locked(stiff=not moves_motors(file), held=held)
+    if stands:
+        from ..reports.support.standing_log import robot_of_log
+
+        robot = robot_of_log(robot, file, columns)
     reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": log.rate}
     reading["gain"] = current_gains(log.gain, robot.model, options.drives)
     still = [name for name in missing if name in locked]

@@ -173,6 +173,6 @@ def answer_of(
     progress: Callable[[float], None] | None = None,
 ) -> TorqueReport:
     """Answer of :func:`~twistwrench.check` on the motion in a file; ``logs`` are all files of a batch."""
-    arm, motion = shared.open_motion(robot, log, path, logs)
+    arm, motion = shared.open_motion(robot, log, path, logs, stands=bool({"feet", "wheels", "casters"} & asked.keys()))
     shared.refuse_motor_side(robot, arm, "torques")
     return check(arm, motion, progress=progress, **asked)

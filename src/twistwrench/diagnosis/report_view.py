@@ -25,7 +25,7 @@ _PLACES = 6
 def doctor_view(report: DoctorReport) -> Iterator[Block]:
     """Verdict, effect of all repairs, and the findings, worst first."""
     yield Headline(report.verdict.word, f"{report.robot}, {report.summary}.")
-    yield from remarks(f"{text[0].upper()}{text[1:]}." for text in base_doubts(report.contents.robot.model))
+    yield from remarks(f"{text}." for text in base_doubts(report.contents.robot.model))
     if not report.findings:
         return
     if str(report.effect) != "none":

@@ -216,6 +216,16 @@ class LoadCase:
         object.__setattr__(self, "with_load", robot)
 
     @property
+    def causes(self) -> tuple[str, ...]:
+        """Causes of a torque, in order."""
+        return TERMS
+
+    @property
+    def fixed_words(self) -> str:
+        """Reason why torques of other loads are not known from those of this one; empty if they are."""
+        return ""
+
+    @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Doubts about payloads that are not where a robot carries them."""
         most = reach(self.robot.model)
@@ -467,7 +477,8 @@ class PayloadShares(NamedTuple):
 def margin_determined(load: LoadCase) -> bool:
     """True for a single payload, and if friction does not depend on load: torques are then linear in the mass."""
     laws = load.robot.model.friction
-    return len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+    linear = not load.fixed_words and not (load.friction and laws.load.any())
+    return len(load.payloads) == 1 and load.payloads[0].mass > 0 and linear
 
 
 def payload_shares(load: LoadCase, effort: Array, time: Array, torques: Array, carried: Array) -> PayloadShares:

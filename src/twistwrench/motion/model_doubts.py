@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -70,13 +70,14 @@ def _weight(model: Model) -> float:
     return model.moving_mass * float(np.linalg.norm(model.gravity))
 
 
-def base_doubts(model: Model, *, payload: bool = False) -> list[str]:
-    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques.
+BaseRemedy = Literal["hanging", "hanging, feet", "hangs, payload"]
+"""Sentence on a base in the air: for commands without options for feet, with them, and for the largest payload."""
 
-    ``payload``: for the largest payload, which is not computed for a robot that stands on the ground.
-    """
+
+def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
+    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques."""
     found = hanging_base(model)
-    return [] if found is None else [sentence("hangs, payload" if payload else "hanging", base=found.link)]
+    return [] if found is None else [sentence(remedy, base=found.link)]
 
 
 def as_it_hangs(excess: str) -> str:

@@ -16,7 +16,7 @@ from ..core.text import listed
 from ..core.typing import Array, Metres, WrenchesGiven
 from ..motion import limits_file
 from ..motion.differentiation import Differentiation
-from ..motion.load_case import LoadCase, LoadsGiven, payloads_of
+from ..motion.load_case import LoadsGiven, payloads_of
 from ..motion.motion import Motion
 from ..motion.motion_io import data_frame_file
 from ..motion.motion_log import MotionLog
@@ -25,6 +25,10 @@ from ..robot.doors import clearance_along
 from ..robots.finding import bundled_file
 from .doors import measured_causes
 from .motors import Steps
+from .support.grip import HolderGiven
+from .support.ground import ContactGiven, FeetGiven, FramesGiven, FrictionGiven
+from .support.mounting import BoltsGiven, FrameOrTrue
+from .support.questions import SupportQuestion, with_limits
 from .torque_analysis import analyse
 from .torque_report import TorqueReport
 
@@ -49,6 +53,15 @@ class CheckOptions(TypedDict, total=False):
     smooth: bool
     clearance: float | None
     srdf: str | Path | None
+    feet: FeetGiven | None
+    wheels: FramesGiven | None
+    casters: FramesGiven | None
+    contact_friction: FrictionGiven | None
+    in_contact: ContactGiven
+    mounting: FrameOrTrue | None
+    bolts: BoltsGiven | None
+    grip: HolderGiven | None
+    cup: HolderGiven | None
     actuators: str | Path | ActuatorFile | None
     columns: Mapping[str, str] | None
     gain: Mapping[str, float] | None
@@ -72,6 +85,15 @@ def check(
     smooth: bool = False,
     clearance: Metres | None = None,
     srdf: str | Path | None = None,
+    feet: FeetGiven | None = None,
+    wheels: FramesGiven | None = None,
+    casters: FramesGiven | None = None,
+    contact_friction: FrictionGiven | None = None,
+    in_contact: ContactGiven = "auto",
+    mounting: FrameOrTrue | None = None,
+    bolts: BoltsGiven | None = None,
+    grip: HolderGiven | None = None,
+    cup: HolderGiven | None = None,
     actuators: str | Path | ActuatorFile | None = None,
     columns: Mapping[str, str] | None = None,
     gain: Mapping[str, float] | None = None,
@@ -103,6 +125,24 @@ def check(
         Check the least distance between links [m].
     srdf : path, optional
         Ignore the pairs of links of <disable_collisions> in the check of the clearance.
+    feet : "auto", frame, "LENGTHxWIDTH[,x,y,z]@FRAME", Contact, or a list of these, optional
+        Feet on the ground, whose forces take part in the torques; the base is then free. "auto": feet of a legged robot.
+    wheels : frame, or a list of frames, optional
+        Braked wheels on the ground, which carry at every instant; the base is then free.
+    casters : frame, or a list of frames, optional
+        Casters on the ground, which carry normal forces only; the base is then free.
+    contact_friction : float or {frame: float}, optional
+        Coulomb coefficient of the ground; without it, what the motion needs is stated.
+    in_contact : "auto" or "log"
+        Feet that carry: those that are low and slow, or by columns FRAME.contact of the log, 0 or 1, or a force above 20 N.
+    mounting : frame, or True for the root, optional
+        Wrench on the foundation, in the axes of the frame; the base is then known to be held.
+    bolts : "NUMBERxDIAMETER", path of a file x,y[,preload], or (k, 2) array, optional
+        Bolts of the mounting, in its frame [m, N].
+    grip : "FORCE,FRICTION[@FRAME]", or {"force", "friction", "frame", "axis", "width", "pad"}, optional
+        Two fingers that hold the payload across ``axis`` of the frame, "y" by default [N, m].
+    cup : "FORCE,FRICTION[@FRAME]", or {"force", "friction", "frame", "radius"}, optional
+        Suction cup that holds the payload, along z of the frame [N, m].
     actuators : path, optional, file of motors, gears, rotors and friction; "demo": that of a bundled robot
     columns : {joint: column}, optional, as for :meth:`Motion.from_file`
     gain : {joint: float}, optional, torque per ampere of columns of currents [N m/A]
@@ -138,21 +178,30 @@ def check(
     (False, 8.38)
     """
     robot, named = robot_of(robot, actuators, lock)
-    log = log_of(
-        motion, robot, named=named, columns=columns, gain=gain, rate=rate, topic=topic, episode=episode, degrees=degrees,
-        plan=plan, locked=tuple(lock or ()),
+    question = SupportQuestion(
+        feet=feet, wheels=wheels, casters=casters, contact_friction=contact_friction, in_contact=in_contact,
+        mounting=mounting, bolts=bolts, grip=grip, cup=cup,
     )  # fmt: skip
-    loads = LoadCase(robot, payloads_of(payload), _wrenches(wrench_on_robot), friction=friction)
+    reading: dict[str, Any] = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode}
+    robot = question.robot_of(robot, motion, named, reading)
+    log = log_of(motion, robot, named=named, degrees=degrees, plan=plan, locked=tuple(lock or ()), **reading)
+    in_degrees, loads = (
+        log.columns.in_degrees,
+        {"payloads": payloads_of(payload), "wrenches": _wrenches(wrench_on_robot)},
+    )
+    case, log = question.case(robot, log, {**loads, "friction": friction})
+    robot = case.robot
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
     steps = Steps(progress, (_PLANNING_AND_SMOOTHING if smooth else _PLANNING, 1.0))
     differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
-    report = analyse(loads, differentiation, bounds, progress=steps.next())
+    report = analyse(with_limits(case, bounds), differentiation, bounds, progress=steps.next())
     return replace(
         report,
         causes=measured_causes(report, log),
         clearance=clearance_along(robot, ((s.time, s.q) for s in differentiation.states(_ROWS)), clearance, srdf),
-        degrees=degrees,
+        held=question.answers(report),
+        degrees=degrees or in_degrees,
         with_why=why,
     )
 

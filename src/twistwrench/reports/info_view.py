@@ -43,7 +43,7 @@ def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
     yield from (_coupling(model, k, level) for k in range(len(model.couplings)))
     yield _inertias(model, level)
     yield _tree(model, level)
-    notes = [*grouped(model.defects), *(f"{text[0].upper()}{text[1:]}." for text in base_doubts(model))]
+    notes = [*grouped(model.defects), *(f"{text}." for text in base_doubts(model))]
     for k, note in enumerate(remarks(notes)):
         yield note if k < _MOST_NOTES else replace(note, level=Level.ALL)
     if level is Level.ALL:

@@ -34,6 +34,7 @@ from ..motion.model_doubts import (
 )
 from ..motion.motion_log import ASKED
 from .statistics import INTERVAL
+from .support.judgement import standing_words, support_verdict
 from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
 from .torque_verdict import (
     KINDS,
@@ -63,7 +64,7 @@ MISSING_CONTACT = "IS A CONTACT MISSING?"
 def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headline:
     """Verdict with its reasons, one per line; by default the report's, in its unit of angles."""
     judged, load = judged or report.verdict, report.load
-    first, *others = judged.reasons or (_nearest(report),)
+    first, *others = judged.reasons or (_sure(report),)
     assumed = ""
     if judged.ok:
         still = report.differentiation.trajectory.held
@@ -74,6 +75,13 @@ def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headlin
     margin, further = _payload_margin(report), []
     if margin is not None:
         further.append(Line(margin.words))
+    if report.held.support is not None and not judged.ok and support_verdict(report.held.support).ok:
+        text = standing_words(report.held.support)
+        further.append(Line(f"{text[0].upper()}{text[1:]}."))
+    if report.held.grip is not None and report.held.grip.verdict.ok:
+        further.append(Line(report.held.grip.line))
+    if report.held.mounting is not None:
+        further.append(Line(report.held.mounting.line))
     if report.clearance is not None:
         further += [Line(text) for text in report.clearance.lines]
     further += [Line((question, strong(Style.NEAR)), f" {remark}") for question, remark in _questions(report)]
@@ -101,6 +109,17 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
         return None
     fits = report.payload_margin.mass >= report.load.payloads[0].mass
     return report.payload_margin if fits != any(e.kind == "effort" for e in report.excesses) else None
+
+
+def _sure(report: TorqueReport) -> str:
+    """Sentence of the verdict OK."""
+    nearest = _nearest(report)
+    if report.held.support is None:
+        return nearest
+    return f"{standing_words(report.held.support)}. {nearest.removeprefix(_KEPT)}"
+
+
+_KEPT = "all limits kept. "
 
 
 def _nearest(report: TorqueReport) -> str:
@@ -199,7 +218,7 @@ def verdict_data(
         "followers": [_follower(model, k) for k in model.limited_followers],
         "force": _force_at_base(model),
         "lookAgain": list(refused) if report is None else contradictions(report),
-        "doubts": {"first": base_doubts(model), "before": before, "after": after},
+        "doubts": {"first": base_doubts(model, "hanging, feet"), "before": before, "after": after},
         "placeholders": {
             "words": load_case.placeholder_doubt(load.robot, limits), "confirmed": limits.has_unit("effort").tolist(),
         },
@@ -273,6 +292,8 @@ def why_doubted(report: TorqueReport | None) -> str | None:
 def why_fixed(load: LoadCase) -> str | None:
     """Reason why a page cannot judge loads other than that of the command; None if it can."""
     model = load.robot.model
+    if load.fixed_words:
+        return load.fixed_words
     if model.actuators:
         return "motors and gears are judged as well"
     if len(load.payloads) > 1:

@@ -26,7 +26,6 @@ from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak
 from ..motion.load_case import (
     STEADY,
-    TERMS,
     LoadCase,
     PayloadShares,
     margin_determined,
@@ -46,6 +45,7 @@ from ..motion.plausibility import (
 from .log_quality import MeasuredTorque, TorqueComparison
 from .motors import MotorFigures, Steps
 from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights
+from .support.view import further_columns
 from .torque_report import (
     NEGLIGIBLE,
     ZERO,
@@ -244,6 +244,17 @@ class MotionFigures:
         )
 
 
+def _accelerated(model: Model, column: int) -> tuple[slice, float]:
+    """Velocities that a coordinate moves, and the largest acceleration of one of them for a unit of the coordinate's."""
+    body = next(b for b in model.leaders if b.q_index <= column < b.q_index + b.joint.nq)
+    _, velocities = body.places
+    if body.joint.quaternion is None:
+        return velocities, 1.0
+    turns = body.q_index + body.joint.quaternion <= column < body.q_index + body.joint.quaternion + 4
+    middle = velocities.start + 3  # angular velocities come first; a unit of a quaternion is a turn by 2
+    return (slice(velocities.start, middle), 2.0) if turns else (slice(middle, velocities.stop), 1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class MotionPass:
     """Pass over the rows of a log: the figures of each slice of rows, and of all of them."""
@@ -367,12 +378,8 @@ class MotionPass:
 
     def _may_pass(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
         """True if an acceleration at a smoothed column adds a torque that no limit covers."""
-        positions = Coordinates.from_model(self.load.robot.model).position_of
-        joint_of = {int(p): v for v, p in enumerate(positions) if p >= 0}
-        joint = column if order == 1 else joint_of.get(column)
-        if joint is None:  # entry of a quaternion
-            return True
-        change = np.abs(self.load.mass_matrix(q)[:, joint]) * acceleration
+        places, factor = (slice(column, column + 1), 1.0) if order == 1 else _accelerated(self.load.robot.model, column)
+        change = np.abs(self.load.mass_matrix(q)[:, places]).sum(axis=1) * factor * acceleration
         effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
         within = np.abs(torques) + change <= effort
         return not (within | (change <= ZERO * np.abs(torques).max())).all()
@@ -610,17 +617,21 @@ def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Pat
     """Write time and torques of a report, their causes if ``split``, and the torques of a noisy log before smoothing."""
     load, plan = report.load, report.differentiation
     beside = None if report.derived is None else report.derived.differentiation
-    header = _csv_header(load.with_load.model.drive_names, split, derived=beside is not None)
-    with csv_table(path, header) as table:
+    causes = load.causes if split else ()
+    header = _csv_header(load.with_load.model.drive_names, causes, derived=beside is not None)
+    more, first = further_columns(report.held), 0
+    with csv_table(path, [*header, *more]) as table:
         for states, motion, inner in plan.surrounded_states(_rows_of_a_slice(load)):
             s = states[inner]
             columns = [load.torques(s)]
             columns += load.terms(s).values() if split else ()
             columns += [] if beside is None else [load.torques(beside.complete(motion)[inner])]
-            table.numbers(np.concatenate([s.time[:, None], *map(load.at_drives, columns)], axis=1))
+            further = [x[first : first + len(s), None] for x in more.values()]
+            table.numbers(np.concatenate([s.time[:, None], *map(load.at_drives, columns), *further], axis=1))
+            first += len(s)
     return Path(path)
 
 
-def _csv_header(names: tuple[str, ...], split: bool, *, derived: bool) -> list[str]:
-    quantities = ["torque", *(TERMS if split else ()), *(["torque.derived"] if derived else [])]
+def _csv_header(names: tuple[str, ...], causes: tuple[str, ...], *, derived: bool) -> list[str]:
+    quantities = ["torque", *causes, *(["torque.derived"] if derived else [])]
     return ["time", *(f"{name}.{quantity}" for quantity in quantities for name in names)]

@@ -26,6 +26,7 @@ from ..motion.plausibility import DoubtfulSpans
 from .log_quality import MeasuredTorque
 from .motors import MotorUse
 from .statistics import Gaps, PeakEstimate
+from .support.answers import SupportAnswers
 
 if TYPE_CHECKING:
     from ..answers.blocks import Block
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
     from ..motion.motion import Motion
     from ..statics.clearance import PathClearance
+    from ..statics.reactions import MountingLoad
+    from ..statics.support import Support
 
 ZERO = 1e-9
 SMALL = 0.02
@@ -237,6 +240,8 @@ class TorqueReport(Answer):
     """Largest mass of a single payload; None if unknown, or unless there is exactly one payload."""
     clearance: PathClearance | None = None
     """Least distance between links; None if not requested."""
+    held: SupportAnswers = field(default_factory=SupportAnswers)
+    """Answers on ground, mounting and grip, as :attr:`support`, :attr:`mounting` and :attr:`grip` return them."""
     derived: AsDerived | None = None
     """Results of the unsmoothed log; None if they are the final results or were not requested."""
     near: tuple[NearLimit, ...] = ()
@@ -249,6 +254,31 @@ class TorqueReport(Answer):
     """True if the caller chose degrees for angles."""
     with_why: bool = False
     """True if the peak of the worst joint is also split by link."""
+
+    @property
+    def support(self) -> Support | None:
+        """Contact forces and margins by feet and wheels; None if they are not given."""
+        return self.held.support
+
+    @property
+    def mounting(self) -> MountingLoad | None:
+        """Wrench on the foundation; None if not requested."""
+        return None if self.held.mounting is None else self.held.mounting.load
+
+    @property
+    def bolt_loads(self) -> Array | None:
+        """(n, bolts, 2): axial load, with the preload, and shear load [N]; it pulls if above 0; None without bolts."""
+        return None if self.held.mounting is None else self.held.mounting.bolts
+
+    @property
+    def grip(self) -> Support | None:
+        """Contact forces and margins of the payload in fingers or in a suction cup; None if they are not given."""
+        return None if self.held.grip is None else self.held.grip.support
+
+    @property
+    def grip_force(self) -> Array | None:
+        """(n,): force of the fingers, or vacuum force, that the payload needs [N]; inf if none holds it; None without grip."""
+        return None if self.held.grip is None else self.held.grip.needed
 
     @property
     def noisy(self) -> bool:

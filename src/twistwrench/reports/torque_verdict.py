@@ -23,6 +23,7 @@ from ..motion.model_doubts import PeakTorque, as_it_hangs, base_doubts, missing_
 from ..motion.plausibility import Origin
 from .log_quality import MeasuredTorque
 from .statistics import INTERVAL
+from .support.judgement import support_notes, support_verdict
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
 # ── The verdict
@@ -58,7 +59,7 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     passed, _ = _judge_motion(report, degrees=degrees)
     wound = _wound(report, level="note")
     passed = [(e, text) for e, text in passed if not (e.kind in _STOPS and e.joint in wound)]
-    doubted, hanging = doubted_excesses(report), base_doubts(report.load.robot.model)
+    doubted, hanging = doubted_excesses(report), base_doubts(report.load.robot.model, "hanging, feet")
     certain = [(e, text) for e, text in (*over, *passed) if (e.joint, e.kind) not in doubted]
     if hanging:
         certain = [(e, text) for e, text in certain if e.kind not in ("effort", *BEARINGS)]
@@ -88,6 +89,10 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
             *(text for text in after if text not in instead),
         ],
     )
+    if report.held.grip is not None:
+        own = report.held.grip.verdict.joined(own)
+    if report.held.support is not None:
+        own = support_verdict(report.held.support).joined(own)
     return own if report.clearance is None else own.joined(report.clearance.verdict)
 
 
@@ -469,7 +474,9 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
         )
     yield from report.load.unit_hints
     floating = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
-    if floating and not missing_force(report.load.with_load.model, report.joints):  # otherwise the verdict has it
+    if report.held.support is not None:
+        yield from support_notes(report.held.support)
+    elif floating and not missing_force(report.load.with_load.model, report.joints):  # otherwise the verdict has it
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
     model = report.load.with_load.model
     missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])

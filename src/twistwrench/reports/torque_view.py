@@ -29,12 +29,13 @@ from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit
 from ..core.text import listed
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import BEARING_UNITS, over_limit
-from ..motion.load_case import TERMS, cause_label
-from ..motion.model_doubts import friction_words
+from ..motion.load_case import cause_label
+from ..motion.model_doubts import base_velocities, friction_words
 from ..robot.explanation import NEGLIGIBLE_PART
 from .log_quality import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
+from .support.view import contact_table
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from .torque_verdict import KINDS, notes_of
 
@@ -94,6 +95,12 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
     yield _heading(report)
     yield _peaks(report)
     yield _causes(report)
+    if report.held.support is not None:
+        yield contact_table(report.held.support)
+    if report.held.mounting is not None:
+        yield from report.held.mounting.blocks()
+    if report.held.grip is not None:
+        yield report.held.grip.table()
     if report.with_why and report.worst is not None:
         yield _why(report, report.worst)
     if any(not m.dead for m in report.measured):
@@ -129,13 +136,13 @@ def _torques(
     report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], Cell]
 ) -> Column:
     """Column of a table of joints; the unit is shown by the table."""
-    units = sorted({j.unit for j in report.joints})
+    units = sorted({j.unit for j in _shown(report)})
     return numbers(name, values, show, ", ".join(units), headed=False)
 
 
-def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
+def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
     """Table with one row per joint; units are in its title, or beside the joints if there are two."""
-    units, limited = sorted({j.unit for j in report.joints}), any(math.isfinite(j.limit) for j in joints)
+    units, limited = sorted({j.unit for j in joints}), any(math.isfinite(j.limit) for j in joints)
     return Table(
         f"{title} [{units[0]}]" if len(units) == 1 else title,
         words("joint", [j.joint for j in joints]),
@@ -147,8 +154,14 @@ def _joint_table(report: TorqueReport, title: str, joints: Sequence[JointTorque]
     )
 
 
+def _shown(report: TorqueReport) -> list[JointTorque]:
+    """Joints of the tables: all, or those that are driven if the ground bears the rest."""
+    borne = base_velocities(report.load.robot.model) if report.held.support is not None else []
+    return [joint for k, joint in enumerate(report.joints) if k not in borne]
+
+
 def _peaks(report: TorqueReport) -> Table:
-    joints, column = report.joints, partial(_torques, report)
+    joints, column = _shown(report), partial(_torques, report)
 
     unknown = Line((MISSING, Style.QUIET))
     known = [math.isfinite(j.limit) for j in joints]
@@ -156,7 +169,6 @@ def _peaks(report: TorqueReport) -> Table:
     bars = [bar if limited else unknown for bar, limited in zip(bars, known, strict=True)]
     shares = [share_cell(j.share) if limited else unknown for j, limited in zip(joints, known, strict=True)]
     return _joint_table(
-        report,
         "Torques",
         joints,
         column("peak", [j.peak for j in joints], report.label),
@@ -170,7 +182,7 @@ def _peaks(report: TorqueReport) -> Table:
 
 
 def _causes(report: TorqueReport) -> Table:
-    joints, column = report.joints, partial(_torques, report)
+    joints, column = _shown(report), partial(_torques, report)
 
     def cause(j: JointTorque, term: str) -> Line:
         main = term == j.main_cause[0] and not report.is_zero(j.largest)
@@ -180,10 +192,9 @@ def _causes(report: TorqueReport) -> Table:
         term, share = j.main_cause
         return MISSING if report.is_zero(j.largest) else f"{cause_label(term)} {percent(share)}"
 
-    terms = [term for term in TERMS if any(not report.is_zero(j.terms[term]) for j in joints)]
+    terms = [term for term in report.load.causes if any(not report.is_zero(j.terms[term]) for j in joints)]
     chance = any(abs(j.chance) > NEGLIGIBLE * report.reference(j) for j in joints)
     return _joint_table(
-        report,
         "What the peak is made of",
         joints,
         *(column(cause_label(term), [cause(j, term) for j in joints], shown) for term in terms),
@@ -194,7 +205,9 @@ def _causes(report: TorqueReport) -> Table:
 
 def _beside_measured(report: TorqueReport) -> Table:
     """Table of measured and computed torques."""
-    pairs = [(j, m) for j, m in zip(report.joints, report.measured, strict=True) if not m.dead]
+    shown_joints = {j.joint for j in _shown(report)}
+    both = zip(report.joints, report.measured, strict=True)
+    pairs = [(j, m) for j, m in both if not m.dead and j.joint in shown_joints]
     measured, column = [m for _, m in pairs], partial(_torques, report)
 
     def difference(m: MeasuredTorque) -> Line:
@@ -203,7 +216,6 @@ def _beside_measured(report: TorqueReport) -> Table:
         )
 
     return _joint_table(
-        report,
         "The file's own torques",
         [j for j, _ in pairs],
         column("rms\ncomputed", [m.computed for m in measured], torque),

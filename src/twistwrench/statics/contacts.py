@@ -56,6 +56,8 @@ class Contact:
     """Force that pulls the contact together: preload of a bolt, vacuum or magnetic force [N]."""
     group: str | None = None
     """Name shared by contacts whose normal forces add up to at most ``push``, as the corners of a pad; None: this one alone."""
+    radius: float = 0.0
+    """Radius of a wheel or ball about ``point``, which touches the ground below it, however it has turned; of a robot [m]."""
 
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
@@ -70,6 +72,7 @@ class Contact:
             raise ValueRangeError(
                 f"a contact's friction is {printed(self.friction)}. Give a finite coefficient of at least zero."
             )
+        object.__setattr__(self, "radius", arguments.positive(self.radius, "a contact's radius", "m", zero=True))
         for name in ("push", "pull"):
             force = arguments.number(getattr(self, name), f"a contact's {name}")
             if not force >= 0 or (name == "pull" and force == np.inf):
@@ -153,10 +156,13 @@ def contacts_of(given: Any) -> tuple[Contact, ...]:
 def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:
     """Maps (n, nv, c, 3) of contact forces to torques, and contact points (n, c, 3), in the base frame."""
     maps, points = np.zeros((len(contacts), len(q), 3, robot.nv)), np.zeros((len(q), len(contacts), 3))
+    known: dict[str | None, tuple[Array, Array]] = {}
     for k, c in enumerate(contacts):
-        J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
-        T = np.asarray(robot.forward_kinematics(q, c.frame))
-        arm = T[:, :3, :3] @ c.point
+        if c.frame not in known:
+            J, T = robot.jacobian(q, c.frame, "world_aligned"), robot.forward_kinematics(q, c.frame)
+            known[c.frame] = np.asarray(J), np.asarray(T)
+        J, T = known[c.frame]
+        arm = T[:, :3, :3] @ c.point - c.radius * c.normal
         maps[k] = J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
         points[:, k] = T[:, :3, 3] + arm
     return maps.transpose(1, 3, 0, 2), points

@@ -139,7 +139,7 @@ class PayloadReport(Answer):
         """Reasons to be unsure, sentences without a full stop."""
         model, found = self.robot.model, self.largest
         doubts = [str(each) for each in self._credible if not each.refuses]
-        doubts += [*base_doubts(model, payload=True), *limit_doubts(self.load.robot, self.limits, self.loads)]
+        doubts += [*base_doubts(model, "hangs, payload"), *limit_doubts(self.load.robot, self.limits, self.loads)]
         if found.joint < 0 and found.holds and self.is_default_pose:
             doubts.append(
                 "at the default pose the load stands on the axes of the joints, so no torque depends on it: give "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -135,7 +136,15 @@ def bolt_circle(count: int, diameter: float) -> Array:
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def mounting_load(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None) -> MountingLoad:
+def mounting_load(
+    robot: Robot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    frame: str | None = None,
+    *,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+) -> MountingLoad:
     """Wrench of a robot with a fixed base on its foundation along a motion, with the weight of its fixed links.
 
     Parameters
@@ -143,6 +152,7 @@ def mounting_load(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, fra
     q : (n, nq) or (nq,) array_like
     dq, ddq : (n, nv) or (nv,) array_like
     frame : str, optional, link fixed to the base, whose origin and axes the wrench has; None: the root link
+    wrench_on_robot : {frame: (n, 6) or (6,)}, optional, wrenches on moving frames of the robot
 
     Returns
     -------
@@ -171,7 +181,7 @@ def mounting_load(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, fra
         frame = next(name for name, x in model.frames.items() if x.body == BASE)
     if model.frame(frame).body != BASE:
         raise ValueRangeError(f"{frame!r} moves with a joint. Give a link fixed to the base of robot {robot.name!r}.")
-    F = np.asarray(robot.joint_wrenches(q, dq, ddq))
+    F = np.asarray(robot.joint_wrenches(q, dq, ddq, wrench_on_robot=wrench_on_robot))
     wrench = np.zeros((*F.shape[:-2], 6))
     for k, body in enumerate(model.bodies):
         if body.parent == BASE:

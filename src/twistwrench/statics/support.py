@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,6 +119,7 @@ def support(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     limits: ArrayLike | None = None,
     payload_frame: str | None = None,
+    payload_com: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Support:
     """Contact forces of a motion of a robot on contacts, and how much faster, heavier or smoother it still holds.
 
@@ -134,7 +135,8 @@ def support(
     wrench_on_robot : {frame: (6,)}, optional, constant wrenches on the robot; they are not scaled with the speed
     limits : (nv,) array_like, optional, largest torques: where those of the least forces exceed them, forces within the limits
         are chosen, or, if there are none, those with the least largest share of a limit [N m, N]
-    payload_frame : str, optional, frame at whose origin the further mass of ``payload`` is
+    payload_frame : str, optional, frame that carries the further mass of ``payload``
+    payload_com : (3,) array_like, centre of the further mass in that frame [m]
 
     Returns
     -------
@@ -172,14 +174,14 @@ def support(
     maps, points = contact_maps(robot, q, contacts)
     heavier = None
     if payload_frame is not None:
-        loaded = robot.with_payload(SpatialInertia.from_com(1.0), payload_frame)
+        loaded = robot.with_payload(SpatialInertia.from_com(1.0, payload_com), payload_frame)
         heavier = (_torques(loaded, q, dq, ddq, wrench_on_robot) - tau)[:, free]
     turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
     balance = _Balance(contacts, maps[:, free], tau[:, free], rest[:, free], heavier, turning, in_contact)
     found = balance.solve()
     if limits is not None:
         effort = np.where(free, np.inf, effort_limits(robot, limits))
-        forces, least_norm = balance.forces_within(found, maps, tau, effort)
+        forces, least_norm = balance.forces_within(found.forces, found.least_norm, maps, tau, effort)
         found = replace(found, forces=forces, least_norm=least_norm)
     motion = np.full((len(q), robot.nv), np.nan)
     motion[~found.holds] = 0.0
@@ -354,6 +356,14 @@ class _Balance:
             np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan), least_norm,
         )  # fmt: skip
 
+    def forces(self) -> tuple[Array, Array, Array]:
+        """Forces (n, c, 3), NaN where none balance, masks of those of least norm and of rows with forces."""
+        first = self._programme(self.b)
+        holds = ~np.isnan(first.s) & first.settled
+        forces, least_norm = np.full(first.forces.shape, np.nan), np.zeros(len(holds), bool)
+        forces[holds], least_norm[holds] = self._least_norm(first.forces, holds)
+        return forces, least_norm, holds
+
     def _programme(
         self,
         b: Array,
@@ -371,9 +381,14 @@ class _Balance:
         forces, found = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
         return np.where(found[:, None, None], forces, basic[rows]) + self.preload[rows], found
 
-    def forces_within(self, found: _Found, maps: Array, tau: Array, limits: Array) -> tuple[Array, Array]:
-        """Forces that keep τ - Σ J_i' f_i within limits, or their largest share least, and a mask of those of least norm."""
-        forces, least_norm = found.forces.copy(), found.least_norm.copy()
+    def forces_within(
+        self, forces: Array, least_norm: Array, maps: Array, tau: Array, limits: Array
+    ) -> tuple[Array, Array]:
+        """Forces that keep τ - Σ J_i' f_i within limits, or their largest share least, and a mask of those of least norm.
+
+        ``forces`` (n, c, 3) and ``least_norm`` (n,) are those without limits, NaN where none balance.
+        """
+        forces, least_norm = forces.copy(), least_norm.copy()
         limited = np.isfinite(limits) & (limits > 0)
         torques = tau - np.einsum("nvck,nck->nv", maps, forces)
         rows = np.flatnonzero((np.abs(torques) > limits + margin(limits))[:, limited].any(axis=1))
@@ -468,6 +483,74 @@ def _support(found: _Found, balance: _Balance, torques: Array, motion: Array, zm
         found.holds, found.decided, found.how, found.forces, torques, found.speed, found.slowest, found.payload,
         found.friction, zmp, margin, motion, found.power, balance.contacts, found.least_norm,
     )  # fmt: skip
+
+
+# ── Force of a grip
+
+
+def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
+    """Least factors (n,) of the contacts' largest forces and preloads that hold one body under wrenches; inf if none does.
+
+    Examples
+    --------
+    >>> pads = [Contact((0, y, 0), (0, -y, 0), friction=0.5, push=60.0) for y in (-0.02, 0.02)]
+    >>> force_shares([0, 0, 0, 0, 0, -30.0], pads).round(6).tolist()
+    [0.5]
+    """
+    contacts = contacts_of(contacts)
+    load = -np.atleast_2d(arguments.finite(wrenches, "wrenches (m, f)", 6))
+    points, n = np.array([c.point for c in contacts]), len(load)
+    units = np.r_[np.full(3, float(np.abs(points).max(initial=0.0)) or 1.0), np.ones(3)]
+    maps = np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1) / units[:, None, None]
+    cones, bounds = cones_of(contacts, n)
+    growing = replace(bounds, most=np.zeros_like(bounds.most), rate=bounds.most)
+    pulls = np.einsum("mck,ck->m", maps, np.array([c.pull for c in contacts])[:, None] * cones.normals)
+    found = cone_programme(
+        cones,
+        np.broadcast_to(maps, (n, *maps.shape)),
+        load / units,
+        np.broadcast_to(pulls, (n, 6)),
+        bounds=growing,
+        sense="least",
+    )
+    return np.where(found.settled, np.where(np.isnan(found.s), np.inf, found.s), np.nan)
+
+
+# ── Forces alone, for the torques of a motion
+
+
+class ContactForces(NamedTuple):
+    """Contact forces of n instants, without margins."""
+
+    forces: Array
+    """(n, c, 3): forces on the robot in the base frame [N]; where no forces balance, those of contacts that stick."""
+    maps: Array
+    """(n, nv, c, 3): maps of contact forces to torques."""
+    holds: Array
+    """(n,) of bool: True where forces within the cones balance."""
+
+
+def contact_forces(
+    robot: Robot,
+    q: Array,
+    tau: Array,
+    contacts: tuple[Contact, ...],
+    in_contact: Array,
+    limits: Array | None = None,
+) -> ContactForces:
+    """Forces of :func:`support` that balance torques (n, nv) without contacts in the rows of the free base."""
+    free = floating_entries(robot)
+    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    maps, _ = contact_maps(robot, q, contacts)
+    balance = _Balance(contacts, maps[:, free], tau[:, free], None, None, turning, in_contact)
+    forces, least_norm, holds = balance.forces()
+    if limits is not None:
+        forces, _ = balance.forces_within(forces, least_norm, maps, tau, np.where(free, np.inf, limits))
+    if not holds.all():
+        G = balance.maps[~holds] * in_contact[~holds][:, None, :, None]
+        G = G.reshape(len(G), G.shape[1], -1)
+        forces[~holds] = (np.linalg.pinv(G) @ balance.load[~holds][..., None]).reshape(-1, len(contacts), 3)
+    return ContactForces(forces, maps, holds)
 
 
 # ── Zero moment point

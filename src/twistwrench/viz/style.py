@@ -48,6 +48,7 @@ CAUSES: Mapping[str, str] = MappingProxyType(
         "payload": VERMILION,
         "friction": GREY,
         "wrench": PURPLE,
+        "contact": OLIVE,
     }
 )
 """Colours of the causes of a torque."""

@@ -1,4 +1,4 @@
-"""Joining of two robots, and extraction of a part: edits of the links and joints of a model."""
+"""Joining of two robots, extraction of a part, and release of a base: edits of the links and joints of a model."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ...core.typing import Array
 from .actuators import Actuator
 from .assembly import ROOT_JOINT
 from .description import JointEntry, unused
+from .limits import Friction
 from .model import BASE, Model, OfferedClosure
 from .parts import ModelParts, disassemble, fixed_entry, reassemble
 
@@ -91,6 +92,49 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
     part.root = root
     cut = reassemble(part)
     return replace(cut, tip=tip if tip in cut.all_frames else cut.tip, defects=model.defects)
+
+
+def with_free_base(model: Model) -> Model:
+    """Model whose fixed root floats, at the identity in its neutral and named configurations.
+
+    Raises :class:`~twistwrench.ModelError` if a joint has the name of the joint that is added.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r().model
+    >>> with_free_base(arm).nv - arm.nv
+    6
+    """
+    found = _without_locked_root(disassemble(model, extra=False))
+    if any(joint.name == ROOT_JOINT for joint in found.joints):
+        raise ModelError(f"a joint has the name {ROOT_JOINT!r}, which the joint of a floating base has. Rename it.")
+    none = np.zeros(6)
+    found.floating, found.additions.mounted = True, False
+    found.friction[ROOT_JOINT], found.armature[ROOT_JOINT] = Friction.plain(none, none), none
+    for positions in found.additions.configurations.values():
+        positions[ROOT_JOINT] = _AT_ORIGIN
+    return replace(reassemble(found), tip=model.tip, defects=model.defects)
+
+
+def _without_locked_root(found: ModelParts) -> ModelParts:
+    """Parts without the world and the joint by which a floating base was locked at the origin."""
+    below = [joint for joint in found.joints if joint.parent == found.root]
+    if len(below) != 1 or below[0].name != ROOT_JOINT or not below[0].fixed or found.links[found.root].inertia.mass:
+        return found
+    if not np.array_equal(below[0].placement, np.eye(4)):
+        return found
+    root, sites = below[0].child, found.additions.sites
+    found.links = {name: link for name, link in found.links.items() if name != found.root}
+    found.additions.sites = {
+        name: replace(site, link=root) if site.link == found.root else site for name, site in sites.items()
+    }
+    found.joints, found.root = [joint for joint in found.joints if joint is not below[0]], root
+    return found
+
+
+_AT_ORIGIN = np.array([1.0, 0, 0, 0, 0, 0, 0])
+"""Unit quaternion and position."""
 
 
 def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:

@@ -16,7 +16,9 @@ from itertools import combinations
 
 import numpy as np
 
+from ...core.gravity import GRAVITY
 from ...core.typing import Array
+from .edit import lock, with_gravity
 from .model import BASE, Model
 
 LEVEL = 0.05
@@ -78,8 +80,38 @@ def hanging_base(model: Model) -> HangingBase | None:
     strength = float(np.linalg.norm(model.gravity))
     if model.mounted or not strength or any(b.parent == BASE and not b.joint.driven for b in model.bodies):
         return None
+    return _base_on_legs(model)
+
+
+def legs_of(model: Model) -> tuple[tuple[str, ...], ...]:
+    """Links of each leg, from the base outward; empty if the robot does not look legged, whatever holds its base.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> legs_of(tw.robots.ur5().model), [leg[-1] for leg in legs_of(tw.robots.quadruped().model)]
+    ((), ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot'])
+    """
+    roots = [body.joint.name for body in model.bodies if body.parent == BASE and not body.joint.driven]
+    if roots:
+        model = lock(model, {name: _neutral(model, name) for name in roots})
+    if not model.gravity.any():
+        model = with_gravity(model, GRAVITY)
+    found = _base_on_legs(model)
+    if found is None:
+        return ()
+    links = _chains(model)
+    return tuple(tuple(links[leg]) for leg in found.legs)
+
+
+def _neutral(model: Model, joint: str) -> Array:
+    body = next(body for body in model.leaders if body.joint.name == joint)
+    return np.asarray(model.neutral[body.places[0]])
+
+
+def _base_on_legs(model: Model) -> HangingBase | None:
     stance = _Stance(model)
-    up = -model.gravity / strength
+    up = -model.gravity / float(np.linalg.norm(model.gravity))
     legs = stance.lowest(up) or stance.lying(up) or stance.flat(up)
     if not legs:
         return None
@@ -92,11 +124,8 @@ class _Stance:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.poses = _body_poses(model)
-        self.places = {
-            name: np.asarray((frame.pose if frame.body == BASE else self.poses[frame.body] @ frame.pose)[:3, 3])
-            for name, frame in model.frames.items()
-        }
+        self.poses = _body_poses(model, model.neutral)
+        self.places = {name: pose[:3, 3] for name, pose in frame_poses(model, model.neutral).items()}
         self.base = _base_links(model)
         self.chains = _chains(model)
         whole = model.moving_mass + model.base_inertia.mass
@@ -201,9 +230,26 @@ def _base_links(model: Model) -> list[str]:
     return [name for name in still if name in model.shaped or model.link_inertias[name].mass > 0] or still
 
 
-def _body_poses(model: Model) -> list[Array]:
-    """Pose of each body in the base frame, in the neutral configuration."""
-    q, poses = model.neutral, list[Array]()
+def frame_poses(model: Model, q: Array) -> dict[str, Array]:
+    """Poses (4, 4) of all links in the base frame at one configuration, without a compiled kernel.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> bool(np.allclose(frame_poses(arm.model, np.array([0.3, 0.4]))["tip"], arm.forward_kinematics([0.3, 0.4])))
+    True
+    """
+    bodies = _body_poses(model, q)
+    return {
+        name: np.asarray(frame.pose if frame.body == BASE else bodies[frame.body] @ frame.pose)
+        for name, frame in model.frames.items()
+    }
+
+
+def _body_poses(model: Model, q: Array) -> list[Array]:
+    """Pose of each body in the base frame."""
+    poses = list[Array]()
     for body in model.bodies:
         mine = q[body.places[0]]
         mine = body.ratio * mine + body.offset if body.follows else mine

@@ -30,6 +30,7 @@ _TERMS = {
     "spring": "springs",
     "payload": "payload",
     "wrench": "wrenches on it",
+    "contact": "forces of the ground",
     "friction": "friction",
 }
 _ZERO = 1e-9

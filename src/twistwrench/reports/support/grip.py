@@ -1,0 +1,244 @@
+"""Payload of a motion held by two fingers or a suction cup, as a question of the torque report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from ...answers.blocks import Table, numbers, words
+from ...core.arguments import number as number_of
+from ...core.arguments import parse_numbers, positive
+from ...core.errors import UnknownNameError, ValueRangeError
+from ...core.numbers import number, rounded_down, seconds
+from ...core.text import Argument
+from ...core.typing import Array
+from ...core.verdict import Verdict
+from ...mechanics.lie import se3
+from ...statics.contacts import Contact, tangents
+from ...statics.feet import patch
+from ...statics.support import Support, force_shares, hold
+
+if TYPE_CHECKING:
+    from ...motion.load_case import LoadCase, Payload
+    from ...motion.motion import Motion
+
+HolderGiven: TypeAlias = "str | Mapping[str, Any]"
+"""``"FORCE,FRICTION[@FRAME]"``, or a mapping."""
+Kind = Literal["grip", "cup"]
+
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_WIDTH, _PAD, _RADIUS = 0.05, (0.02, 0.02), 0.02
+"""Distance of the fingers, size of a pad and radius of a cup, unless given [m]."""
+_RING = 8
+"""Points of a cup's ring."""
+_KEYS: dict[Kind, tuple[str, ...]] = {
+    "grip": ("force", "friction", "frame", "axis", "width", "pad"),
+    "cup": ("force", "friction", "frame", "radius"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Holder:
+    """Fingers or a cup at a frame that hold the payload."""
+
+    kind: Kind
+    force: float
+    """Largest force of each finger, or vacuum force [N]."""
+    frame: str
+    contacts: tuple[Contact, ...]
+    """In the frame, with normals into the payload."""
+    assumed: str = ""
+    """Dimension that was not given."""
+
+    @classmethod
+    def from_given(cls, kind: Kind, given: HolderGiven, load: LoadCase) -> Holder:
+        """Holder as a user gives it; the frame is that of the payload if none is given."""
+        payload = _payload(kind, load)
+        numbers_, frame = _numbers(kind, given)
+        values: dict[str, Any] = dict(given) if isinstance(given, Mapping) else numbers_
+        for key in values:
+            if key not in _KEYS[kind]:
+                raise UnknownNameError.from_choices(f"entry of {kind}", key, _KEYS[kind])
+        if missing := [key for key in ("force", "friction") if key not in values]:
+            raise ValueRangeError(f"{{0}} lacks {missing[0]!r}. Give {_form(kind)}.", Argument(kind))
+        frame = str(values.get("frame") or frame or payload.frame or load.robot.model.tip)
+        load.robot.model.frame(frame)
+        force = positive(values["force"], f"the force of {kind}", "N")
+        friction = number_of(values["friction"], f"the friction of {kind}")
+        if not 0 <= friction < math.inf:
+            raise ValueRangeError(f"{{0}}: the friction is {friction!r}. Give at least zero.", Argument(kind))
+        if kind == "cup":
+            radius = positive(values.get("radius", _RADIUS), "the radius of a cup", "m")
+            assumed = "" if "radius" in values else f"a cup of {number(2000 * radius)} mm"
+            return cls(kind, force, frame, _cup(force, friction, radius), assumed)
+        axis = str(values.get("axis", "y"))
+        if axis not in _AXES:
+            raise UnknownNameError.from_choices("axis of the fingers", axis, _AXES)
+        width = positive(values.get("width", _WIDTH), "the width of a grip", "m")
+        pad = values.get("pad", _PAD)
+        assumed = (
+            ""
+            if "pad" in values and "width" in values
+            else f"pads of {number(1000 * pad[0])} x {number(1000 * pad[1])} mm"
+        )
+        return cls(kind, force, frame, _fingers(force, friction, np.array(_AXES[axis]), width, pad), assumed)
+
+
+def _payload(kind: Kind, load: LoadCase) -> Payload:
+    if len(load.payloads) != 1 or not load.payloads[0].mass:
+        raise ValueRangeError(
+            f"{{0}} holds the payload, and there are {len(load.payloads)}. Give one, {{1}}.",
+            Argument(kind),
+            Argument("payload", 1.0),
+        )
+    return load.payloads[0]
+
+
+def _form(kind: Kind) -> str:
+    return f"FORCE,FRICTION[@FRAME] in N, for example {'60,0.5@tool0' if kind == 'grip' else '80,0.5@tool0'}"
+
+
+def _numbers(kind: Kind, given: HolderGiven) -> tuple[dict[str, float], str]:
+    if isinstance(given, Mapping):
+        return {}, ""
+    text, _, frame = str(given).partition("@")
+    force, friction = parse_numbers(text, kind, _form(kind), 2)
+    return {"force": force, "friction": friction}, frame.strip()
+
+
+def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:
+    """Two pads that face each other across an axis."""
+    along = tangents(axis)
+    corners = [0.5 * (a * pad[0] * along[0] + b * pad[1] * along[1]) for a in (-1, 1) for b in (-1, 1)]
+    return tuple(
+        contact
+        for side in (-1.0, 1.0)
+        for contact in patch(None, [c - side * 0.5 * width * axis for c in corners], side * axis, friction, push=force)
+    )
+
+
+def _cup(force: float, friction: float, radius: float) -> tuple[Contact, ...]:
+    """Ring of points that pushes along z of the frame, and pulls by its vacuum."""
+    angle = 2 * np.pi * np.arange(_RING) / _RING
+    ring = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(_RING)], axis=1)
+    return patch(None, ring, (0.0, 0.0, 1.0), friction, pull=force)
+
+
+# ── The answer
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GripSupport:
+    """Support of the payload by its holder along a motion."""
+
+    support: Support
+    holder: Holder
+    time: Array
+    """(n,) [s]"""
+    needed: Array
+    """(n,): force that would hold [N]; inf if none would."""
+    mass: float
+    """Mass of the payload [kg]."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """OVER LIMIT if the payload slips or comes off, with the force that it needs."""
+        found = self.support
+        undecided = int((~found.decided).sum())
+        failing = found.decided & ~found.holds
+        over = [self._failure(failing)] if failing.any() else []
+        unsure = [f"rounding prevents an answer on the grip at {undecided} instants"] if undecided else []
+        return Verdict.from_reasons(over=over, unsure=unsure)
+
+    def _failure(self, rows: Array) -> str:
+        k = int(np.where(rows, self.needed, -1.0).argmax())
+        force = self.needed[k]
+        holder, verb = ("grip", "slips in") if self.holder.kind == "grip" else ("cup", "comes off")
+        if self.holder.kind == "cup" and str(self.support.how[k]) == "slips":
+            verb = "slips on"
+        need = (
+            f"it needs {_up(force)} N, given {number(self.holder.force)} N"
+            if math.isfinite(force)
+            else "no force holds it"
+        )
+        return f"the load {verb} the {holder} at t = {seconds(float(self.time[k]))} s: {need}{self._assumption}"
+
+    @property
+    def _assumption(self) -> str:
+        return f" (with {self.holder.assumed})" if self.holder.assumed else ""
+
+    @property
+    def line(self) -> str:
+        """Sentence on a payload that is held: the force it needs, and how much faster or heavier it still is held."""
+        found = self.support
+        need, speed = float(self.needed.max(initial=0.0)), float(found.speed.min(initial=math.inf))
+        more = float(found.payload.min(initial=math.inf))
+        margins = [f"{rounded_down(speed)} × this speed"] if math.isfinite(speed) else []
+        margins += [f"{rounded_down(more)} kg more"] if math.isfinite(more) else []
+        upto = f", and holds up to {' or '.join(margins)}" if margins else ""
+        what = "grip" if self.holder.kind == "grip" else "cup"
+        return f"The {what} needs {_up(need)} N (given {number(self.holder.force)} N){upto}{self._assumption}."
+
+    def table(self) -> Table:
+        """Table of the forces that the payload needs."""
+        k = int(np.where(np.isfinite(self.needed), self.needed, -1.0).argmax())
+        return Table(
+            "Grip",
+            words("holder", [self.holder.kind]),
+            words("frame", [self.holder.frame]),
+            numbers("needed", [float(self.needed.max(initial=0.0))], unit="N"),
+            numbers("when", [float(self.time[k])], seconds, "s"),
+            numbers("given", [self.holder.force], unit="N"),
+            numbers("friction\nneeded", [float(self.support.friction.max(initial=0.0))]),
+        )
+
+    def columns(self) -> dict[str, Array]:
+        """Columns (n,) of a written table."""
+        return {"grip.needed [N]": self.needed, "grip.speed_margin": self.support.speed}
+
+
+def _up(force: float) -> str:
+    """Three digits, rounded up."""
+    if force <= 0:
+        return number(0.0)
+    unit = 10.0 ** (math.floor(math.log10(force)) - 2)
+    return number(math.ceil(force / unit * (1 - 1e-9)) * unit, 3)
+
+
+def grip_support(holder: Holder, load: LoadCase, motion: Motion) -> GripSupport:
+    """Support of the payload along the states of a motion; its weight and inertia are those at the holder's frame."""
+    payload = _payload(holder.kind, load)
+    robot, frame = load.robot, holder.frame
+    carried = payload.frame or str(robot.model.tip)
+    T_sf = np.asarray(robot.forward_kinematics(motion.q, frame))
+    T_fp = se3.inverse(T_sf) @ np.asarray(robot.forward_kinematics(motion.q, carried))
+    if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _FIXED:
+        raise ValueRangeError(
+            f"{{0}}: the payload is at {carried!r}, which moves against {frame!r}. Hold it at a frame that is fixed to it.",
+            Argument(holder.kind),
+        )
+    G = payload.inertia.in_frame(T_fp[0])
+    whole, at_rest = _wrenches(np.asarray(G.matrix), robot, motion, frame)
+    found = hold(whole, holder.contacts, per_kilogram=whole / payload.mass, at_rest=at_rest)
+    return GripSupport(found, holder, motion.time, holder.force * force_shares(whole, holder.contacts), payload.mass)
+
+
+_FIXED = 1e-6
+
+
+def _wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple[Array, Array]:
+    """Wrenches (n, 6) of inertia and gravity on a payload, and those of gravity alone, in the axes of a frame."""
+    V = np.asarray(robot.frame_velocity(motion.q, motion.dq, frame))
+    A = np.asarray(robot.frame_acceleration(motion.q, motion.dq, motion.ddq, frame))
+    R = np.asarray(robot.forward_kinematics(motion.q, frame))[:, :3, :3]
+    g = np.einsum("nji,j->ni", R, robot.model.gravity)
+    falling = np.concatenate([np.zeros_like(g), g], axis=1)
+    P = V @ G.T
+    w, v = V[:, :3], V[:, 3:]
+    bias = np.concatenate([np.cross(P[:, :3], w) + np.cross(P[:, 3:], v), np.cross(P[:, 3:], w)], axis=1)  # adᵀ_V P
+    weight = falling @ G.T
+    return weight - A @ G.T + bias, weight

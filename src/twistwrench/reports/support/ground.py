@@ -1,0 +1,243 @@
+"""Ground under a robot: its contacts as a user names them, and which of them carry at each instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ...core.arguments import parse_numbers
+from ...core.errors import UnknownNameError, ValueRangeError
+from ...core.text import Argument
+from ...core.typing import Array
+from ...mechanics.model.joining import with_free_base
+from ...mechanics.model.model import BASE
+from ...robot import Robot
+from ...statics.contacts import Contact, contact_maps
+from ...statics.feet import find_feet, sole, upward, wheel
+from ...statics.torque_limits import floating_entries
+
+if TYPE_CHECKING:
+    from ...motion.differentiation import MotionSamples
+
+FeetGiven: TypeAlias = "str | Sequence[str | Contact]"
+"""Frames, rectangles ``"LxW[,x,y,z]@FRAME"``, contacts, or "auto"."""
+FramesGiven: TypeAlias = "str | Sequence[str]"
+FrictionGiven: TypeAlias = "float | Mapping[str, float]"
+ContactGiven = Literal["auto", "log"]
+"""Source of the contacts that carry: heights and speeds, or columns ``FRAME.contact`` of the log."""
+
+ASSUMED = 0.3
+"""Coefficient of friction that dry ground gives; needs up to it are stated as a condition, more is unsure."""
+UNLIMITED = 10.0
+"""Coefficient of friction that counts as unlimited."""
+_HEIGHT, _SPEED = 0.01, 0.05
+"""Height above the lowest contact [m] and speed [m/s] up to which a contact carries."""
+AUTO = "auto"
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSchedule:
+    """Contacts of each instant as a log has them."""
+
+    time: Array
+    """(n,) [s]"""
+    carries: Array
+    """(n, c) of bool, with a column for each contact."""
+
+    def at(self, time: Array) -> Array:
+        """Contacts (m, c) that carry at some times: those of the last row before."""
+        rows = np.searchsorted(self.time, time + 1e-12, side="right") - 1
+        return np.asarray(self.carries[np.clip(rows, 0, len(self.time) - 1)])
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Contacts of a robot with a free base, and the rule by which they carry."""
+
+    contacts: tuple[Contact, ...]
+    """With their friction; with :data:`ASSUMED` where none is given."""
+    given: bool
+    """True if the coefficient of friction is given."""
+    automatic: tuple[bool, ...]
+    """For each contact True if it carries where it is low and slow, as a foot; False if at every instant, as a wheel."""
+    schedule: ContactSchedule | None = None
+    """Contacts as the log has them, in place of that rule."""
+
+    @cached_property
+    def frames(self) -> tuple[str, ...]:
+        """Frames in contact, in order."""
+        return tuple(dict.fromkeys(str(c.frame) for c in self.contacts))
+
+    @cached_property
+    def unlimited(self) -> tuple[Contact, ...]:
+        """The contacts on ground of unlimited friction."""
+        return tuple(replace(c, friction=UNLIMITED) if c.friction > 0 else c for c in self.contacts)
+
+    @property
+    def feet(self) -> dict[str, Array]:
+        """Points (k, 3) of each foot, by its frame, without wheels."""
+        found: dict[str, list[Array]] = {}
+        for contact, automatic in zip(self.contacts, self.automatic, strict=True):
+            if automatic:
+                found.setdefault(str(contact.frame), []).append(contact.point)
+        return {frame: np.array(points) for frame, points in found.items()}
+
+    def of_frame(self, frame: str) -> Array:
+        """Numbers of the contacts at a frame."""
+        return np.array([k for k, c in enumerate(self.contacts) if c.frame == frame])
+
+    def carrying(self, robot: Robot, s: MotionSamples) -> Array:
+        """Contacts (n, c) that carry in each state: within 1 cm of the lowest and slower than 0.05 m/s."""
+        if self.schedule is not None:
+            return self.schedule.at(s.time)
+        if not any(self.automatic):
+            return np.ones((len(s), len(self.contacts)), bool)
+        maps, points = contact_maps(robot, s.q, self.contacts)
+        velocities = np.einsum("nvck,nv->nck", maps, s.dq)
+        heights = points @ upward(robot)
+        low = heights <= heights.min(axis=1, keepdims=True) + _HEIGHT
+        return np.asarray((low & (np.linalg.norm(velocities, axis=-1) < _SPEED)) | ~np.array(self.automatic))
+
+
+class GroundGiven(NamedTuple):
+    """Feet and wheels on the ground, as a user gives them."""
+
+    feet: FeetGiven = ()
+    wheels: FramesGiven = ()
+    casters: FramesGiven = ()
+    friction: FrictionGiven | None = None
+    in_contact: ContactGiven = "auto"
+
+    @classmethod
+    def of(
+        cls,
+        feet: FeetGiven | None,
+        wheels: FramesGiven | None,
+        casters: FramesGiven | None,
+        friction: FrictionGiven | None,
+        in_contact: ContactGiven = "auto",
+    ) -> GroundGiven | None:
+        """Feet and wheels; None without any. Raises ValueRangeError if the ground's friction alone is given."""
+        if feet is None and wheels is None and casters is None:
+            if friction is not None:
+                raise ValueRangeError(
+                    "{0} is of the ground, and nothing stands on it. Add {1}, or wheels; friction of the joints is in the "
+                    "robot's file.",
+                    Argument("contact_friction"),
+                    Argument("feet", AUTO),
+                )
+            return None
+        return cls(feet or (), wheels or (), casters or (), friction, in_contact)
+
+
+def with_base_free(robot: Robot) -> Robot:
+    """Robot whose base floats; raises ValueRangeError if its file or the user holds it."""
+    free = floating_entries(robot)
+    if free.any():
+        if free.sum() < 6:
+            joint = next(body.joint for body in robot.model.leaders if not body.joint.driven)
+            raise ValueRangeError(
+                f"feet and wheels carry a free base, and the file of robot {robot.name!r} lets it move by the {joint.kind} "
+                f"joint {joint.name!r} alone. Lock that joint, {{0}}, or give another file.",
+                Argument("lock", {joint.name: 0}),
+            )
+        return robot
+    if robot.model.mounted:
+        raise ValueRangeError(
+            f"feet and wheels carry a free base, and that of robot {robot.name!r} is fixed, by a joint of its file to the "
+            "world or by the option that fixes it. Leave that out, or give another file."
+        )
+    return Robot(with_free_base(robot.model))
+
+
+def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
+    """Ground of a robot with a free base from the options of a user; ``q`` (nq,) is a configuration in which it stands."""
+    entries = _feet(robot, given.feet)
+    feet = [c for one in entries for c in _contacts(robot, one, q)]
+    wheels, casters = (
+        [_wheel(robot, frame, mu, name) for frame in ([frames] if isinstance(frames, str) else frames)]
+        for frames, mu, name in ((given.wheels, ASSUMED, "wheels"), (given.casters, 0.0, "casters"))
+    )
+    rubbing = [*feet, *wheels]
+    if not rubbing and not casters:
+        raise ValueRangeError("{0} is empty. Name the frames that stand on the ground.", Argument("feet"))
+    automatic = (True,) * len(feet) + (False,) * len(wheels + casters)
+    if given.friction is None:
+        known = not wheels and all(isinstance(one, Contact) for one in entries)
+        return Ground((*rubbing, *casters), known, automatic)
+    frames = sorted({str(c.frame) for c in rubbing})
+    own = given.friction if isinstance(given.friction, Mapping) else dict.fromkeys(frames, given.friction)
+    for frame in own:
+        if frame not in frames:
+            raise UnknownNameError.from_choices("frame in contact", frame, frames)
+    if without := [frame for frame in frames if frame not in own]:
+        raise ValueRangeError(
+            f"{{0}} has no coefficient for {without[0]!r}. Give one for each frame, or one number.",
+            Argument("contact_friction"),
+        )
+    mu = {frame: _coefficient(value) for frame, value in own.items()}
+    return Ground((*(replace(c, friction=mu[str(c.frame)]) for c in rubbing), *casters), True, automatic)
+
+
+def _wheel(robot: Robot, frame: str, friction: float, option: str) -> Contact:
+    _check_frame(robot, frame, option)
+    return wheel(robot, frame, friction)
+
+
+def _coefficient(value: Any) -> float:
+    try:
+        mu = float(value)
+    except (TypeError, ValueError):
+        mu = np.nan
+    if not 0 <= mu < np.inf:
+        raise ValueRangeError(
+            f"{{0}} is {value!r}. Give a coefficient of at least zero, such as 0.7 for rubber on concrete.",
+            Argument("contact_friction"),
+        )
+    return mu
+
+
+def _feet(robot: Robot, given: FeetGiven) -> list[str | Contact]:
+    """Frames or contacts, those found for "auto"."""
+    entries: list[str | Contact] = [given] if isinstance(given, str | Contact) else list(given)
+    if entries != [AUTO]:
+        return entries
+    found = find_feet(robot)
+    if not found:
+        raise ValueRangeError(
+            f"no legs are found on robot {robot.name!r}: at least two branches that reach the lowest frames well below the "
+            "base. Name the frames that stand on the ground, {0}.",
+            Argument("feet", ["FRAME", "FRAME"]),
+        )
+    return list(found)
+
+
+def _contacts(robot: Robot, foot: str | Contact, q: Array | None) -> tuple[Contact, ...]:
+    if isinstance(foot, Contact):
+        if foot.frame is None:
+            raise ValueRangeError(f"{{0}}: {foot!r} has no frame. Give the link that it is on.", Argument("feet"))
+        _check_frame(robot, foot.frame, "feet")
+        return (foot,)
+    size, at, frame = foot.rpartition("@")
+    if at and frame in robot.model.all_frames:
+        numbers = parse_numbers(size.replace("x", ","), "feet", _FORM, 2, 5)
+        _check_frame(robot, frame, "feet")
+        return sole(robot, frame, ASSUMED, numbers[:2], numbers[2:] or (0.0, 0.0, 0.0))
+    _check_frame(robot, foot, "feet")
+    return sole(robot, foot, ASSUMED, q=q)
+
+
+_FORM = "a frame, LENGTHxWIDTH[,x,y,z]@FRAME in metres such as 0.2x0.1@left_ankle, or auto"
+
+
+def _check_frame(robot: Robot, frame: str, option: str) -> None:
+    """Raise UnknownNameError or ValueRangeError if a frame is not one of the robot that moves."""
+    frames = robot.model.all_frames
+    if frame not in frames:
+        raise UnknownNameError.from_choices(f"frame of {option}", frame, frames)
+    if frames[frame].body == BASE:
+        raise ValueRangeError(f"{{0}}: {frame!r} is fixed to the world. Name frames of the robot.", Argument(option))

@@ -1,0 +1,590 @@
+"""Feet of legged robots: their frames, the corners of their soles, and the base of a robot that stands on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.glossary import complete
+from ..core.gravity import GRAVITY
+from ..core.numbers import seconds, vector
+from ..core.text import listed
+from ..core.typing import Array
+from ..mechanics.lie import quaternion, se3, so3
+from ..mechanics.model.legs import frame_poses, legs_of
+from ..mechanics.model.model import BASE
+from ..motion.motion import Motion
+from ..robot.task_space_methods import require_robot
+from .contacts import Contact, contact_maps, tangents
+from .torque_limits import floating_entries
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from ..shapes.solids import Solid
+
+_FOOT_WORDS = "foot", "sole", "ankle", "wheel", "toe"
+"""Words in the names of frames at which a leg stands."""
+_SAME_HEIGHT = 0.01
+"""Height above the lowest frame of a leg within which a frame named as a foot is preferred [m]."""
+_SOLE = 0.005
+"""Height above the lowest point of a shape up to which its corners belong to the sole [m]."""
+_CORNERS = 8
+"""Most corners of a sole."""
+_NARROW = 1e-3
+"""Width below which the lowest points of a shape are one point or a line [m]."""
+_LOWER, _LASTING = 0.005, 0.02
+"""A foot becomes the stance foot if it is lower than the other by so much [m] for so long [s]."""
+_EVEN = 0.0005
+"""Difference in height below which both feet stand, so that the new one keeps the place it had then [m]."""
+_LEVEL = 0.01
+"""Distance from one plane up to which all feet stand [m]."""
+_LEANING = np.cos(np.radians(45.0))
+"""Cosine of the largest angle between the feet's plane and the base's horizontal at the first instant."""
+
+
+def upward(robot: Robot) -> Array:
+    """Unit vector (3,) against gravity in the base frame; that of the earth without gravity."""
+    gravity = np.asarray(robot.model.gravity if robot.model.gravity.any() else GRAVITY, float)
+    return np.asarray(-gravity / np.linalg.norm(gravity))
+
+
+# ── Feet and their soles
+
+
+def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
+    """Frames at which a legged robot stands: of each leg the lowest frame, or the one beside it that is named as a foot.
+
+    Parameters
+    ----------
+    q : (nq,) array_like, optional, configuration in which heights are compared; None: neutral
+
+    Returns
+    -------
+    frames : tuple of str, empty if the robot does not look legged
+
+    Notes
+    -----
+    Legs are branches of two joints or more that reach the lowest frames of the robot in its neutral configuration, well below
+    everything that is fixed to the base; the file need not say that its base floats.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> find_feet(tw.robots.quadruped()), find_feet(tw.robots.ur5())
+    (('FL_foot', 'FR_foot', 'RL_foot', 'RR_foot'), ())
+    """
+    model = require_robot(robot, "find_feet").model
+    at = robot.neutral if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
+    poses, up, found = frame_poses(model, np.asarray(at, float)), upward(robot), []
+    for links in legs_of(model):
+        heights = {name: float(poses[name][:3, 3] @ up) for name in links}
+        lowest = min(heights.values())
+        near = [name for name in links if heights[name] <= lowest + _SAME_HEIGHT]
+        called = [name for name in near if any(word in name.lower() for word in _FOOT_WORDS)]
+        shaped = [name for name in called if name in model.shaped]
+        found.append((shaped or called or near)[-1])
+    return tuple(dict.fromkeys(found))
+
+
+def sole(
+    robot: Robot,
+    frame: str,
+    friction: float,
+    size: Sequence[float] | None = None,
+    at: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    q: ArrayLike | None = None,
+) -> tuple[Contact, ...]:
+    """Contacts of a foot: corners of its shape's lowest face, of a rectangle, or one point at the frame without a shape.
+
+    Parameters
+    ----------
+    friction : float, Coulomb coefficient of the ground
+    size : (length, width), optional, rectangle along x and y of the frame [m]; None: from the shape in the robot's file
+    at : (3,) array_like, middle of the rectangle, or place of the point, in the frame [m]
+    q : (nq,) array_like, optional, configuration that shows which side of the shape is below; None: neutral
+
+    Returns
+    -------
+    contacts : tuple of Contact, with normals against gravity
+
+    Notes
+    -----
+    The lowest face is the convex hull of the shape's lowest 5 mm, with at most eight corners. A ball stands on one point. A
+    shape whose mesh is missing counts as none.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> dog = tw.robots.quadruped()
+    >>> len(sole(dog, "FL_foot", 0.6)), len(sole(dog, "FL_foot", 0.6, size=(0.1, 0.05)))
+    (1, 4)
+    """
+    _moving_frame(robot, frame)
+    middle = arguments.finite(arguments.one(at, "at", 3), "at", 3)
+    normal = upward(robot)
+    if size is not None:
+        length, width = (
+            arguments.positive(x, "the size of a sole", "m") for x in arguments.one(size, "size", 2).tolist()
+        )
+        offsets = 0.5 * np.array([(length, width, 0), (length, -width, 0), (-length, -width, 0), (-length, width, 0)])
+        points, radius = [np.asarray(middle + offset) for offset in offsets], 0.0
+    else:
+        points, radius = _lowest_face(robot, frame, q)
+        points = points or [np.asarray(middle, float)]
+    return tuple(Contact(point, normal, friction, frame, radius=radius) for point in points)
+
+
+def wheel(robot: Robot, frame: str, friction: float) -> Contact:
+    """Contact of a wheel at its lowest point, however it has turned; at the frame if the file has no shape.
+
+    Parameters
+    ----------
+    frame : str, at the wheel's centre
+    friction : float, Coulomb coefficient of the ground; 0 for a caster
+
+    Returns
+    -------
+    contact : Contact
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> wheel(tw.robots.quadruped(), "FL_foot", 0.6).radius
+    0.0
+    """
+    _moving_frame(robot, frame)
+    points, radius = _lowest_face(robot, frame, None)
+    up = frame_poses(robot.model, robot.neutral)[frame][:3, :3].T @ upward(robot)
+    depth = max((-float(point @ up) for point in points), default=0.0)
+    return Contact((0.0, 0.0, 0.0), upward(robot), friction, frame, radius=max(depth + radius, 0.0))
+
+
+def _moving_frame(robot: Robot, frame: str) -> None:
+    if require_robot(robot, "sole").model.frame(frame).body == BASE:
+        raise ValueRangeError(f"{frame!r} is fixed to the base of robot {robot.name!r}. Give a frame of a leg.")
+
+
+def patch(
+    frame: str | None,
+    corners: ArrayLike,
+    normal: ArrayLike,
+    friction: float,
+    push: float = np.inf,
+    pull: float = 0.0,
+) -> tuple[Contact, ...]:
+    """Contacts of a pad, a suction cup or a flange: its corners, which share the largest force and the preload.
+
+    Parameters
+    ----------
+    frame : str, optional, link that carries it; None for one body
+    corners : (k, 3) array_like, in the frame [m]
+    normal : (3,) array_like, into the held body
+    push : float, largest sum of the normal forces [N]
+    pull : float, force that pulls all corners together [N]
+
+    Returns
+    -------
+    contacts : tuple of Contact, of one group
+
+    Examples
+    --------
+    >>> ring = patch(None, [(0.02, 0, 0), (-0.01, 0.017, 0), (-0.01, -0.017, 0)], (0, 0, 1), 0.5, pull=60.0)
+    >>> ring[0].pull, len({contact.group for contact in ring})
+    (20.0, 1)
+    """
+    points = arguments.finite(corners, "corners", 3)
+    if points.ndim != 2:
+        raise ShapeError(f"corners have the shape {points.shape}. Give (k, 3), a point each [m].")
+    group = f"patch at {vector(points.mean(axis=0))} towards {vector(arguments.finite(normal, 'normal', 3))}"
+    return tuple(Contact(p, normal, friction, frame, push, pull / len(points), group) for p in points)
+
+
+def _lowest_face(robot: Robot, frame: str, q: ArrayLike | None) -> tuple[list[Array], float]:
+    """Corners of a frame's shape at its lowest side, in the frame, or the centres of balls and their radius.
+
+    Of those in two configurations, the wider are taken.
+    """
+    T = np.asarray(robot.model.frame(frame).pose)
+    shapes = [(se3.inverse(T) @ link, solids) for link, solids in _solids_at(robot, frame)]
+    if not any(solids for _, solids in shapes):
+        return [], 0.0
+    found, most = (list[Array](), 0.0), -1.0
+    for state in [robot.neutral] + ([] if q is None else [np.asarray(q, float)]):
+        down = -frame_poses(robot.model, state)[frame][:3, :3].T @ upward(robot)
+        face = _face_towards(shapes, down)
+        spread = float(np.ptp(face[0], axis=0).max())
+        if spread >= most:
+            found, most = face, spread
+    return found
+
+
+def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid]]]:
+    """Poses in the body, and shapes, of a link; of all links fixed to it if it has none of its own."""
+    from ..shapes.meshes import MeshFiles
+    from ..shapes.reader import read_shapes
+    from ..shapes.solids import SolidReader
+
+    model = robot.model
+    described = {shapes.link: shapes for shapes in read_shapes(model)}
+    reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
+    same = [name for name, other in model.frames.items() if other.body == model.frame(frame).body]
+    for links in ([frame], same):
+        found = [(name, reader.read(described[name])) for name in links if name in described]
+        for role in ("collision", "visual"):
+            mine = [(name, [s for s in solids.solids if s.shape.role == role]) for name, solids in found]
+            if any(solids for _, solids in mine):
+                yield from ((np.asarray(model.frames[name].pose), solids) for name, solids in mine)
+                return
+
+
+def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) -> tuple[list[Array], float]:
+    """Corners, at the lowest height, of the hull of what lies within 5 mm of it; of balls their centres, and the radius."""
+    every = [(T, solid, _towards(T, solid, down)) for T, solids in shapes for solid in solids]
+    lowest = max(float((points @ down).max()) for _, _, points in every)
+    near = [(T, solid, points) for T, solid, points in every if (points @ down).max() >= lowest - _SOLE]
+    radii = {solid.shape.sizes[0] if solid.shape.kind == "sphere" else 0.0 for _, solid, _ in near}
+    points = np.concatenate([points for _, _, points in near])
+    radius = radii.pop() if len(radii) == 1 else 0.0
+    axes = tangents(down)
+    corners = _corners(points[points @ down >= lowest - _SOLE] @ axes.T)
+    return [np.asarray(corner @ axes + (lowest - radius) * down) for corner in corners], radius
+
+
+def _towards(T: Array, solid: Solid, down: Array) -> Array:
+    """Corners (k, 3) of a shape; of a ball the lowest point."""
+    if solid.shape.kind == "sphere":
+        return np.asarray((T @ solid.shape.pose)[:3, 3] + solid.shape.sizes[0] * down)[None]
+    return np.asarray(solid.points @ T[:3, :3].T + T[:3, 3])
+
+
+def _corners(flat: Array) -> Array:
+    """Corners (k, 2) of the convex hull of points in a plane; ends of a line, or the middle of a point."""
+    from scipy.spatial import ConvexHull
+
+    centre = flat.mean(axis=0)
+    _, widths, axes = np.linalg.svd(flat - centre, full_matrices=False)
+    along = (flat - centre) @ axes.T
+    wide = np.ptp(along, axis=0) > _NARROW
+    if not wide.any() or not len(widths):
+        return centre[None]
+    if not wide.all():
+        first = int(np.argmax(wide))
+        return flat[[int(along[:, first].argmin()), int(along[:, first].argmax())]]
+    hull = flat[ConvexHull(flat).vertices]
+    while len(hull) > _CORNERS:
+        before, after = np.roll(hull, 1, axis=0), np.roll(hull, -1, axis=0)
+        u, v = hull - before, after - hull
+        hull = np.delete(hull, int(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).argmin()), axis=0)
+    return np.asarray(hull)
+
+
+# ── The base of a robot that stands: from its joints and a foot that stays
+
+
+def base_from_stance(robot: Robot, motion: Motion, feet: Sequence[str], stance: str | Sequence[str] = "auto") -> Motion:
+    """Motion with the pose and the rates of a floating base, from a motion of the joints and the foot that stands.
+
+    The stance foot does not move: T_sb = T_sf T_bf(q)⁻¹, and the base's twist is V_b = -J_b⁻¹ J_q dq. Feet that are points
+    stand together, three or more of them. At first the feet's plane is level at height 0; each new stance foot stays where
+    it has come to.
+
+    Parameters
+    ----------
+    robot : Robot, with a floating base
+    motion : Motion, of the same robot with a fixed base
+    feet : sequence of str, frames; the corners of their soles decide which is lowest
+    stance : "auto", a frame, or a frame for each row
+        "auto": the lowest foot; another takes over if it becomes lower by 5 mm for 20 ms, from equal heights on.
+
+    Returns
+    -------
+    motion : Motion, of ``robot``
+
+    Raises
+    ------
+    ShapeError, UnknownNameError, ValueRangeError
+        The base is not free, the joints are others, or a stance frame is not a foot.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> held, free = (tw.load(tw.robots.path_of("quadruped"), floating_base=b) for b in (False, True))
+    >>> q = np.tile([0, 0.8, -1.6], 4) + np.linspace(0, 0.1, 50)[:, None] * np.tile([0, 1, -2], 4)
+    >>> motion = base_from_stance(free, tw.Motion(np.linspace(0, 1, 50), q, robot=held), find_feet(free))
+    >>> foot = free.forward_kinematics(motion.q, "FL_foot")[:, :3, 3]
+    >>> bool(np.ptp(foot, axis=0).max() < 1e-9)
+    True
+    """
+    require_robot(robot, "base_from_stance")
+    names = motion.robot.coordinate_names
+    if not floating_entries(robot)[:6].all() or robot.coordinate_names[7:] != names:
+        raise ShapeError(
+            f"base_from_stance takes robot {robot.name!r} with a floating base, and a motion of its joints alone; the motion "
+            f"has the coordinates {', '.join(names[:8])}. Load the robot with floating_base=True."
+        )
+    soles = resting_points(
+        {frame: np.array([c.point for c in sole(motion.robot, frame, 0.0, q=motion.q[0])]) for frame in feet}
+    )
+    poses, standing = base_poses(motion.robot, motion.time, motion.q, soles, stance)
+    q = np.column_stack([pose_coordinates(poses), motion.q])
+    dq, ddq = stance_rates(robot, q, motion.dq, motion.ddq, soles, standing)
+    tau = None if motion.tau is None else np.column_stack([np.zeros((len(q), 6)), motion.tau])
+    return replace(motion, q=q, dq=dq, ddq=ddq, tau=tau, robot=robot, in_seconds=True, command=None)
+
+
+def resting_points(soles: Mapping[str, Array]) -> dict[str, Array]:
+    """Corners (k, 3) of each foot that rest with it; a foot of a biped without a known sole rests with its whole frame."""
+    if len(soles) >= _FEET_OF_POINTS or any(len(points) > 1 for points in soles.values()):
+        return dict(soles)
+    return {frame: points + _BESIDE for frame, points in soles.items()}
+
+
+_FEET_OF_POINTS = 3
+"""Least number of feet that are points and determine the pose of the base together."""
+_BESIDE = 0.005 * np.array([(1.0, 1, 0), (1, -1, 0), (-1, 0, 0)])
+"""Points beside the origin of a foot without a sole [m]."""
+
+
+def stance_rates(
+    robot: Robot, q: Array, dq: Array, ddq: Array, soles: Mapping[str, Array], standing: Array
+) -> tuple[Array, Array]:
+    """Velocities and accelerations (n, nv) with those of the free base, from the joints' and the feet (n, k) that rest."""
+    base = np.zeros((len(q), 6))
+    V, A = np.column_stack([base, dq]), np.column_stack([base, ddq])
+    for mask in np.unique(standing, axis=0) if soles else ():
+        rows = np.flatnonzero((standing == mask).all(axis=1))
+        contacts = tuple(
+            Contact(point, frame=frame) for (frame, points), rests in zip(soles.items(), mask, strict=True) if rests
+            for point in points
+        )  # fmt: skip
+        maps, _ = contact_maps(robot, q[rows], contacts)
+        J = np.moveaxis(maps, 1, -1).reshape(len(rows), -1, robot.nv)  # of all points
+        free = np.linalg.pinv(J[:, :, :6])
+        V[rows, :6] = -_times(free, _times(J[:, :, 6:], V[rows, 6:]))
+        drift = np.concatenate([_point_acceleration(robot, q[rows], V[rows], A[rows], c) for c in contacts], axis=1)
+        A[rows, :6] = -_times(free, drift)
+    return V, A
+
+
+def _point_acceleration(robot: Robot, q: Array, dq: Array, ddq: Array, contact: Contact) -> Array:
+    """Accelerations (n, 3) of a contact point in the base frame."""
+    V, A = (
+        np.asarray(f)
+        for f in (robot.frame_velocity(q, dq, contact.frame), robot.frame_acceleration(q, dq, ddq, contact.frame))
+    )
+    w, v = V[:, :3], V[:, 3:]
+    a = A[:, 3:] + np.cross(w, v) + np.cross(A[:, :3], contact.point) + np.cross(w, np.cross(w, contact.point))
+    R = np.asarray(robot.forward_kinematics(q, contact.frame))[:, :3, :3]
+    return _times(R, a)
+
+
+def _times(A: Array, x: Array) -> Array:
+    return np.asarray((A @ x[..., None])[..., 0])
+
+
+def base_poses(
+    robot: Robot, time: Array, q: Array, soles: Mapping[str, Array], stance: str | Sequence[str] = "auto"
+) -> tuple[Array, Array]:
+    """Poses (n, 4, 4) of the base of a robot that stands, and the feet (n, k) of bool whose points stay.
+
+    ``robot`` has a fixed base; ``soles`` are the corners of each foot in its frame. A flat foot stands alone; feet that are
+    points stand together, at least three of them.
+    """
+    up, frames = upward(robot), list(soles)
+    corners = []
+    for frame, points in soles.items():
+        T = np.asarray(robot.forward_kinematics(q, frame)).reshape(-1, 4, 4)
+        corners.append(points @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
+    start = _level([points[0] for points in corners], up)
+    chosen = _chosen_feet(stance, frames, len(q))
+    if chosen is None and not any(_plane(points[0], up)[1] > _NARROW for points in corners):
+        return _PointFeet(time, corners, up, frames).poses(start)
+    return _flat_foot(time, corners, up, start, chosen)
+
+
+def _flat_foot(
+    time: Array, corners: Sequence[Array], up: Array, start: Array, chosen: Array | None
+) -> tuple[Array, Array]:
+    """Poses of the base while one foot after the other keeps its place, and which one does."""
+    n = len(time)
+    T_sb, standing = np.tile(start, (n, 1, 1)), np.zeros((n, len(corners)), bool)
+    foot = int(_heights(corners, T_sb, up)[0].argmin()) if chosen is None else int(chosen[0])
+    row = 0
+    while row < n:
+        places = corners[foot][row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3]
+        T_sb[row:] = _fitted(corners[foot][row:], places)
+        change, successor = (
+            _next_lowest(time[row:], _heights([c[row:] for c in corners], T_sb[row:], up), foot)
+            if chosen is None
+            else _next_chosen(chosen[row:], foot)
+        )
+        standing[row : row + change, foot] = True
+        row, foot = row + change, successor
+    return T_sb, standing
+
+
+class _PointFeet:
+    """Base on feet that are points: those on the ground keep their places, at least three at a time."""
+
+    def __init__(self, time: Array, corners: Sequence[Array], up: Array, frames: Sequence[str]) -> None:
+        self.time, self.corners, self.up, self.frames = time, corners, up, frames
+
+    def poses(self, start: Array) -> tuple[Array, Array]:
+        """Poses (n, 4, 4) of the base, and the feet (n, k) that stand."""
+        n, k = len(self.time), len(self.corners)
+        T_sb, standing = np.tile(start, (n, 1, 1)), np.zeros((n, k), bool)
+        heights = _heights(self.corners, T_sb[:1], self.up)[0]
+        down, raised, row = heights <= heights.min() + _LEVEL, np.zeros(k, bool), 0
+        while row < n:
+            self._check(down, row)
+            places = [c[row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3] for c in self.corners]
+            chosen = np.flatnonzero(down).tolist()
+            points = np.concatenate([self.corners[i][row:] for i in chosen], axis=1)
+            T_sb[row:] = _fitted(points, np.concatenate([places[i] for i in chosen]))
+            off = np.stack([self._moved(i, row, T_sb, places[i]) for i in range(k)], axis=1)
+            heights = _heights([c[row:] for c in self.corners], T_sb[row:], self.up)
+            floor = heights[:, down].min(axis=1, keepdims=True)
+            leaves = (off > _LOWER) & down
+            lifted = np.maximum.accumulate(heights > floor + 2 * _LOWER, axis=0) | raised
+            enters = lifted & (heights <= floor + _LOWER) & ~down
+            events = np.flatnonzero((leaves | enters)[1:].any(axis=1)) + 1
+            stop = int(events[0]) if len(events) else n - row
+            standing[row : row + stop] = down
+            if len(events):
+                raised = lifted[stop] & ~enters[stop]
+                gone = int(np.where(down, off[stop], -1.0).argmax()) if leaves[stop].any() else None
+                down = down | enters[stop]
+                if gone is not None:
+                    down[gone] = raised[gone] = False
+            row += stop
+        return T_sb, standing
+
+    def _moved(self, foot: int, row: int, poses: Array, places: Array) -> Array:
+        now = np.einsum("nij,nkj->nki", poses[row:, :3, :3], self.corners[foot][row:]) + poses[row:, None, :3, 3]
+        return np.asarray(np.linalg.norm(now - places, axis=-1).max(axis=1))
+
+    def _check(self, down: Array, row: int) -> None:
+        points = np.concatenate([self.corners[i][row] for i in np.flatnonzero(down).tolist()])
+        if _plane(points, self.up)[1] <= _NARROW:
+            names = listed([self.frames[i] for i in np.flatnonzero(down).tolist()])
+            raise ValueRangeError(
+                f"at t = {seconds(float(self.time[row]))} s the robot stands on {names} alone, which are points: the pose "
+                "of its base is not known from the joints. Give a log with the pose of the base, and load the robot with a "
+                "floating base; or give the sizes of the soles."
+            )
+
+
+def _fitted(points: Array, places: Array) -> Array:
+    """Poses (n, 4, 4) that bring points (n, k, 3) nearest to places (k, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
+    middle, target = points.mean(axis=1), places.mean(axis=0)
+    U, _, Vt = np.linalg.svd(np.einsum("ki,nkj->nij", places - target, points - middle[:, None]))
+    D = np.tile(np.eye(3), (len(points), 1, 1))
+    D[:, 2, 2] = np.sign(np.linalg.det(U @ Vt))
+    R = U @ D @ Vt
+    T = np.tile(np.eye(4), (len(points), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = R, target - _times(R, middle)
+    return T
+
+
+def _heights(corners: Sequence[Array], poses: Array, up: Array) -> Array:
+    """Least height (n, k) of the corners (n, c, 3) of each foot."""
+    return np.stack([_least_heights(c, poses, up) for c in corners], axis=1)
+
+
+def _least_heights(corners: Array, poses: Array, up: Array) -> Array:
+    return np.asarray((np.einsum("nij,nkj->nki", poses[:, :3, :3], corners) @ up).min(axis=1) + poses[:, :3, 3] @ up)
+
+
+def _chosen_feet(stance: str | Sequence[str], frames: Sequence[str], n: int) -> Array | None:
+    """Number (n,) of the stance foot of each row as given; None if it is to be found."""
+    if isinstance(stance, str) and stance == "auto":
+        return None
+    names = [stance] * n if isinstance(stance, str) else list(stance)
+    if len(names) != n:
+        raise ShapeError(f"stance has {len(names)} frames for {n} rows. Give one frame, one for each row, or 'auto'.")
+    for name in names:
+        if name not in frames:
+            raise UnknownNameError.from_choices("stance foot", name, frames)
+    return np.array([frames.index(name) for name in names])
+
+
+def _next_chosen(chosen: Array, foot: int) -> tuple[int, int]:
+    other = np.flatnonzero(chosen != foot)
+    return (int(other[0]), int(chosen[other[0]])) if len(other) else (len(chosen), foot)
+
+
+def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
+    """Rows until another foot has been lower for long enough, and that foot."""
+    low = heights.argmin(axis=1)
+    lower = heights[np.arange(len(low)), low] < heights[:, foot] - _LOWER
+    lower[0] = False
+    start = 0
+    while True:
+        begins = np.flatnonzero(lower[start:])
+        if not len(begins):
+            return len(time), foot
+        first = start + int(begins[0])
+        ends = np.flatnonzero(~lower[first:])
+        last = first + int(ends[0]) if len(ends) else len(time)
+        if time[last - 1] - time[first] >= _LASTING or (last == len(time) and last - first > 1):
+            other = int(low[first])
+            before = np.flatnonzero(heights[:first, other] > heights[:first, foot] - _EVEN)
+            return (int(before[-1]) + 1 if len(before) else 1), other
+        start = last
+
+
+def level_pose(robot: Robot, points: Array) -> Array:
+    """Pose (4, 4) of the base in which the plane of points (k, 3) is level at height 0."""
+    return _level([points], upward(robot))
+
+
+def _level(corners: Sequence[Array], up: Array) -> Array:
+    """Pose of the base in which the feet's plane is level at height 0; the base is upright if only one foot stands."""
+    points = np.concatenate(corners)
+    normal, width, distance = _plane(points, up)
+    if not (distance <= _LEVEL and width > _NARROW and normal @ up > _LEANING):
+        heights = points @ up
+        points = points[heights <= heights.min() + _LEVEL]
+        normal, width, distance = _plane(points, up)
+        if not (width > _NARROW and normal @ up > _LEANING):
+            normal = up
+    T = np.eye(4)
+    T[:3, :3] = _turn(normal, up)
+    T[:3, 3] = -(points @ T[:3, :3].T @ up).min() * up
+    return T
+
+
+def _plane(points: Array, up: Array) -> tuple[Array, float, float]:
+    """Normal of the plane nearest to some points, the width across their line in it, and the farthest distance from it."""
+    if len(points) < 3:
+        return up, 0.0, 0.0
+    off = points - points.mean(axis=0)
+    _, widths, axes = np.linalg.svd(off, full_matrices=False)
+    normal = axes[2] * (1.0 if axes[2] @ up >= 0 else -1.0)
+    return normal, float(widths[1]), float(np.abs(off @ normal).max())
+
+
+def _turn(start: Array, end: Array) -> Array:
+    """Smallest rotation (3, 3) from one unit vector to another."""
+    axis = np.cross(start, end)
+    sine = float(np.linalg.norm(axis))
+    return np.eye(3) if sine < 1e-15 else np.asarray(so3.exp(axis / sine * np.arctan2(sine, float(start @ end))))
+
+
+def pose_coordinates(poses: Array) -> Array:
+    """Coordinates (n, 7) of a floating base: quaternion w, x, y, z of constant sign, and position."""
+    quaternions = np.asarray(quaternion.from_matrix(poses[:, :3, :3]))
+    same = np.sum(quaternions[1:] * quaternions[:-1], axis=1) >= 0
+    signs = np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])
+    return np.column_stack([quaternions * signs[:, None], poses[:, :3, 3]])
+
+
+complete(globals())

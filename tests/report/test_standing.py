@@ -1,0 +1,269 @@
+"""Torques of robots that stand on their feet: with contact forces, against independent programs, and the first lines."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+from robot_files import FILES, NONE
+
+import twistwrench as tw
+from twistwrench import statics
+from twistwrench.cli.main import main
+
+HUMANOIDS = [
+    name
+    for name in (
+        "talos_data/talos_reduced", "g1_description/g1_29dof_rev_1_0", "go2_description/go2",
+        "anymal_c_simple_description/anymal", "beside/unitree_h1_2",
+    )
+    if name in FILES
+] or NONE  # fmt: skip
+BENT = {"thigh": 0.75, "calf": -1.5, "HFE": 0.75, "KFE": -1.5, "hip_pitch": -0.3, "knee": 0.6, "ankle_pitch": -0.3}
+
+
+def opened(name, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        return tw.load(FILES[name], inertia="accept", **options)
+
+
+def standing(robot):
+    """A bent stance, at rest: angles by the words in joints' names, mirrored in the hind legs of ANYmal."""
+    q = robot.neutral.copy()
+    for k, joint in enumerate(robot.coordinate_names):
+        angle = next((angle for word, angle in BENT.items() if word in joint), 0.0)
+        q[k] = -angle if joint[1:3] == "H_" else angle
+    return q
+
+
+def at_rest(robot, rows=8):
+    q, none = np.tile(standing(robot), (rows, 1)), np.zeros((rows, robot.nv))
+    return tw.Motion(np.linspace(0, 1, rows), q, none, none, robot=robot)
+
+
+LEGS = ("FL", "FR", "RL", "RR")
+
+
+def dog(acceleration=0.0, rows=41, period=0.4):
+    """The bundled quadruped with its base, which sways sideways while its feet stand, in whole periods of a sine."""
+    robot = tw.robots.quadruped()
+    angles = {f"{leg}_{k}_joint": a for leg in LEGS for k, a in (("thigh", 0.8), ("calf", -1.6))}
+    t, rate = np.linspace(0, period, rows), 2 * np.pi / period
+    q = np.repeat(robot.coordinates(**angles)[None], rows, axis=0)
+    feet = [f"{leg}_foot" for leg in LEGS]
+
+    def places(q):
+        return np.concatenate([np.asarray(robot.forward_kinematics(q, foot))[:, :3, 3] for foot in feet], axis=1)
+
+    def maps(q):
+        return np.concatenate([np.asarray(robot.jacobian(q, foot, "world_aligned"))[:, 3:] for foot in feet], axis=1)
+
+    stand, dq, ddq = places(q), *np.zeros((2, rows, robot.nv))
+    q[:, 5] = -acceleration / rate**2 * np.sin(rate * t)
+    for _ in range(8):
+        q[:, 7:] -= np.linalg.solve(maps(q)[:, :, 6:], (places(q) - stand)[..., None])[..., 0]
+    J = maps(q)
+    for x, wave in ((dq, -acceleration / rate * np.cos(rate * t)), (ddq, acceleration * np.sin(rate * t))):
+        x[:, 4] = wave
+        drift = np.einsum("nij,nj->ni", J, x)
+        if x is ddq:
+            h = 1e-6
+            drift += np.einsum("nij,nj->ni", maps(robot.add(q, h * dq)) - maps(robot.add(q, -h * dq)), dq) / (2 * h)
+        x[:, 6:] = -np.linalg.solve(J[:, :, 6:], drift[..., None])[..., 0]
+    return robot, tw.Motion(t, q, dq, ddq, robot=robot, in_seconds=True)
+
+
+# ── Torques ──
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n else n for n in HUMANOIDS])
+def test_the_torques_of_a_robot_that_stands_are_those_of_mujoco_with_the_forces_of_least_norm(name):
+    """MuJoCo's inverse dynamics and Jacobians, and its own least squares for the forces; all of them press and none slips."""
+    mujoco = pytest.importorskip("mujoco")
+    robot = opened(name, mimic="independent")
+    answer = tw.check(robot, at_rest(robot), feet="auto", contact_friction=0.7)
+    case = answer.load
+    model = case.robot.to_mujoco()
+    data = mujoco.MjData(model)
+    state = answer.motion.q[0]
+    data.qpos[:7] = np.r_[state[4:7], state[:4]]
+    data.qpos[7:] = state[7:]
+    mujoco.mj_inverse(model, data)
+    maps = []
+    for contact in case.ground.contacts:
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, contact.frame)
+        place = np.asarray(case.robot.forward_kinematics(state, contact.frame)) @ np.r_[contact.point, 1.0]
+        if body < 0:  # fixed to another link
+            body = model.body_parentid[-1]
+            links = case.robot.model
+            link = links.bodies[links.frame(contact.frame).body].link
+            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, link)
+        J = np.zeros((3, model.nv))
+        mujoco.mj_jac(model, data, J, None, place[:3], body)
+        maps.append(J)
+    G = np.concatenate(maps).T
+    if len(case.ground.contacts) < 3:
+        assert (
+            answer.verdict.word == "UNSURE" and "feet are points, so it can only balance" in answer.verdict.reasons[0]
+        )
+        forces = np.linalg.lstsq(G[:6], data.qfrc_inverse[:6], rcond=None)[0]
+    else:
+        assert answer.headline.startswith("OK: stands. It needs friction ")
+        forces = np.linalg.lstsq(G[:6], data.qfrc_inverse[:6], rcond=None)[0]
+        assert (forces[2::3] > 0).all()
+    torques = data.qfrc_inverse[6:] - G[6:] @ forces
+    assert_allclose(answer.torques()[0, 6:], torques, atol=1e-6 * np.abs(data.qfrc_inverse).max())
+    assert (answer.torques()[:, :6] == 0).all()
+
+
+def test_contact_forces_sum_up_to_the_mass_times_the_acceleration_of_its_centre_less_gravity():
+    robot, motion = dog(3.0)
+    answer = tw.check(robot, motion, feet="auto", contact_friction=0.6)
+    mass = robot.model.moving_mass
+    total = answer.support.forces.sum(axis=1)
+    J = np.asarray(robot.com_jacobian(motion.q))
+    acceleration = np.einsum("nij,nj->ni", J, motion.ddq)
+    h = 1e-6
+    ahead, behind = (np.asarray(robot.com_jacobian(robot.add(motion.q, sign * h * motion.dq))) for sign in (1, -1))
+    acceleration += np.einsum("nij,nj->ni", (ahead - behind) / (2 * h), motion.dq)
+    assert_allclose(total, mass * (acceleration + np.array([0, 0, 9.81])), atol=1e-7 * mass * 9.81)
+
+
+def test_the_causes_of_a_torque_sum_up_to_it_and_the_ground_is_one_of_them():
+    robot, motion = dog(3.0)
+    answer = tw.check(robot, motion, feet="auto", contact_friction=0.6, payload="3,0.1,0,0@trunk")
+    states = next(iter(answer.differentiation.states(100)))
+    terms = answer.load.terms(states)
+    assert "contact" in terms
+    assert_allclose(sum(terms.values())[:, 6:], answer.torques()[:, 6:], atol=1e-9)
+    assert_allclose(sum(terms.values())[:, :6], 0.0, atol=1e-9)
+    assert answer.joints["FL_calf_joint"].main_cause[0] == "contact"
+    why = answer.load.explain(states[3])
+    assert_allclose(why.torque[6:], answer.torques()[3, 6:], atol=1e-9)
+
+
+def test_a_log_of_the_joints_alone_gives_the_answer_of_a_log_with_the_base(tmp_path):
+    """The base is found from the feet; peaks and margins agree to what the derived rates allow."""
+    held = tw.load(tw.robots.path_of("quadruped"), floating_base=False)
+    free = tw.robots.quadruped()
+    t = np.linspace(0, 2, 201)
+    bend = 0.2 * np.sin(np.pi * t)[:, None] ** 4
+    joints = tw.Motion(
+        t, np.tile([0.0, 0.7, -1.4], 4) + bend * np.tile([0.0, 1.0, -2.0], 4), robot=held, in_seconds=True
+    )
+    whole = statics.base_from_stance(free, joints, statics.find_feet(free))
+    file = joints.to_csv(tmp_path / "joints.csv")
+    first = tw.check(free, whole, feet="auto", contact_friction=0.6)
+    for robot in (free, tw.load(tw.robots.path_of("quadruped"))):
+        again = tw.check(robot, file, feet="auto", contact_friction=0.6)
+        assert again.verdict.word == first.verdict.word == "OK"
+        assert_allclose(again.peaks, first.peaks, atol=2e-3 * np.abs(first.peaks).max())
+        assert_allclose(again.support.speed.min(), first.support.speed.min(), rtol=2e-2)
+
+
+def test_columns_of_the_log_say_which_feet_stand(tmp_path):
+    """A foot that the log has in the air carries nothing; forces in newtons count from 20."""
+    _, motion = dog()
+    file = motion.to_csv(tmp_path / "dog.csv")
+    head, *rows = file.read_text().splitlines()
+    columns = ",".join(f"{leg}_foot.contact" for leg in LEGS)
+    file.write_text("\n".join([f"{head},{columns}", *(f"{row},35,0,40,50" for row in rows)]))
+    asked = {"feet": "auto", "contact_friction": 0.6}
+    answer = tw.check("quadruped", file, **asked, in_contact="log")
+    assert (answer.support.in_contact == [True, False, True, True]).all()
+    assert tw.check("quadruped", file, **asked).support.in_contact.all()
+    with pytest.raises(tw.ValueRangeError, match=r"FL_foot\.contact"):
+        tw.check("quadruped", motion.to_csv(tmp_path / "without.csv"), **asked, in_contact="log")
+
+
+# ── First lines ──
+
+
+def test_a_robot_that_stands_is_ok_with_the_friction_it_needs_and_its_margin_in_speed():
+    answer = tw.check(*dog(3.0), feet="auto", contact_friction=0.6)
+    need, speed = answer.support.friction.max(), answer.support.speed.min()
+    assert 0.9 * 3.0 / 9.81 < need < 1.1 * 3.0 / 9.81 and 1.1 < speed < 1.5
+    first = f"OK: stands. It needs friction {np.ceil(100 * need) / 100:.2f} (given 0.6) and holds up to "
+    assert answer.headline.startswith(first)
+    assert "× this speed. Closest: " in answer.headline
+    _, faster = dog(3.0 * speed**2 * 1.01)
+    assert not tw.check(answer.load.robot, faster, feet="auto", contact_friction=0.6).support.holds.all()
+
+
+def test_without_a_coefficient_none_is_invented():
+    little, much = (tw.check(*dog(a), feet="auto") for a in (2.0, 3.6))
+    assert little.headline.startswith("OK: stands, if the ground gives friction 0.2")
+    assert much.headline.startswith("UNSURE: needs friction 0.")
+    assert "and none is given" in much.headline
+    tipping = tw.check(*dog(8.0), feet="auto")
+    assert tipping.headline.startswith("OVER LIMIT: tips over ")
+
+
+def test_a_robot_that_tips_or_slips_is_over_its_limit_with_the_place_and_the_remedy():
+    tipping = tw.check(*dog(6.0), feet="auto", contact_friction=2.0)
+    assert tipping.headline.startswith("OVER LIMIT: tips over ")
+    assert {*tipping.headline.partition("over ")[2].partition(" at t")[0].split(" and ")} in (
+        {"FL_foot", "RL_foot"}, {"FR_foot", "RR_foot"}
+    )  # fmt: skip
+    assert f"It stands up to 0.{int(1000 * tipping.support.speed.min())}" in tipping.headline
+    slipping = tw.check(*dog(4.0), feet="auto", contact_friction=0.3)
+    assert slipping.headline.startswith("OVER LIMIT: slips at ")
+    assert ", given 0.3. It stands up to 0.8" in slipping.headline
+
+
+def test_torques_beyond_their_limits_are_over_though_the_robot_stands():
+    """One weak leg is relieved by the others; under a load that is too much for all, no distribution of their forces helps."""
+    robot, motion = dog()
+    asked = {"feet": "auto", "contact_friction": 0.6}
+    relieved = tw.check(robot, motion, **asked, limits={"FL_calf_joint": 1.0})
+    assert relieved.verdict.ok and relieved.joints["FL_calf_joint"].share <= 1.0 + 1e-6
+    weak = tw.check(robot, motion, **asked, payload="150@trunk")
+    assert weak.headline.startswith("OVER LIMIT: ") and "_calf_joint needs " in weak.headline
+    assert "Stands. It needs friction 0 (given 0.6)" in str(weak)
+
+
+# ── Bad input ──
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"feet": "FL_hand"}, "no frame of feet named 'FL_hand'"),
+        ({"feet": []}, "is empty"),
+        ({"feet": "0.2xlong@FL_foot"}, "LENGTHxWIDTH"),
+        ({"feet": "auto", "contact_friction": -1}, "at least zero"),
+        ({"feet": "auto", "contact_friction": {"FL_foot": 0.5}}, "no coefficient for 'FR_foot'"),
+        ({"feet": "auto", "contact_friction": {"FL_hand": 0.5}}, "FL_hand"),
+        ({"contact_friction": 0.5}, "nothing stands on it"),
+    ],
+)
+def test_bad_input_is_one_error_that_says_what_to_give(options, words):
+    with pytest.raises((tw.ValueRangeError, tw.UnknownNameError)) as found:
+        tw.check(*dog(rows=11), **options)
+    assert words in str(found.value)
+
+
+def test_feet_of_a_robot_whose_base_is_fixed_or_planar_are_refused():
+    held = tw.load(tw.robots.path_of("quadruped"), floating_base=False)
+    motion = tw.Motion(np.linspace(0, 1, 8), np.zeros((8, 12)), np.zeros((8, 12)), np.zeros((8, 12)), robot=held)
+    with pytest.raises(tw.ValueRangeError, match="fixed"):
+        tw.check(held, motion, feet="auto")
+    arm = tw.robots.ur5()
+    still = tw.Motion(np.linspace(0, 1, 8), np.zeros((8, 6)), np.zeros((8, 6)), np.zeros((8, 6)), robot=arm)
+    with pytest.raises(tw.ValueRangeError, match="no legs are found"):
+        tw.check(arm, still, feet="auto")
+
+
+def test_the_command_asks_the_same_question(tmp_path):
+    _, motion = dog(3.0)
+    file = motion.to_csv(tmp_path / "dog.csv")
+    words = ["torques", "quadruped", str(file), "--feet", "auto", "--contact-friction", "0.6"]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0
+    assert " ".join(done.output.split()).startswith("OK: stands. It needs friction 0.")
+    alone = CliRunner().invoke(main, [*words[:3], "--contact-friction", "0.6"])
+    assert alone.exit_code == 2 and "--feet auto" in alone.output

@@ -1,0 +1,168 @@
+"""Feet of legged robots, corners of soles, and the base of a robot that stands on its feet."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from robot_files import FILES, NONE
+
+import twistwrench as tw
+from twistwrench import statics
+from twistwrench.mechanics.model.joining import with_free_base
+
+FEET = {
+    "talos_data/talos_reduced": ("left_sole_link", "right_sole_link"),
+    "g1_description/g1_29dof_rev_1_0": ("left_ankle_roll_link", "right_ankle_roll_link"),
+    "go2_description/go2": ("FL_foot", "FR_foot", "RL_foot", "RR_foot"),
+    "anymal_c_simple_description/anymal": ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
+    "romeo_description/romeo": ("l_sole", "r_sole"),
+    "beside/unitree_h1_2": ("left_ankle_roll_link", "right_ankle_roll_link"),
+    "beside/atlas_drc_sdformat": ("l_foot", "r_foot"),
+}
+KNOWN = [name for name in FEET if name in FILES] or NONE
+
+
+def opened(name, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        return tw.load(FILES[name], inertia="accept", **options)
+
+
+def biped_text():
+    """Two legs of hip, knee and ankle about y, with soles of 0.2 m x 0.1 m."""
+    links = ['<link name="trunk"><inertial><mass value="10"/><inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/>'
+             "</inertial></link>"]  # fmt: skip
+    for side, y in (("left", 0.1), ("right", -0.1)):
+        parent, z = "trunk", 0.0
+        for part, length in (("thigh", 0.4), ("shank", 0.4), ("foot", 0.05)):
+            name = f"{side}_{part}"
+            shape = '<collision><origin xyz="0.02 0 -0.04"/><geometry><box size="0.2 0.1 0.02"/></geometry></collision>'
+            links.append(
+                f'<link name="{name}"><inertial><origin xyz="0 0 {-length / 2}"/><mass value="1"/><inertia ixx="0.01" ixy="0" '
+                f'ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>{shape if part == "foot" else ""}</link>'
+                f'<joint name="{side}_{part}_joint" type="revolute"><parent link="{parent}"/><child link="{name}"/><origin '
+                f'xyz="0 {y if parent == "trunk" else 0} {-z}"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="200" '
+                'velocity="20"/></joint>'
+            )
+            parent, z = name, length
+    return f'<robot name="biped">{"".join(links)}</robot>'
+
+
+@pytest.fixture(scope="module")
+def biped(tmp_path_factory):
+    """File of the biped: shapes are read from files."""
+    path = tmp_path_factory.mktemp("biped") / "biped.urdf"
+    path.write_text(biped_text())
+    return path
+
+
+def steps(robot, rows=401):
+    """Times and joints of a robot that squats, then lifts one foot after the other."""
+    t = np.linspace(0, 4, rows)
+    q = np.zeros((rows, 6))
+
+    def bump(begin, end):
+        return np.where((t > begin) & (t < end), np.sin(np.pi * (t - begin) / (end - begin)) ** 4, 0.0)
+
+    for k, bend in ((0, 0.4 + 0.2 * bump(0, 2) + 0.3 * bump(2, 3)), (3, 0.4 + 0.2 * bump(0, 2) + 0.3 * bump(3, 4))):
+        q[:, k : k + 3] = bend[:, None] * [-1, 2, -1]
+    return tw.Motion(t, q, robot=robot, in_seconds=True)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_each_leg_stands_on_its_lowest_frame_or_the_one_that_is_named_as_a_foot(name):
+    held, free = opened(name), opened(name, floating_base=True)
+    assert statics.find_feet(held) == statics.find_feet(free) == FEET[name]
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in FILES if n.split("/")[0] in ("baxter_description", "ur_description")] or NONE
+)
+def test_robots_without_legs_have_no_feet(name):
+    try:
+        robot = opened(name)
+    except tw.ModelError:
+        pytest.skip("not read; with which reason is another test's business")
+    assert statics.find_feet(robot) == ()
+
+
+def test_a_sole_is_the_lowest_face_of_the_shape_a_rectangle_or_a_point(biped):
+    robot = tw.load(biped)
+    corners = np.array([c.point for c in statics.sole(robot, "left_foot", 0.6)])
+    assert_allclose(
+        corners[np.lexsort(corners.round(6).T[::-1])],
+        [(x, y, -0.05) for x in (-0.08, 0.12) for y in (-0.05, 0.05)],
+        atol=1e-12,
+    )
+    rectangle = np.array([c.point for c in statics.sole(robot, "left_foot", 0.6, (0.2, 0.1), (0.01, 0, -0.05))])
+    assert_allclose(rectangle.mean(axis=0), [0.01, 0, -0.05])
+    assert_allclose(np.ptp(rectangle, axis=0), [0.2, 0.1, 0.0])
+    assert len(statics.sole(robot, "left_shank", 0.6)) == 1
+    with pytest.raises(tw.ValueRangeError, match="fixed to the base"):
+        statics.sole(robot, "trunk", 0.6)
+
+
+@pytest.mark.parametrize("name", KNOWN[:2])
+def test_a_base_that_is_freed_later_is_the_base_that_the_reader_frees(name):
+    """Same coordinates, and same inverse dynamics to the last bit."""
+    if name is None:
+        pytest.skip("no files")
+    read = opened(name, floating_base=True)
+    freed = tw.Robot(with_free_base(opened(name).model))
+    q, rates = read.random_configuration(1), np.random.default_rng(2).standard_normal((2, read.nv))
+    assert freed.coordinate_names == read.coordinate_names
+    assert_allclose(freed.inverse_dynamics(q, *rates), read.inverse_dynamics(q, *rates), rtol=0, atol=0)
+
+
+def test_the_stance_foot_of_a_biped_does_not_move_and_the_rates_of_its_base_are_those_of_its_poses(biped):
+    """Positions to 1e-9 m; rates against differences of fourth order, whose error at 10 ms is below 1e-4 of the largest."""
+    held, free = tw.load(biped), tw.load(biped, floating_base=True)
+    joints = steps(held)
+    stance = np.where(joints.time < 2.0, "left_foot", np.where(joints.time < 3.0, "right_foot", "left_foot")).tolist()
+    for choice, drift, steps_down in ((stance, 1e-9, 1e-9), ("auto", 6e-4, 1.2e-3)):  # 0.5 mm and a row each step
+        motion = statics.base_from_stance(free, joints, ("left_foot", "right_foot"), choice)
+        assert np.array_equal(motion.q[:, 7:], joints.q)
+        assert_allclose(motion.q[0, 4:6], 0.0, atol=1e-12)
+        for foot, begin, end in (("left_foot", 0.0, 1.99), ("right_foot", 2.0, 2.99), ("left_foot", 3.0, 4.0)):
+            rows = (joints.time >= begin) & (joints.time <= end)
+            place = np.asarray(free.forward_kinematics(motion.q[rows], foot))
+            assert np.ptp(place[:, :3], axis=0).max() < drift
+            assert abs(place[:, 2, 3] - 0.05).max() < steps_down  # the sole is 5 cm below the ankle, on the floor
+    dt = joints.time[1] - joints.time[0]
+    rows = slice(2, 190)
+    p = motion.q[:, 4:7]
+    slope = (8 * (p[3:-1] - p[1:-3]) - (p[4:] - p[:-4])) / (12 * dt)
+    R = np.asarray(free.forward_kinematics(motion.q, "trunk"))[:, :3, :3]
+    v = np.einsum("nij,nj->ni", R, motion.dq[:, 3:6])
+    assert_allclose(v[2:-2][rows], slope[rows], atol=1e-4 * np.abs(slope).max())
+    V = motion.dq
+    change = (8 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12 * dt)
+    assert_allclose(motion.ddq[2:-2][rows], change[rows], atol=2e-3 * np.abs(change).max())
+
+
+def test_four_feet_that_are_points_stand_together():
+    free = tw.robots.quadruped()
+    held = tw.load(tw.robots.path_of("quadruped"), floating_base=False)
+    t = np.linspace(0, 1, 101)
+    bend = 0.2 * np.sin(np.pi * t)[:, None] ** 4
+    joints = tw.Motion(t, np.tile([0.0, 0.7, -1.4], 4) + bend * np.tile([0.0, 1.0, -2.0], 4), robot=held)
+    feet = statics.find_feet(free)
+    motion = statics.base_from_stance(free, joints, feet)
+    for foot in feet:
+        assert np.ptp(np.asarray(free.forward_kinematics(motion.q, foot))[:, :3, 3], axis=0).max() < 1e-9
+        J = np.asarray(free.jacobian(motion.q, foot))[:, 3:]
+        assert np.abs(np.einsum("nij,nj->ni", J, motion.dq)).max() < 1e-9
+
+
+def test_a_pose_that_two_points_leave_open_is_an_error_and_a_foot_that_is_not_there_too(biped):
+    held, free = tw.load(biped), tw.load(biped, floating_base=True)
+    joints = steps(held)
+    with pytest.raises(tw.UnknownNameError, match="left_foot"):
+        statics.base_from_stance(free, joints, ("left_foot", "right_foot"), "left_hand")
+    with pytest.raises(tw.ShapeError, match="floating_base"):
+        statics.base_from_stance(held, joints, ("left_foot", "right_foot"))
+    with pytest.raises(tw.ShapeError, match="3 frames for 401 rows"):
+        statics.base_from_stance(free, joints, ("left_foot", "right_foot"), ["left_foot"] * 3)
