@@ -535,7 +535,10 @@ def test_a_zero_that_the_fit_absorbs_is_named():
             {"q": [[0.1, 0.2], [0.1, 0.2], [0.3, 0.4]], "pairs": [[0, 1]], "distances": [0.3]},
             "a pair at one configuration",
         ),
-        ({"q": [[0.1, 0.2], [0.1, 2e19], [0.3, 0.4]], "positions": np.zeros((3, 3))}, "at most 1e\\+06"),
+        (
+            {"q": [[0.1, 0.2], [0.1, 2e19], [0.3, 0.4]], "positions": np.zeros((3, 3))},
+            "at most 1e\\+06",
+        ),
         (
             {"q": [[0.1, 0.2], [0.1, 0.3], [0.3, 0.4]], "positions": [[0, 0, 0], [0, 0, 0], [0, -2e9, 0]]},
             "positions\\[2\\]",

@@ -101,7 +101,7 @@ def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
     of_shell = {
         "torques": {"workers", "scheduler", "kind", "joints"},
         "export": {"st", "ros2", "payloads", "gravity_input", "style", "torque", "license"},
-        "calibrate": {"factory_file"},
+        "calibrate": {"factory_file", "plan", "towards", "floor"},
         "identify": {"workers", "scheduler", "force", "add"},
         "sensor identify": {"arm", "frame"},
         "sensor compensate": {"arm", "frame"},
