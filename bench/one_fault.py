@@ -167,7 +167,7 @@ def said(task: Task, made: Recording) -> dict[str, Any]:
 
 def _first_line(text: str, task: Task, folder: str) -> str:
     """First paragraph of an answer on one line, files without their folders."""
-    line = " ".join(text.split("\n\n")[0].split())
+    line = " ".join(text.split("\n\n", maxsplit=1)[0].split())
     for place in (folder, str(Path(str(ROBOTS[task.robot].path)).parent)):
         line = line.replace(f"{place}/", "")
     return line

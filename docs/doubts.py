@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-from twistwrench.answers.sentences import SENTENCES
+from twistwrench.core.answers.sentences import SENTENCES
 from twistwrench.core.doubts import DoubtKind, doubt_table
 from twistwrench.core.text import spoken, words_of_the_shell
 from twistwrench.motion.load_case import limits_remedy

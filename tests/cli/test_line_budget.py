@@ -13,9 +13,9 @@ from rich.measure import Measurement
 from robot_files import FILES, NONE
 
 import twistwrench as tw
-from twistwrench.answers.blocks import Headline, Remark, Table, numbers, words
-from twistwrench.answers.terminal import MOST_LINES, TerminalTable, as_text, rendered
 from twistwrench.cli.main import main
+from twistwrench.core.answers.blocks import Headline, Remark, Table, numbers, words
+from twistwrench.core.answers.terminal import MOST_LINES, TerminalTable, as_text, rendered
 from twistwrench.core.errors import TwistWrenchError
 from twistwrench.core.verdict import Word
 

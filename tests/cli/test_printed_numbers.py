@@ -7,8 +7,8 @@ import io
 import numpy as np
 import pytest
 
-from twistwrench.answers.blocks import Bar, Table, word_cell, words
-from twistwrench.answers.terminal import console, rendered
+from twistwrench.core.answers.blocks import Bar, Table, word_cell, words
+from twistwrench.core.answers.terminal import console, rendered
 from twistwrench.core.colours import terminal_style
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
 from twistwrench.core.verdict import Word

@@ -10,10 +10,10 @@ from click.testing import CliRunner
 from rich.cells import cell_len
 from rich.console import Console
 
-from twistwrench.answers.blocks import Bar, Table, numbers, words
-from twistwrench.answers.terminal import console, rendered
 from twistwrench.cli.main import main
 from twistwrench.core import numbers as printed
+from twistwrench.core.answers.blocks import Bar, Table, numbers, words
+from twistwrench.core.answers.terminal import console, rendered
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 

@@ -12,7 +12,7 @@ import pytest
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.answers.page import TERMS
+from twistwrench.core.answers.page import TERMS
 from twistwrench.core.glossary import ENTRIES, ROOMS, completed, room_of
 
 SOURCE = ROOT / "src" / "twistwrench"

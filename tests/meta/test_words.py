@@ -80,7 +80,7 @@ def literals() -> list[tuple[str, str, bool]]:
 
 def rules(text: str, docstring: bool) -> Iterator[str]:
     """Rules that a text breaks; verbs count in the first sentence of a docstring."""
-    if docstring and text.split()[0].strip("*.,:") in RELATIVE:
+    if docstring and text.split(maxsplit=1)[0].strip("*.,:") in RELATIVE:
         yield "begin with a verb or a noun of the field"
     if VERBS.search(re.split(r"(?<=[.!?]) ", text)[0] if docstring else text):
         yield "software returns, evaluates, reports"

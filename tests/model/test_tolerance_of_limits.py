@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twistwrench.mechanics.model.limits import TOLERANCE, Limits
+from twistwrench.core.numbers import TOLERANCE
+from twistwrench.mechanics.model.limits import Limits
 
 NONE = np.array([np.inf])
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.answers.answer import Answer
-from twistwrench.answers.blocks import Headline, Line, Remark, Table, numbers, words
+from twistwrench.core.answers.answer import Answer
+from twistwrench.core.answers.blocks import Headline, Line, Remark, Table, numbers, words
 from twistwrench.core.verdict import Verdict, Word
 
 LARGEST = 120_000

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.answers.blocks import limit_style, mark_style, word_cell
 from twistwrench.cli.main import main
+from twistwrench.core.answers.blocks import limit_style, mark_style, word_cell
 from twistwrench.core.colours import COLOURS, Style
 from twistwrench.core.verdict import Word
 

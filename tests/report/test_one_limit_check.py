@@ -13,8 +13,8 @@ from printed_blocks import printed
 from rich.console import Console
 
 import twistwrench as tw
+from twistwrench.core.numbers import TOLERANCE
 from twistwrench.core.verdict import Word
-from twistwrench.mechanics.model.limits import TOLERANCE
 from twistwrench.reports.motors import Demand, MotorUse
 from twistwrench.reports.torque_view import motors_table, report_view
 from twistwrench.statics import largest_payload

@@ -9,9 +9,9 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from twistwrench.answers.blocks import Bar, Headline, Line, Table, numbers, remarks, words
-from twistwrench.answers.data import report_data
 from twistwrench.cli.main import main
+from twistwrench.core.answers.blocks import Bar, Headline, Line, Table, numbers, remarks, words
+from twistwrench.core.answers.data import report_data
 from twistwrench.core.verdict import Word
 
 COMMANDS = {

@@ -13,8 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.answers.answer import Answer
 from twistwrench.cli.main import main
+from twistwrench.core.answers.answer import Answer
 from twistwrench.core.text import words_of_the_shell
 
 BIAS = [0.21, -0.14, 0.05, 4.2, -7.5, 11]

@@ -8,7 +8,8 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.mechanics.model.limits import TOLERANCE, Limits
+from twistwrench.core.numbers import TOLERANCE
+from twistwrench.mechanics.model.limits import Limits
 from twistwrench.simulation import METHODS
 
 LEAF = """<link name="{name}"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>

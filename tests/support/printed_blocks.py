@@ -2,7 +2,7 @@
 
 from rich.console import Console, Group
 
-from twistwrench.answers.terminal import rendered
+from twistwrench.core.answers.terminal import rendered
 
 
 def printed(blocks, width):

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block, Headline
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block, Headline
 from ..core.errors import ModelError, NotFoundError, RobotFileError
 from ..core.files import as_path, read_text
 from ..core.glossary import complete
@@ -36,7 +36,7 @@ from .result_view import millimetres
 from .write import write_geometry
 
 if TYPE_CHECKING:
-    from ..answers.page import Setting
+    from ..core.answers.page import Setting
 
 _JOINTS = 6
 _ALPHA = np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0]) * np.pi / 2

@@ -11,9 +11,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
 from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.tables import csv_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from ..answers.blocks import Block, Headline, Line, Table, numbers, remarks
+from ..core.answers.blocks import Block, Headline, Line, Table, numbers, remarks
 from ..core.colours import Style
 from ..core.numbers import number, percent, quantity
 from ..core.verdict import Word

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
 from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.doubts import Doubt, verdict_from_doubts
 from ..core.errors import ValueRangeError
 from ..core.tables import csv_table
@@ -26,7 +26,7 @@ from .groups import ParameterGroup, ParameterGroups, Remaining
 from .held_out import HeldOutError
 
 if TYPE_CHECKING:
-    from ..answers.page import Setting
+    from ..core.answers.page import Setting
 
 PREFIX = "calibration-"
 """Beginning of the doubts' names in the table."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from ..answers.blocks import Block, Headline, Level, Line, Table, numbers, remarks, words
+from ..core.answers.blocks import Block, Headline, Level, Line, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import estimate, number, quantity
 from ..core.verdict import Word

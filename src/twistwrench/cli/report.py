@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..answers.answer import Answer
-from ..answers.page import answer_page
+from ..core.answers.answer import Answer
+from ..core.answers.page import answer_page
 from ..core.files import replacing
 from .main import option, option_group, typed_words_and_notes
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block, Headline
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block, Headline
 from ..core.arguments import parse_numbers
 from ..core.errors import SimulationError, ValueRangeError
 from ..core.verdict import Verdict, Word

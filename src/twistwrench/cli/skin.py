@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import click
 
-from ..answers.answer import Answer
+from ..core.answers.answer import Answer
 from ..core.errors import ValueRangeError
 from ..core.files import check_outputs, picture_path, refuse_existing
 from .main import Decorator, GroupedHelp, check_matplotlib, examples_text, note, option, option_group, plain_errors

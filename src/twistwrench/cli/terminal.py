@@ -11,9 +11,9 @@ from typing import Any
 import click
 from rich.console import Console
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block, shown_blocks
-from ..answers.terminal import console, rendered, short_form
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block, shown_blocks
+from ..core.answers.terminal import console, rendered, short_form
 from ..core.text import visible
 
 

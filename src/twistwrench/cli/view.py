@@ -11,8 +11,8 @@ from typing import Any, ClassVar, TypeAlias
 import click
 from click.core import ParameterSource
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.errors import ValueRangeError
 from ..core.text import listed
 from ..core.typing import Array

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block, Headline, Table, remarks, words
 from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block, Headline, Table, remarks, words
 from ..core.doubts import Doubt, doubt, verdict_from_doubts
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete

@@ -7,6 +7,7 @@
 * Within a sentence, especially of an error, a number has six digits or the given number, and nan and inf are printed.
 * A fraction is a whole percentage, or has the given digits.
 * A fraction of a limit is 100 % only at the limit: values near it have the digits that show the difference.
+* A limit is exceeded beyond rounding to float32 and to six digits in files: :func:`over_limit`.
 * A time within a motion has milliseconds. A residual has two digits and its power of ten.
 * In files that programs read, a number has ten digits.
 * Signs are ASCII, so that ``float`` reads a copied number.
@@ -25,6 +26,9 @@ MISSING = "–"
 """Text for an unknown number, or for a missing limit."""
 DIGITS = 4
 """Default number of significant digits."""
+TOLERANCE = 1e-6
+"""Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
+digits in files."""
 _IN_FULL = 1e6
 _WHOLE = 100.0
 _NOISE = 1e-12
@@ -173,3 +177,45 @@ def without_noise(x: Array, scale: float | None = None) -> Array:
 def _decimals(sigma: float) -> int:
     """Number of decimals up to a deviation's second digit; negative if it is left of the decimal point."""
     return 1 - math.floor(math.log10(float(f"{sigma:.1e}")) + 1e-9)
+
+
+# ── Limits
+
+
+def over_limit(share: Any) -> Any:
+    """True if a magnitude exceeds its limit by more than rounding errors.
+
+    Parameters
+    ----------
+    share : float or (...) array, magnitude divided by its limit
+
+    Returns
+    -------
+    over : bool or (...) array of bool; False for NaN
+
+    Examples
+    --------
+    >>> over_limit(1 + 0.5 * TOLERANCE), over_limit(1 + 2 * TOLERANCE)
+    (False, True)
+    """
+    return share > 1 + TOLERANCE
+
+
+def margin(limit: Any) -> Array:
+    """Excess over a limit up to which a magnitude counts as at the limit.
+
+    Parameters
+    ----------
+    limit : (...) array_like, inf if not given
+
+    Returns
+    -------
+    margin : (...) array, in the unit of the limit; finite everywhere
+
+    Examples
+    --------
+    >>> margin([150.0, np.inf]).tolist()
+    [0.00015, 1e-06]
+    """
+    limit = np.asarray(limit, float)
+    return np.asarray(TOLERANCE * np.where(np.isfinite(limit), limit, 1.0))

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from ..core.doubts import Doubt
-from ..core.numbers import in_file, number, printed
+from ..core.numbers import in_file, margin, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
-from ..mechanics.model.limits import StatedLimits, margin
+from ..mechanics.model.limits import StatedLimits
 from ..motion.credible_values import arm_entries, credible_limits, placeholder_limits
 from ..motion.load_case import limits_remedy
 from ..motion.plausibility import BY_WEIGHT

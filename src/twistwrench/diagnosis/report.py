@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from ..answers.answer import Answer
 from ..core import arguments
+from ..core.answers.answer import Answer
 from ..core.errors import ValueRangeError
 from ..core.files import refuse_existing, replacing
 from ..core.glossary import complete
@@ -25,7 +25,7 @@ from .findings import Effect, Finding, Severity
 from .parsed_file import MOST_BODIES, Subject, read_subject
 
 if TYPE_CHECKING:
-    from ..answers.blocks import Block
+    from ..core.answers.blocks import Block
 
 Metric: TypeAlias = Literal["frobenius", "entropic"]
 """Distances between inertias."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from ..answers.blocks import Block, Headline, Level, Line, More, remarks
-from ..answers.data import plain
+from ..core.answers.blocks import Block, Headline, Level, Line, More, remarks
+from ..core.answers.data import plain
 from ..core.colours import Style, strong
 from ..motion.model_doubts import base_doubts
 from .findings import Finding, Severity

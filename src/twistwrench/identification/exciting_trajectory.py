@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
 from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.blas_threads import one_blas_thread
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
@@ -45,7 +45,7 @@ from .trajectory_search import (
 )
 
 if TYPE_CHECKING:
-    from ..answers.page import Picture, Setting, Viewer
+    from ..core.answers.page import Picture, Setting, Viewer
     from ..statics.clearance import PathClearance
 
 _JUDGED = 2001  # minimum number of instants of the final check

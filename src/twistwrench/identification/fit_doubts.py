@@ -17,6 +17,7 @@ from ..core.estimation.cross_validation import HeldOut
 from ..core.estimation.least_squares import NormalEquations, Prior
 from ..core.estimation.noise import quantum
 from ..core.estimation.sampling import cut_off, moves
+from ..core.gravity import STRENGTH
 from ..core.numbers import number, percent, plus_minus, printed
 from ..core.text import listed
 from ..core.typing import Array
@@ -166,7 +167,7 @@ def _copies(seen: FittedLog) -> Iterator[Doubt]:
 _OF_FILE = 0.25, 4.0
 """Common gain of all torques against the file's bodies, below and above which it is a fault."""
 _UNITS = {
-    1e3: "N mm", 1e-3: "kN m", 10.197: "kgf cm", 0.10197: "kgf m", 9.80665: "N m if the file's masses are weights",
+    1e3: "N mm", 1e-3: "kN m", 10.197: "kgf cm", 0.10197: "kgf m", STRENGTH: "N m if the file's masses are weights",
     4.4482: "N if they were in lbf", 0.73756: "lbf ft", 8.8507: "lbf in", 1.35582: "N m if they were in lbf ft",
     0.112985: "N m if they were in lbf in",
 }  # fmt: skip

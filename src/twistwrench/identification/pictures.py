@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ..answers.page import MarkedJoint, Picture
+from ..core.answers.page import MarkedJoint, Picture
 from ..core.numbers import number, percent
 from ..mechanics.joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.doubts import Doubt, verdict_from_doubts
 from ..core.errors import UnknownNameError
 from ..core.estimation.covariance import GroupCovariance
@@ -36,7 +36,7 @@ from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
 
 if TYPE_CHECKING:
-    from ..answers.page import Picture, Setting
+    from ..core.answers.page import Picture, Setting
 
 _OPEN = 0.02  # share of a joint's torque in another motion that the deviation of a group leaves open
 _POOR = 0.3  # relative deviation from which a group is poorly determined

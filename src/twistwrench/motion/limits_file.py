@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..answers.blocks import Table, numbers, words
 from ..core import arguments
+from ..core.answers.blocks import Table, numbers, words
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import printed
@@ -31,7 +31,7 @@ from .coordinates import Coordinates
 from .readers.csv_reader import CsvFile, Dialect, table_errors
 
 if TYPE_CHECKING:
-    from ..answers.page import Setting
+    from ..core.answers.page import Setting
     from ..robot import Robot
 
 COLUMNS = (

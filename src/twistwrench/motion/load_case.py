@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.sentences import sentence
+from ..core.answers.sentences import sentence
 from ..core.arguments import finite, parse_numbers
 from ..core.arguments import number as number_of
 from ..core.doubts import Doubt

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from ..answers.sentences import sentence
+from ..core.answers.sentences import sentence
 from ..core.gravity import STRENGTH
 from ..core.numbers import number, percent
 from ..core.text import Argument, listed, spelled

@@ -10,8 +10,8 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack, overload
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block, Headline, Line, Table, numbers, word_cell, words
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block, Headline, Line, Table, numbers, word_cell, words
 from ..core.errors import ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import quantity

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..answers.answer import Answer
+from ..core.answers.answer import Answer
 from ..core.files import as_path, refuse_existing, replacing
 from ..core.verdict import Verdict, Word
 from ..robot import Robot, load
 from .robot_summary import limits_csv, summary
 
 if TYPE_CHECKING:
-    from ..answers.blocks import Block
+    from ..core.answers.blocks import Block
 
 __all__ = ["RobotReport", "info"]
 

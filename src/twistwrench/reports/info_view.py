@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..answers.blocks import Block, Branch, Level, Line, More, Piece, Table, numbers, remarks, words
+from ..core.answers.blocks import Block, Branch, Level, Line, More, Piece, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import number
 from ..core.text import listed

@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..answers.answer import Answer
+from ..core.answers.answer import Answer
 from ..core.verdict import Verdict, Word
 from .log_quality import LogQuality
 
 if TYPE_CHECKING:
-    from ..answers.blocks import Block
+    from ..core.answers.blocks import Block
 
 __all__ = ["LogReport", "check_log"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from ..answers.blocks import Block, Line, Table, numbers, remarks, words
+from ..core.answers.blocks import Block, Line, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import number, percent
 from .log_quality import LogColumn, LogQuality

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..core.numbers import deviation, number, percent_of_limit, quantity, seconds
+from ..core.numbers import deviation, number, over_limit, percent_of_limit, quantity, seconds
 from ..core.typing import Array
 from ..formats.yaml import si_unit
 from ..mechanics.model.actuators import RATINGS
-from ..mechanics.model.limits import over_limit
 from ..motion.bounds import Extrema
 from .statistics import mean_weights, stride_of
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answers.blocks import Headline, Line
-from ..answers.data import plain
-from ..answers.sentences import sentence, spoken_sentences
+from ..core.answers.blocks import Headline, Line
+from ..core.answers.data import plain
+from ..core.answers.sentences import sentence, spoken_sentences
 from ..core.colours import NEAR_LIMIT, Style, strong
 from ..core.gravity import STRENGTH
-from ..core.numbers import percent, percent_of_limit, seconds
+from ..core.numbers import TOLERANCE, percent, percent_of_limit, seconds
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
-from ..mechanics.model.limits import TOLERANCE, bears
+from ..mechanics.model.limits import bears
 from ..motion import load_case
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import driven_entries

@@ -15,12 +15,12 @@ from ..core.doubts import Doubt
 from ..core.errors import TrajectoryError
 from ..core.estimation.noise import noise
 from ..core.estimation.sampling import GAP
-from ..core.numbers import printed
+from ..core.numbers import margin, printed
 from ..core.tables import csv_table
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
-from ..mechanics.model.limits import BEARING_UNITS, bears, margin
+from ..mechanics.model.limits import BEARING_UNITS, bears
 from ..motion.bounds import Extrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..answers.answer import Answer
+from ..core.answers.answer import Answer
 from ..core.doubts import Doubt
 from ..core.errors import UnknownNameError
 from ..core.estimation.noise import Survey
@@ -29,9 +29,9 @@ from .statistics import Gaps, PeakEstimate
 from .support.answers import SupportAnswers
 
 if TYPE_CHECKING:
-    from ..answers.blocks import Block
-    from ..answers.card import Shares
-    from ..answers.page import Setting
+    from ..core.answers.blocks import Block
+    from ..core.answers.card import Shares
+    from ..core.answers.page import Setting
     from ..core.verdict import Verdict
     from ..mechanics.model.limits import Limits
     from ..motion.motion import Motion
@@ -372,7 +372,7 @@ class TorqueReport(Answer):
         -------
         shares : Shares
         """
-        from ..answers.card import Shares
+        from ..core.answers.card import Shares
 
         time, least, most = self.envelope
         effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, np.nan)

@@ -7,14 +7,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..answers.sentences import sentence
+from ..core.answers.sentences import sentence
 from ..core.colours import NEAR_LIMIT
 from ..core.doubts import Doubt, Level, doubt_table
-from ..core.numbers import deviation, number, percent, percent_of_limit, seconds, torque
+from ..core.numbers import deviation, number, over_limit, percent, percent_of_limit, seconds, torque
 from ..core.text import Argument, ReadingNote, listed, spelled
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
-from ..mechanics.model.limits import BEARINGS, over_limit
+from ..mechanics.model.limits import BEARINGS
 from ..mechanics.model.model import BASE
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..answers.blocks import (
+from ..core.answers.blocks import (
     Bar,
     Block,
     Cell,
@@ -25,10 +25,10 @@ from ..answers.blocks import (
     words,
 )
 from ..core.colours import Style, strong
-from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, seconds, torque
+from ..core.numbers import MISSING, deviation, number, over_limit, percent, percent_of_limit, seconds, torque
 from ..core.text import listed
 from ..mechanics.joints.units import unit_of
-from ..mechanics.model.limits import BEARING_UNITS, over_limit
+from ..mechanics.model.limits import BEARING_UNITS
 from ..motion.load_case import cause_label
 from ..motion.model_doubts import base_velocities, friction_words
 from ..robot.explanation import NEGLIGIBLE_PART

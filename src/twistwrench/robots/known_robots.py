@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from .. import robots
-from ..answers.answer import Answer
-from ..answers.blocks import Aligned, Block, Level, More, Table, numbers, words
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Aligned, Block, Level, More, Table, numbers, words
 from ..core.colours import Style
 from ..core.errors import UnknownNameError
 from ..core.text import text_width

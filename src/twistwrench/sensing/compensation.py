@@ -11,8 +11,8 @@ from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.doubts import Doubt, doubt, verdict_from_doubts
 from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.glossary import complete

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..answers.blocks import Block, Headline, Line, Remark, Table, numbers, remarks, words
+from ..core.answers.blocks import Block, Headline, Line, Remark, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import estimate, number, percent, quantity, seconds
 from ..core.text import Argument, Placeholder, spelled

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..answers.page import MarkedJoint
+from ..core.answers.page import MarkedJoint
 from ..core.colours import Style
 from ..core.numbers import number, seconds
 from ..core.text import Argument, spelled

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answers.answer import Answer
+from ..core.answers.answer import Answer
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, residual
@@ -19,8 +19,8 @@ from ..robot.task_space_methods import require_robot
 from .events import Happening
 
 if TYPE_CHECKING:
-    from ..answers.blocks import Block
-    from ..answers.page import Setting
+    from ..core.answers.blocks import Block
+    from ..core.answers.page import Setting
     from ..core.verdict import Verdict
     from ..motion.motion import Motion
     from ..robot import Robot

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..answers.blocks import Block, Headline, Level, Line, Table, numbers, remarks, words
+from ..core.answers.blocks import Block, Headline, Level, Line, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import number, residual, seconds
 from ..core.typing import Array

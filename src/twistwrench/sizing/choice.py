@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.errors import UnknownNameError
 from ..core.files import replacing
 from ..core.numbers import number, percent_of_limit
@@ -47,7 +47,7 @@ from .drives import (
 )
 
 if TYPE_CHECKING:
-    from ..answers.page import Setting
+    from ..core.answers.page import Setting
     from ..robot import Robot
 
 _FAR = 2.0

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.numbers import printed
+from ..core.numbers import over_limit, printed
 from ..core.typing import Array
 from ..mechanics.model.actuators import Motor, Thermal, gear_input, moving
-from ..mechanics.model.limits import BEARING_UNITS, over_limit
+from ..mechanics.model.limits import BEARING_UNITS
 from ..reports.motors import Demand
 
 _RPM = 2 * math.pi / 60

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..answers.blocks import (
+from ..core.answers.blocks import (
     Block,
     Column,
     Headline,
@@ -22,12 +22,11 @@ from ..answers.blocks import (
     share_cell,
     words,
 )
-from ..answers.page import MarkedJoint
+from ..core.answers.page import MarkedJoint
 from ..core.colours import Style
-from ..core.numbers import number, percent_of_limit, quantity, seconds
+from ..core.numbers import number, over_limit, percent_of_limit, quantity, seconds
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
-from ..mechanics.model.limits import over_limit
 from ..motion.credible_values import placeholder_limits
 from ..reports.motors import Demand
 from ..reports.torque_verdict import notes_on_log

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.blocks import Block, Headline
 from ..core import arguments
+from ..core.answers.blocks import Block, Headline
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import quantity, seconds

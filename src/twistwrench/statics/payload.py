@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from ..core.numbers import number, printed, rounded_down
+from ..core.numbers import margin, number, printed, rounded_down
 from ..core.typing import Array
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, motor_torques
-from ..mechanics.model.limits import margin
 from ..motion.load_case import least_torque_per_kilogram
 from ..robot.task_space_methods import require_robot
 from .torque_limits import (

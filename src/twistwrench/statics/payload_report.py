@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
 from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.doubts import Doubt
 from ..core.errors import FrameError, UnknownNameError, ValueRangeError
 from ..core.numbers import rounded_down, without_noise
@@ -34,7 +34,7 @@ from .payload import LargestPayload, PayloadMap, largest_payload, payload_map, p
 from .torque_limits import require_fixed_base
 
 if TYPE_CHECKING:
-    from ..answers.page import Setting
+    from ..core.answers.page import Setting
 
 SAMPLES = 200_000
 """Number of random configurations of a map."""

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..answers.blocks import Bar, Block, Headline, Line, Table, numbers, remarks, words
+from ..core.answers.blocks import Bar, Block, Headline, Line, Table, numbers, remarks, words
 from ..core.colours import Style, strong, word_style
 from ..core.errors import ValueRangeError
-from ..core.numbers import MISSING, number, percent_of_limit, quantity, rounded_down, torque
+from ..core.numbers import MISSING, number, over_limit, percent_of_limit, quantity, rounded_down, torque
 from ..core.typing import Array
 from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit, unit_of
-from ..mechanics.model.limits import over_limit
 from ..motion.coordinates import Coordinates, degrees_hint
 from .equilibrium import BeyondStop
 from .force_capability import largest_wrench, weakest_direction

@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import FrameError, ShapeError, ValueRangeError
 from ..core.glossary import complete
-from ..core.numbers import number
+from ..core.numbers import TOLERANCE, margin, number
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import so3
 from ..mechanics.model.couplings import refuse_couplings
-from ..mechanics.model.limits import TOLERANCE, margin
 from ..robot.task_space_methods import require_robot
 from .cone_programme import ConeOptimum, Cones, Sense, cone_programme, least_norm_in_cones, two_sided
 from .contacts import Contact, cones_of, contact_maps, contacts_of, tangents

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
-from ..core.numbers import number, printed
+from ..core.numbers import margin, number, printed
 from ..core.text import Argument, spelled
 from ..core.typing import Array
-from ..mechanics.model.limits import margin
 from ..robot.task_space_methods import require_robot
 
 if TYPE_CHECKING:

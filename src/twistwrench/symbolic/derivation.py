@@ -9,8 +9,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.errors import KernelError, ShapeError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.text import argument, listed

@@ -7,7 +7,7 @@ from dataclasses import replace
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from ..answers.blocks import Aligned, Block, Headline, Level, Line, More, Table, numbers, remarks, words
+from ..core.answers.blocks import Aligned, Block, Headline, Level, Line, More, Table, numbers, remarks, words
 from ..core.numbers import number
 from ..core.text import text_width
 from .documents import broken, heading

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answers.answer import Answer
+from ..core.answers.answer import Answer
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
 from ..core.third_party import captured_stderr
 from ..core.typing import Array
@@ -32,7 +32,7 @@ from ..robot.task_space_methods import require_robot
 from . import State, derivative, derivative_along, random_state, relative_gap
 
 if TYPE_CHECKING:
-    from ..answers.blocks import Block
+    from ..core.answers.blocks import Block
 
 __all__ = ["Check", "VerifyReport", "verify"]
 

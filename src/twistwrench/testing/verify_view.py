@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..answers.blocks import Block, Headline, Line, Table, numbers, words
+from ..core.answers.blocks import Block, Headline, Line, Table, numbers, words
 from ..core.colours import Style, strong
 from ..core.numbers import residual
 from .verify import Check, VerifyReport

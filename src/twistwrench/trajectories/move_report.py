@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.answer import Answer
-from ..answers.blocks import Block
 from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block
 from ..core.doubts import Doubt
 from ..core.errors import ConstraintWarning, PathError, TwistWrenchError, ValueRangeError
-from ..core.numbers import number, printed
+from ..core.numbers import number, over_limit, printed
 from ..core.text import Argument, argument
 from ..core.typing import Array, Metres, Seconds, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
-from ..mechanics.model.limits import Limits, over_limit
+from ..mechanics.model.limits import Limits
 from ..motion import limits_file
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import ConfigurationGiven, Coordinates, configuration_of, degrees_hint
@@ -43,7 +43,7 @@ from .paths import JointPath, follow_poses, joint_line, spline
 from .trajectory import Trajectory, fitted, required_torques
 
 if TYPE_CHECKING:
-    from ..answers.page import Setting
+    from ..core.answers.page import Setting
     from ..robot.doors import PathClearance
 
 Paths: TypeAlias = Literal["joint", "line", "screw"]

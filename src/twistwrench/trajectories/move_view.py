@@ -7,16 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..answers.blocks import Bar, Block, Glyphs, Headline, Line, Table, mark_style, numbers, remarks, words
-from ..answers.page import MarkedJoint
+from ..core.answers.blocks import Bar, Block, Glyphs, Headline, Line, Table, mark_style, numbers, remarks, words
+from ..core.answers.page import MarkedJoint
 from ..core.colours import Style, strong, word_style
-from ..core.numbers import number, percent, percent_of_limit, seconds, torque
+from ..core.numbers import number, over_limit, percent, percent_of_limit, seconds, torque
 from ..core.text import Argument, listed, spelled
 from ..core.typing import Array
 from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques
-from ..mechanics.model.limits import Limits, over_limit
+from ..mechanics.model.limits import Limits
 from ..motion.model_doubts import friction_words
 from .fastest import Fastest
 from .move_report import SAMPLES, MoveReport

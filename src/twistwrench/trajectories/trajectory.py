@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import PathError, ShapeError, ValueRangeError
 from ..core.glossary import complete
-from ..core.numbers import printed
+from ..core.numbers import TOLERANCE, printed
 from ..core.typing import Array
 from ..mechanics.algorithms.time_scalings import quintic
 from ..mechanics.model.couplings import joint_velocities, motor_torques, motor_velocities
-from ..mechanics.model.limits import TOLERANCE, Limits
+from ..mechanics.model.limits import Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from ..motion.coordinates import configuration
 from ..motion.motion import Motion

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ..answers.answer import Answer
-from ..answers.blocks import mark_style
-from ..answers.page import LARGEST_VIEWER, MarkedJoint, Picture, Viewer
 from ..calibration.poses import MeasuringPoses
 from ..calibration.result import CalibratedRobot
+from ..core.answers.answer import Answer
+from ..core.answers.blocks import mark_style
+from ..core.answers.page import LARGEST_VIEWER, MarkedJoint, Picture, Viewer
 from ..core.colours import Style
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.files import as_path, picture_path

@@ -13,8 +13,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from ..answers.page import digest
 from ..core import arguments
+from ..core.answers.page import digest
 from ..core.colours import page_colours
 from ..core.files import replacing
 from ..core.glossary import complete

@@ -17,9 +17,8 @@ from ..core.colours import COLOURS, Style, word_style
 from ..core.errors import MissingExtraError, ShapeError, ValueRangeError
 from ..core.files import replacing
 from ..core.glossary import complete
-from ..core.numbers import number, printed, seconds
+from ..core.numbers import number, over_limit, printed, seconds
 from ..core.typing import Array
-from ..mechanics.model.limits import over_limit
 from ..mechanics.model.model import BASE
 from ..reports.drawn_motion import DrawnMotion, motion_of
 from ..reports.spoken_verdict import verdict_text

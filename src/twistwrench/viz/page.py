@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..answers.page import Viewer, digest
 from ..core import arguments
+from ..core.answers.page import Viewer, digest
 from ..core.colours import COLOURS, Style, page_colours
 from ..core.errors import ModelWarning, ValueRangeError
 from ..core.files import replacing

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..answers.page import MarkedJoint, Picture
+from ..core.answers.page import MarkedJoint, Picture
 from . import style
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...answers.answer import Answer
-from ...answers.blocks import Block
+from ...core.answers.answer import Answer
+from ...core.answers.blocks import Block
 from ...core.doubts import Doubt, verdict_from_doubts
 from ...core.estimation.cross_validation import HeldOut
 from ...core.glossary import complete

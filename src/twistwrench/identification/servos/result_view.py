@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ...answers.blocks import Block, Headline, Line, Table, remarks, words
+from ...core.answers.blocks import Block, Headline, Line, Table, remarks, words
 from ...core.colours import Style
 from ...core.numbers import number, percent, quantity
 from ...core.text import listed

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...answers.blocks import Block, Headline, Level, Line, More, Table, numbers, words
+from ...core.answers.blocks import Block, Headline, Level, Line, More, Table, numbers, words
 from ...core.colours import Style
 from ...core.numbers import number, percent, percent_of_limit
 from ...core.typing import Array

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ...answers.blocks import Block, Column, Headline, Level, Line, More, Table, numbers, words
+from ...core.answers.blocks import Block, Column, Headline, Level, Line, More, Table, numbers, words
 from ...core.colours import Style
 from ...core.numbers import MISSING, estimate, number, percent, plus_minus
 from ...core.text import listed

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.errors import ModelError, ShapeError, UnknownNameError
-from ...core.numbers import number
+from ...core.numbers import TOLERANCE, number
 from ...core.text import argument, listed
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
 from ..lie.identity import IDENTITY, UPRIGHT, is_identity, product
 from .description import JointEntry, LinkEntry, Mimic, SiteEntry
-from .limits import BEARINGS, TOLERANCE, Friction, Limits
+from .limits import BEARINGS, Friction, Limits
 from .model import BASE, Body, Frame, Model, OfferedClosure, Spring, Tree
 
 DEFAULT_SNAP = 1e-9

@@ -8,24 +8,19 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from ...core.numbers import TOLERANCE
 from ...core.typing import Array
 
 __all__ = [
     "BEARINGS",
     "BEARING_UNITS",
     "FASTEST_TURN",
-    "TOLERANCE",
     "Limits",
     "StatedLimits",
     "bears",
     "known_velocities",
-    "margin",
-    "over_limit",
 ]
 
-TOLERANCE = 1e-6
-"""Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
-digits in files."""
 
 BEARING_UNITS = {"axial": "N", "radial": "N", "tilting": "N m"}
 """Kinds of limits of bearings, force along and across the axis and moment across it, with their units."""
@@ -56,25 +51,6 @@ def known_velocities(velocity: Array, turning: Array) -> Array:
     return np.where(velocity < np.where(turning, FASTEST_TURN, FASTEST_SLIDE), velocity, np.inf)
 
 
-def over_limit(share: Any) -> Any:
-    """True if a magnitude exceeds its limit by more than rounding errors.
-
-    Parameters
-    ----------
-    share : float or (...) array, magnitude divided by its limit
-
-    Returns
-    -------
-    over : bool or (...) array of bool; False for NaN
-
-    Examples
-    --------
-    >>> over_limit(1 + 0.5 * TOLERANCE), over_limit(1 + 2 * TOLERANCE)
-    (False, True)
-    """
-    return share > 1 + TOLERANCE
-
-
 def bears(limits: Limits) -> bool:
     """True if a bearing of some joint has a limit.
 
@@ -92,26 +68,6 @@ def bears(limits: Limits) -> bool:
     False
     """
     return any(np.isfinite(getattr(limits, kind)).any() for kind in BEARINGS)
-
-
-def margin(limit: Any) -> Array:
-    """Excess over a limit up to which a magnitude counts as at the limit.
-
-    Parameters
-    ----------
-    limit : (...) array_like, inf if not given
-
-    Returns
-    -------
-    margin : (...) array, in the unit of the limit; finite everywhere
-
-    Examples
-    --------
-    >>> margin([150.0, np.inf]).tolist()
-    [0.00015, 1e-06]
-    """
-    limit = np.asarray(limit, float)
-    return np.asarray(TOLERANCE * np.where(np.isfinite(limit), limit, 1.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from ...answers.blocks import Table, numbers, words
+from ...core.answers.blocks import Table, numbers, words
 from ...core.arguments import number as number_of
 from ...core.arguments import parse_numbers, positive
 from ...core.errors import UnknownNameError, ValueRangeError

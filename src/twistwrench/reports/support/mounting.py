@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...answers.blocks import Line, Table, numbers, words
 from ...core import arguments
+from ...core.answers.blocks import Line, Table, numbers, words
 from ...core.arguments import parse_numbers
 from ...core.errors import ValueRangeError
 from ...core.numbers import number, seconds

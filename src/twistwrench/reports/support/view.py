@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...answers.blocks import Table, numbers, share_cell, words
+from ...core.answers.blocks import Table, numbers, share_cell, words
 from ...core.numbers import number, seconds
 from ...core.typing import Array
 from ...statics.contacts import contact_maps, tangents

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from ...answers.answer import Answer
-from ...answers.blocks import Block, Headline, Line, Table, words
+from ...core.answers.answer import Answer
+from ...core.answers.blocks import Block, Headline, Line, Table, words
 from ...core.verdict import Verdict, Word
 from ...mechanics.model.description import grouped
 

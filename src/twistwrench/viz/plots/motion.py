@@ -10,11 +10,11 @@ import numpy as np
 
 from ...core.errors import UnknownNameError
 from ...core.glossary import complete
-from ...core.numbers import number, percent_of_limit, quantity
+from ...core.numbers import number, over_limit, percent_of_limit, quantity
 from ...core.typing import Array
 from ...mechanics.joints.units import torque_word, unit_of
 from ...mechanics.model.couplings import joint_effort, motor_torques
-from ...mechanics.model.limits import Limits, over_limit
+from ...mechanics.model.limits import Limits
 from ...motion.bounds import bounds_or_own
 from ...motion.coordinates import Coordinates
 from ...reports.drawn_motion import DrawnMotion

@@ -10,9 +10,8 @@ import numpy as np
 
 from ...core.errors import ValueRangeError
 from ...core.glossary import complete
-from ...core.numbers import number, rounded_down
+from ...core.numbers import number, over_limit, rounded_down
 from ...core.typing import Array
-from ...mechanics.model.limits import over_limit
 from ...statics.force_capability import (
     WrenchEllipsoid,
     WrenchPolytope,

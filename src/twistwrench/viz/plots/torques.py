@@ -8,10 +8,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...core.numbers import deviation, number, percent_of_limit, seconds
+from ...core.numbers import deviation, margin, number, over_limit, percent_of_limit, seconds
 from ...core.typing import Array
 from ...mechanics.joints.units import torque_word
-from ...mechanics.model.limits import margin, over_limit
 from ...motion.load_case import cause_label
 from ...reports.motors import MotorUse
 from ...reports.statistics import INTERVAL

@@ -16,8 +16,8 @@ from rich.segment import Segment
 from rich.text import Text
 from rich.tree import Tree
 
-from ..core.colours import Style, terminal_style
-from ..core.text import visible
+from ..colours import Style, terminal_style
+from ..text import visible
 from .blocks import Aligned, Block, Branch, Cell, Column, Headline, Line, More, Piece, Remark, Table, shown_blocks
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.numbers import MISSING
-from ..core.tables import data_frame
+from ..numbers import MISSING
+from ..tables import data_frame
 from .blocks import Aligned, Bar, Block, Branch, Cell, Column, Glyphs, Headline, Line, More, Piece, Remark, Table
 
 

@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..core.colours import COLOURS, Style, page_colours
-from ..core.files import replacing
-from ..core.text import visible
-from ..core.version import __version__
+from ..colours import COLOURS, Style, page_colours
+from ..files import replacing
+from ..text import visible
+from ..version import __version__
 from .blocks import Aligned, Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
 from .data import plain, table_data
 

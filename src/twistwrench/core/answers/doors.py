@@ -13,20 +13,20 @@ if TYPE_CHECKING:
 
 def pictures_of(answer: Answer) -> Iterable[Picture]:
     """Pictures of the page of an answer; none if matplotlib is not installed."""
-    from ..viz.answers import pictures_of
+    from ...viz.answers import pictures_of
 
     return pictures_of(answer)
 
 
 def viewer_of(answer: Answer) -> Viewer | None:
     """Robot of an answer that can be moved; None if it cannot be shown."""
-    from ..viz.answers import viewer_of
+    from ...viz.answers import viewer_of
 
     return viewer_of(answer)
 
 
 def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
     """Draw a kind of picture of an answer."""
-    from ..viz.answers import plot
+    from ...viz.answers import plot
 
     return plot(answer, kind, path)

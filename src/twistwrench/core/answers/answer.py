@@ -9,14 +9,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
-from ..core.files import as_path, refuse_existing, replacing
-from ..core.version import __version__
-from .blocks import Block, Headline, Table
-from .data import DataTable, plain, report_data
+from ..files import as_path, refuse_existing, replacing
+from ..version import __version__
 
 if TYPE_CHECKING:
-    from ..core.verdict import Verdict
+    from ..verdict import Verdict
+    from .blocks import Block
     from .card import Shares
+    from .data import DataTable
     from .page import Picture, Setting, Viewer
 
 SCHEMA = 1
@@ -277,6 +277,8 @@ class Answer:
         >>> data["verdict"], data["exit_code"], data["facts"]["share of limit"], data["tables"][0]["columns"][1]
         ('OVER LIMIT', 1, '111 %', {'name': 'peak', 'unit': 'N m'})
         """
+        from .data import report_data
+
         verdict = self.verdict
         return {
             "schema": SCHEMA,
@@ -326,10 +328,16 @@ class Answer:
     @property
     def tables(self) -> Mapping[str, DataTable]:
         """Tables by title, or by their first column without one, with all rows and digits."""
+        from .blocks import Table
+        from .data import DataTable
+
         found = [DataTable.from_table(block) for block in self.blocks() if isinstance(block, Table)]
         return {table.title or table.columns[0][0]: table for table in found}
 
     @property
     def headline(self) -> str:
         """First line of the report, without its colour."""
+        from .blocks import Headline
+        from .data import plain
+
         return next((plain(block).partition("\n")[0] for block in self.blocks() if isinstance(block, Headline)), "")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.colours import COLOURS, NEAR_LIMIT, Style
-from ..core.numbers import number
-from ..core.text import visible
-from ..core.typing import Array
+from ..colours import COLOURS, NEAR_LIMIT, Style
+from ..numbers import number
+from ..text import visible
+from ..typing import Array
 from .blocks import Block, Headline, Remark, Table, limit_style, shown_blocks
 from .page import block_html, paragraphs, table_html
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from ..core.text import spoken
+from ..text import spoken
 
 SENTENCES = MappingProxyType(
     {

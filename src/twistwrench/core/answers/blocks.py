@@ -15,11 +15,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..core.colours import NEAR_LIMIT, Style, word_style
-from ..core.numbers import MISSING, number, percent_of_limit
-from ..core.text import ReadingNote, text_width
-from ..core.verdict import Verdict, Word
-from ..mechanics.model.limits import over_limit
+from ..colours import NEAR_LIMIT, Style, word_style
+from ..numbers import MISSING, number, over_limit, percent_of_limit
+from ..text import ReadingNote, text_width
+from ..verdict import Verdict, Word
 
 
 class Level(IntEnum):
