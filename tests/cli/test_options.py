@@ -102,7 +102,7 @@ def test_every_option_is_a_parameter_or_of_the_robot_the_log_or_a_file(name):
         "torques": {"workers", "scheduler", "kind", "joints"},
         "export": {"st", "ros2", "payloads", "gravity_input", "style", "torque", "license"},
         "calibrate": {"factory_file", "plan", "towards", "floor"},
-        "identify": {"workers", "scheduler", "force", "add"},
+        "identify": {"workers", "scheduler", "force", "add", "from_commands", "command_hold"},
         "sensor identify": {"arm", "frame"},
         "sensor compensate": {"arm", "frame"},
     }.get(name, set())

@@ -267,7 +267,9 @@ def test_finding_72_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_pa
     motion, path = tw.Motion.from_file(tmp_path / "m.csv", robot), str(FILES[file])
     t = np.linspace(motion.time[0], motion.time[-1], 1001)
     q = np.stack([np.interp(t, motion.time, x) for x in motion.q.T], axis=1)
-    model, shapes, _ = pin.buildModelsFromUrdf(path, package_dirs=[path.split("/example-robot-data/robots", maxsplit=1)[0]])
+    model, shapes, _ = pin.buildModelsFromUrdf(
+        path, package_dirs=[path.split("/example-robot-data/robots", maxsplit=1)[0]]
+    )
     joints = [min(shape.parentJoint, robot.nv) for shape in shapes.geometryObjects]  # the fingers are held
     shapes.addAllCollisionPairs()
     apart = [(p.first, p.second) for p in shapes.collisionPairs if abs(joints[p.first] - joints[p.second]) > 1]

@@ -276,7 +276,9 @@ def test_the_meshes_of_the_panda_do_not_touch():
     """By Coal, through Pinocchio, of all links but neighbours."""
     pin = pytest.importorskip("pinocchio")
     one, path = panda_motion(), str(FILES[PANDA])
-    model, geometry, _ = pin.buildModelsFromUrdf(path, package_dirs=[path.split("/example-robot-data/robots", maxsplit=1)[0]])
+    model, geometry, _ = pin.buildModelsFromUrdf(
+        path, package_dirs=[path.split("/example-robot-data/robots", maxsplit=1)[0]]
+    )
     geometry.addAllCollisionPairs()
     data, seen = model.createData(), geometry.createData()
     parents = [geometry.geometryObjects[k].parentJoint for k in range(geometry.ngeoms)]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import click
 
@@ -19,8 +19,12 @@ from ..identification.identify import identify, log_paths
 from ..identification.parameters import PARAMETER_UNITS
 from ..identification.payload import motor_side
 from ..identification.result import IdentifiedRobot
+from ..identification.servos.identify_servos import identify_servos
+from ..identification.servos.replay import SERVO_UNITS
+from ..identification.servos.result import IdentifiedServos
 from ..identification.write import OF_COUPLED_MOTORS
 from ..mechanics.model.couplings import with_couplings
+from ..motion.motion import Motion
 from ..motion.motion_file import joints_without_column, open_motion_file
 from ..robot import Robot
 from . import shared
@@ -30,6 +34,11 @@ from .shared import RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
 
+CommandHold: TypeAlias = Literal["zero", "linear", "auto"]
+Identified: TypeAlias = IdentifiedRobot | IdentifiedServos
+_KNOWN_UNITS = SERVO_UNITS | PARAMETER_UNITS
+_OF_SERVOS = ("known",)
+"""Parameters of ``identify`` that ``identify_servos`` has too, beside the logs."""
 _AUTO = "auto"
 _ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
 _REMOVED = click.option("--add", "--information", "add", hidden=True, help="Give all logs at once.")
@@ -72,11 +81,9 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
         owner, _, kind = name.rpartition(".")
         kind = {"mass": "m"}.get(kind, kind)
         number, _, unit = value.partition(" ")
-        allowed = PARAMETER_UNITS.get(kind)
+        allowed = _KNOWN_UNITS.get(kind)
         if equal and owner and allowed is None:
-            raise UnknownNameError(
-                f"{flag} {text!r}: {UnknownNameError.from_choices('parameter', kind, PARAMETER_UNITS)}"
-            )
+            raise UnknownNameError(f"{flag} {text!r}: {UnknownNameError.from_choices('parameter', kind, _KNOWN_UNITS)}")
         try:
             if not equal or not owner or allowed is None:
                 raise ValueError  # noqa: TRY301  the same sentence answers all of it
@@ -84,7 +91,7 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
         except ValueError:
             raise ValueRangeError(
                 f"{flag} {text!r} is not NAME=VALUE, for example link_3.m=0.73. Links and joints have: "
-                f"{', '.join(PARAMETER_UNITS)}."
+                f"{', '.join(_KNOWN_UNITS)}."
             ) from None
         if unit and unit.strip() not in allowed:
             raise ValueRangeError(f"{flag} {text!r}: the unit {unit.strip()!r} is not {' or '.join(allowed)}.")
@@ -92,6 +99,15 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
 
 
 # ── ``identify``
+
+
+def _has_torques(found: Identified) -> bool:
+    return isinstance(found, IdentifiedRobot)
+
+
+def _of_torques(found: Identified) -> IdentifiedRobot:
+    assert isinstance(found, IdentifiedRobot), "servos have no groups of parameters"
+    return found
 
 
 def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str, str]:
@@ -103,13 +119,28 @@ def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str
     identify,
     click.argument("logs", metavar="LOG...", nargs=-1, required=True),
     shared.LOG_READING,
+    option(
+        "--from-commands",
+        "Identify stiffness, damping, friction and armature of servos from commands, without torques.",
+    ),
+    option(
+        "--command-hold",
+        "Course of the commands between samples, with --from-commands.",
+        choices=("zero", "linear", "auto"),
+    ),
     option("--force", "Write all files even if the verdict is LOOK AGAIN."),
     shared.worker_options,
     _REMOVED,
     files=(
-        table_file(IdentifiedRobot.to_csv, "Write parameter groups with their intervals as a table"),
-        picture_file("Draw measured and predicted torques, and parameter groups."),
-        OutputFile("--out OUT", "Write the robot file with the identified parameters.", IdentifiedRobot.write),
+        table_file(
+            lambda found, path: _of_torques(found).to_csv(path),
+            "Write parameter groups with their intervals as a table",
+            exists=_has_torques,
+        ),
+        picture_file("Draw measured and predicted torques, and parameter groups.", exists=_has_torques),
+        OutputFile(
+            "--out OUT", "Write the robot file with the identified parameters.", lambda found, path: found.write(path)
+        ),
         OutputFile(
             "--out-actuators OUT.yaml",
             "Write friction and motor inertias as an actuator file.",
@@ -117,7 +148,10 @@ def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str
         ),
     ),
     report=True,
-    examples=("identify my_arm.urdf log.csv --test other_log.csv --report report.html",),
+    examples=(
+        "identify my_arm.urdf log.csv --test other_log.csv --report report.html",
+        "identify my_arm.urdf log.csv --from-commands --out arm.xml",
+    ),
     left_out={"friction_speed", "motor_side", "client"},
     spellings={"method": Spelling("--weights"), "friction": _FRICTION},
     kinds={
@@ -134,7 +168,7 @@ def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str
 def identify_command(
     robot: RobotOptions,
     asked: Asked,
-    outputs: Outputs[IdentifiedRobot],
+    outputs: Outputs[Identified],
     logs: tuple[str, ...],
     test: tuple[str, ...],
     columns: tuple[str, ...],
@@ -144,11 +178,13 @@ def identify_command(
     episode: int | None,
     lock_missing: bool,
     payload_only: str | None,
+    from_commands: bool,
+    command_hold: CommandHold | None,
     force: bool,
     workers: int | None,
     scheduler: str | None,
     add: str | None,
-) -> IdentifiedRobot:
+) -> Identified:
     """Estimate masses, inertias, friction and motor inertias from logs, with intervals, and check the logs.
 
     The first word is the verdict. Exit code: 0 for OK; 1 for UNSURE and LOOK AGAIN. After LOOK AGAIN only --json is written,
@@ -159,10 +195,17 @@ def identify_command(
     _check_payload(payload_only, outputs.flags)
     fitted, predicted = ([str(path) for path in log_paths(given, robot.source)] for given in (logs, test))
     names = shared.parse_columns(columns, [*fitted, *predicted])
+    if command_hold is not None and not from_commands:
+        raise ValueRangeError("--command-hold belongs to --from-commands. Add it, or leave it out.")
     held = None
     if lock_missing:
         held = partial(joints_without_column, open_motion_file(fitted[0], topic, episode), columns=names)
     arm, locked = replace(robot, actuators=None).load_and_locked(held=held)
+    if from_commands:
+        reading = {"columns": names, "rate": rate, "degrees": robot.degrees, "topic": topic, "episode": episode}
+        servos = _servos(arm, fitted, predicted, command_hold or "auto", reading, asked)
+        _plan_files(servos, outputs, robot, fitted, force=force)
+        return servos
     arm, side = _with_motors(arm, locked, robot, writes_actuators=bool(outputs.path_of("--out-actuators")))
     currents = shared.current_gains(gain, arm.model, robot.drives, of_side=True)
     with progress_bar("identifying") as progress, workers_of(workers, scheduler) as team:
@@ -172,6 +215,17 @@ def identify_command(
         )  # fmt: skip
     _plan_files(found, outputs, robot, fitted, force=force)
     return found
+
+
+def _servos(
+    robot: Robot, logs: Sequence[str], test: Sequence[str], hold: CommandHold, reading: dict[str, Any], asked: Asked
+) -> IdentifiedServos:
+    """Servos from logs of commands and positions."""
+    if ignored := [name for name in asked if name not in _OF_SERVOS]:
+        raise ValueRangeError(f"--{ignored[0].replace('_', '-')} is for torques. Leave it out with --from-commands.")
+    fitted, predicted = ([Motion.from_file(path, robot, **reading) for path in paths] for paths in (logs, test))
+    with progress_bar("identifying") as progress:
+        return identify_servos(robot, fitted, test=predicted, hold=hold, progress=progress, **asked)
 
 
 def _check_payload(frame: str | None, outputs: Sequence[str]) -> None:
@@ -199,8 +253,8 @@ def _with_motors(
 
 
 def _plan_files(
-    found: IdentifiedRobot,
-    outputs: Outputs[IdentifiedRobot],
+    found: Identified,
+    outputs: Outputs[Identified],
     robot: RobotOptions,
     logs: Sequence[str],
     *,
@@ -216,10 +270,12 @@ def _plan_files(
     given: Mapping[str, object] | None = None if robot.drives is None else robot.drives.entries
     names = ["+".join(Path(part).name for part in log.split("+")) for log in logs]
 
-    def write(found: IdentifiedRobot, path: str) -> None:
-        if path == (out or actuators):
-            for each in found.write(out, actuators, given=given, logs=names, force=force):
-                note(each)
+    def write(found: Identified, path: str) -> None:
+        if path != (out or actuators):
+            return
+        further: dict[str, Any] = {"given": given, "logs": names} if isinstance(found, IdentifiedRobot) else {}
+        for each in found.write(out, actuators, force=force, **further):
+            note(each)
 
     outputs.written_by("--out", write)
     outputs.written_by("--out-actuators", write)

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from ...core.typing import Array
+from ...mechanics.joints.units import units_of
 from ...robot import Robot
 from ...simulation.torque_laws import BatchPD
 
@@ -23,6 +24,13 @@ Hold = Literal["zero", "linear"]
 """Course of a command between its samples: held, or straight."""
 QUANTITIES = ("armature", "damping", "coulomb", "kp")
 """Values of each joint, in the order of the unknowns; their logarithms are estimated, and the delay is the last unknown."""
+SERVO_UNITS = {
+    "armature": ("kg m^2", "kg"),
+    "damping": ("N m s/rad", "N s/m"),
+    "coulomb": units_of("tau", (True, False)),
+    "kp": ("N m/rad", "N/m"),
+}
+"""SI units of each value of a joint: turning joints first, then sliding ones."""
 LAWS = {"stribeck": 0.1, "presliding": 0.01, "falling": 1.0, "load": 0.0}
 """Other laws of friction, with their Stribeck speeds [rad/s, m/s]: peaks, presliding, and friction of the carried torque."""
 _STORED = 2.5e-3

@@ -12,20 +12,13 @@ from ...core.numbers import number, percent, quantity
 from ...core.text import listed
 from ...core.typing import Array
 from ...core.verdict import Word
-from ...mechanics.joints.units import units_of
-from .replay import QUANTITIES
+from .replay import QUANTITIES, SERVO_UNITS
 
 if TYPE_CHECKING:
     from .result import IdentifiedServos
 
 _MILLI = 1e3
 _FACTOR = math.log(10.0)
-_UNITS = {
-    "armature": ("kg m²", "kg"),
-    "damping": ("N m s/rad", "N s/m"),
-    "coulomb": units_of("tau", (True, False)),
-    "kp": ("N m/rad", "N/m"),
-}
 _SHOWN = ("kp", "damping", "coulomb", "armature")
 _MOST = 12
 
@@ -82,7 +75,7 @@ def _values(found: IdentifiedServos) -> Table:
     turning = [any(body.joint.turning) for body in found.original.model.leaders]
     for name in _SHOWN:
         values = found.values[:, QUANTITIES.index(name)]
-        units = [_UNITS[name][0 if turns else 1] for turns in turning]
+        units = [SERVO_UNITS[name][0 if turns else 1].replace("^2", "²") for turns in turning]
         columns.append(words(name, _cells(values, width[name], found.determined[name], units), fold=False))
     kind = ["all" if w else "ratios" if r else "–" for w, r in zip(found.whole, found.only_ratios, strict=True)]
     return Table("Servos", *columns, words("known", kind, fold=False), most=_MOST)
