@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from .errors import UnknownNameError
 from .text import Argument, spelled, spoken
-from .verdict import Verdict
+from .verdict import Reason, Verdict
 
 Level = Literal["refuse", "unsure", "note"]
 """Effect of a doubt on the verdict: LOOK AGAIN, UNSURE, or none."""
@@ -85,6 +85,7 @@ class Doubt:
     share : float, optional, explained share of the squared residual, of the joint with the largest reduction
     effect : float, optional, largest change of predicted torques in another motion, as a share of a joint's torque
     (rms)
+    remedy : str, the part of the sentence that says what to do; empty without one
 
     Examples
     --------
@@ -104,6 +105,7 @@ class Doubt:
     statistic: float | None = None
     share: float | None = None
     effect: float | None = None
+    remedy: str = ""
 
     def __str__(self) -> str:
         return self.sentence
@@ -159,16 +161,15 @@ def doubt(
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
     spelt = {name: spelled(word) if isinstance(word, Argument) else word for name, word in words.items()}
-    said = " ".join(
-        spoken(text).format(**{"joints": ", ".join(joints) if named is None else named} | spelt)
-        for text in (row.sentence, row.remedy)
-        if text
-    )
+    filled = {"joints": ", ".join(joints) if named is None else named} | spelt
+    evidence, remedy = (spoken(text).format(**filled) for text in (row.sentence, row.remedy))
+    said = f"{evidence} {remedy}".strip()
     return Doubt(
         kind,
         f"{log}: {said}" if log else said,
         tuple(joints),
         level or ("unsure" if row.level == "effect" else row.level),
+        remedy=remedy,
         **(found or {}),
     )
 
@@ -177,5 +178,5 @@ def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:
     """Verdict for these doubts: LOOK AGAIN, UNSURE, or OK if there are only notes."""
     by_level: dict[Level, list[str]] = {"refuse": [], "unsure": [], "note": []}
     for each in doubts:
-        by_level[each.level].append(each.sentence)
+        by_level[each.level].append(Reason(each.sentence, each.remedy))
     return Verdict.from_reasons(look_again=by_level["refuse"], unsure=by_level["unsure"])

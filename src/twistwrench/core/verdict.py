@@ -11,7 +11,7 @@ from enum import IntEnum, StrEnum
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ExitCode", "Verdict", "Word"]
+__all__ = ["ExitCode", "Reason", "Verdict", "Word"]
 
 
 class ExitCode(IntEnum):
@@ -48,6 +48,28 @@ class Word(StrEnum):
 
 _POSITIVE = Word.OK, Word.DONE
 _SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK, Word.DONE
+
+
+class Reason(str):
+    """Reason of a verdict that contains what to do about it, which is known by itself too.
+
+    Examples
+    --------
+    >>> verdict = Verdict.from_reasons(unsure=[Reason("no limits are known; give them", "give them")])
+    >>> str(verdict), verdict.remedies
+    ('UNSURE: no limits are known; give them', ('give them',))
+    """
+
+    remedy: str
+
+    def __new__(cls, text: str, remedy: str = "") -> Reason:
+        """Text of the reason with its remedy."""
+        reason = super().__new__(cls, text)
+        reason.remedy = remedy
+        return reason
+
+    def __reduce__(self) -> tuple[type[Reason], tuple[str, str]]:
+        return type(self), (str(self), self.remedy)
 
 
 @dataclass(frozen=True)
@@ -139,6 +161,12 @@ class Verdict:
     def ok(self) -> bool:
         """True if the answer is OK, or the work is done and nothing was judged."""
         return self.word in _POSITIVE
+
+    @property
+    def remedies(self) -> tuple[str, ...]:
+        """What to do about the reasons, each once; empty where nothing is known that would help."""
+        known = [reason.remedy for reason in self.reasons if isinstance(reason, Reason) and reason.remedy]
+        return tuple(dict.fromkeys(known))
 
     @property
     def exit_code(self) -> ExitCode:

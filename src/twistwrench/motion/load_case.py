@@ -22,6 +22,7 @@ from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
 from ..core.text import Argument, in_the_shell, listed, spelled
 from ..core.typing import Array
+from ..core.verdict import Reason
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.units import unit_of, units_of
@@ -95,7 +96,8 @@ def placeholder_doubt(robot: Robot, limits: Limits) -> str:
     if not (found := placeholder_limits(robot, limits)):
         return ""
     typed = isinstance(limits, StatedLimits) and limits.stated.any()
-    return f"{found}; {_OF_TABLE if typed else limits_remedy(robot.model.source)}"
+    remedy = _OF_TABLE if typed else limits_remedy(robot.model.source)
+    return Reason(f"{found}; {remedy}", remedy)
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
@@ -103,7 +105,7 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
 
     ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given with their unit are not doubted.
     """
-    sentences, model = [], robot.model
+    sentences, model = list[str](), robot.model
     if missing := unlimited(model, limits.effort, peaks):
         count = int(loaded_entries(model, peaks).sum())
         named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
@@ -112,7 +114,7 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
         remedy = (
             _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else limits_remedy(model.source)
         )
-        sentences.append(sentence("unlimited", joints=joints, remedy=remedy))
+        sentences.append(Reason(sentence("unlimited", joints=joints, remedy=remedy), remedy))
     unconfirmed = loaded_entries(model, peaks) & ~limits.has_unit("effort")
     if unconfirmed.any() and (doubt := placeholder_doubt(robot, limits)):
         sentences.append(doubt)

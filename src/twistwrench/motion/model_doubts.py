@@ -11,7 +11,7 @@ from ..core.answers.sentences import sentence
 from ..core.gravity import STRENGTH
 from ..core.numbers import number, percent
 from ..core.text import Argument, listed, spelled
-from ..core.verdict import Word
+from ..core.verdict import Reason, Word
 from ..mechanics.model.inertia_checks import massless_links
 from ..mechanics.model.legs import hanging_base
 from ..mechanics.model.limits import Limits
@@ -77,7 +77,10 @@ BaseRemedy = Literal["hanging", "hanging, feet", "hangs, payload"]
 def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
     """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques."""
     found = hanging_base(model)
-    return [] if found is None else [sentence(remedy, base=found.link)]
+    if found is None:
+        return []
+    words = sentence(remedy)
+    return [Reason(sentence("held", base=found.link, remedy=words), words)]
 
 
 def as_it_hangs(excess: str) -> str:

@@ -287,6 +287,7 @@ class Answer:
             **report_data(list(self.blocks())),
             "verdict": str(verdict.word),
             "reasons": list(verdict.reasons),
+            "remedies": list(verdict.remedies),
             "ok": verdict.ok,
             "exit_code": int(verdict.exit_code),
             "facts": dict(self.facts()),

@@ -20,11 +20,12 @@ SENTENCES = MappingProxyType(
         "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit "
         "({limit} {unit})",
         "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
-        "hanging": "{base} is held in the air, and the robot looks legged; on a stand: <floating_base=False|fixed-base>, free: "
+        "held": "{base} is held in the air, and the robot looks legged; {remedy}",
+        "hanging": "on a stand: <floating_base=False|fixed-base>, free: "
         "<floating_base=True>, on its feet: torques with <feet='auto'>",
-        "hanging, feet": "{base} is held in the air, and the robot looks legged; on its feet: <feet='auto'>, on a stand: "
+        "hanging, feet": "on its feet: <feet='auto'>, on a stand: "
         "<floating_base=False|fixed-base>, free: <floating_base=True>",
-        "hangs, payload": "{base} is held in the air, and the robot looks legged; if a stand holds it: "
+        "hangs, payload": "if a stand holds it: "
         "<floating_base=False|fixed-base>. What a robot that stands on the ground can carry is not computed",
         "hangs": "as it hangs {word}: {excess}",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
