@@ -24,6 +24,7 @@ from ..motion.columns import Assignment, Choice, Reading, check_header
 from ..motion.coordinates import Coordinates
 from ..motion.readers.csv_reader import CsvFile
 from ..robot import Robot
+from ..robots.finding import bundled_file
 from .chain import TipChain
 
 ReadingKind = Literal["pose", "position", "distance", "pair", "point", "plane", "sphere"]
@@ -267,8 +268,6 @@ _READINGS = {*_POINT, *_QUATERNION, *_VECTOR, *_ROLL, *_MATRIX, "distance", "pai
 _CAMERA = re.compile(r"board_in_camera_", re.IGNORECASE)
 _ROTATION = 1e-3
 """Tolerance of entries of rotation matrices, and of lengths of quaternions."""
-DEMO = "demo"
-"""Name of the bundled measurements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,8 +284,7 @@ class _MeasurementFile:
     @property
     def path(self) -> Path:
         """Path of the file, or of the bundled one."""
-        bundled = Path(__file__).parent.parent / "robots" / "ur5_demo_calibration.csv"
-        return bundled if str(self.given) == DEMO and self.robot.model.name == "ur5" else as_path(self.given)
+        return as_path(bundled_file(str(self.given), self.robot.model.name, "_calibration.csv", "measurement"))
 
     @cached_property
     def file(self) -> CsvFile:
