@@ -113,7 +113,7 @@ def test_positions_of_a_dataset_without_a_unit_are_never_read_as_radians_without
         path = dataset(tmp_path / folder, np.degrees(0.05 * Q), names=names, episodes=(0,))
         motion = tw.Motion.from_file(path, tw.load(named(names)))
         assert [(one.kind, one.level) for one in motion.doubts] == [("dataset-unit", level)]
-        assert any("state no unit" in note and "--degrees" in note for note in motion.notes)
+        assert any("state no unit" in note and "degrees=True" in note for note in motion.notes)
 
 
 def test_motors_named_in_a_group_and_units_of_the_metadata_are_read(tmp_path):

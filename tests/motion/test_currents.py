@@ -85,7 +85,7 @@ def test_a_column_in_newton_metres_has_no_gain(arm, log, tmp_path):
     with pytest.raises(TrajectoryError, match="gain=… of joint1 is for a current, and this is a torque in Nm"):
         tw.Motion.from_file(path, arm, gain={"joint1": 2.0})
     path = written(tmp_path / "other.csv", log, ("joint1.torque [A]", "joint2.torque [A]"))
-    with pytest.raises(TrajectoryError, match="currents with --gain A, mA"):
+    with pytest.raises(TrajectoryError, match="currents with gain=… A, mA"):
         tw.Motion.from_file(path, arm)
 
 

@@ -227,7 +227,11 @@ def test_a_column_of_time_that_may_count_rows_is_not_ok_and_its_remedy_is_answer
         np.savetxt(file, np.column_stack([t, Q]), "%.9g", ",", header=header, comments="")
     _, said = run("torques", "ur5", "--trajectory", path)
     assert said.startswith(word)
-    assert ("as row numbers do" in " ".join(said.split())) == ("--rate HZ" in said) == (word == "UNSURE")
+    assert (
+        ("as row numbers do" in " ".join(said.split()))
+        == ("Row numbers: --rate" in " ".join(said.split()))
+        == (word == "UNSURE")
+    )
     if word == "UNSURE":
         (first, of_rows), (_, of_stamps) = (
             (said.split("\n")[0], said)

@@ -15,7 +15,7 @@ from twistwrench.core.answers.data import report_data
 from twistwrench.core.verdict import Word
 
 COMMANDS = {
-    "torques": ["torques", "ur5", "--trajectory", "demo", "--payload", "10", "--actuators", "demo", "--why"],
+    "torques": ["torques", "ur5", "--trajectory", "demo", "--payload", "10", "--actuators", "demo", "--why", "--all"],
     "torques, many": ["torques", "ur5", "--trajectory", "LOGS"],
     "move": ["move", "ur5", "--to", "0.9,-0.9,1.0,-0.4,1.2,1.0", "--degrees"],
     "move --fastest": ["move", "planar_2r", "--to", "1,0.5", "--fastest", "--acceleration", "2"],

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.text import words_of_the_shell
 
 pytest.importorskip("matplotlib")
 DEMO = Path(tw.__file__).parent / "robots" / "ur5_demo.csv"
@@ -249,9 +250,11 @@ def test_the_page_of_the_command_is_that_of_the_answer(name, tmp_path, monkeypat
     """Except for the words of the command line, which only the shell has."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     words, ask = SHELL_AND_PYTHON[name]
-    answer = ask()
+    with words_of_the_shell():  # sentences of the page that can be moved name options there, and arguments in Python
+        answer = ask()
+        python = answer.to_html(tmp_path / "python.html").read_text("utf-8")
     run(name, *words, "--report", tmp_path / "shell.html", code=int(answer.verdict.exit_code))
-    pages = [(tmp_path / "shell.html").read_text("utf-8"), answer.to_html(tmp_path / "python.html").read_text("utf-8")]
+    pages = [(tmp_path / "shell.html").read_text("utf-8"), python]
     command = re.compile(r'<dt>command</dt><dd>.*?</dd>|"command":"twistwrench [^"]*",')
     shell, python = (_unnumbered(command.sub("", page)) for page in pages)
     assert shell == python

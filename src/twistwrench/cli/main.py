@@ -51,8 +51,13 @@ _HEADINGS = {
 }
 """Headings of the help by option; options that are not named are of the question."""
 _HEADING_OF = {f"--{name}": heading for heading, names in _HEADINGS.items() for name in names.split()}
-_NOT_RARE = {("calibrate", "--plan")}
-"""Commands and their options under the first heading, though rare in other commands."""
+_HEADING_IN = {
+    ("calibrate", "--plan"): QUESTION,
+    ("calibrate", "--towards"): RARE,
+    ("identify", "--command-hold"): RARE,
+    **{("view", f"--{name}"): RARE for name in ("feet", "wheels", "contact-friction", "mounting")},
+}
+"""Headings of options in a command that has them elsewhere than the other commands."""
 _FORM, _LINE = 26, 80
 """Widths of the form of an option, and of a line of the short help."""
 
@@ -66,8 +71,8 @@ class GroupedHelp(click.Command):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if isinstance(param, click.Option) and record is not None and not {"--help", "--help-all"} & {*param.opts}:
-                asked = (self.name, param.opts[0]) in _NOT_RARE
-                groups[QUESTION if asked else _HEADING_OF.get(param.opts[0], QUESTION)].append(record)
+                heading = _HEADING_OF.get(param.opts[0], QUESTION)
+                groups[_HEADING_IN.get((self.name or "", param.opts[0]), heading)].append(record)
         every = bool(ctx.meta.get(_ALL))
         for heading, records in groups.items():
             if records and (every or heading != RARE):

@@ -157,6 +157,8 @@ def _copies(seen: FittedLog) -> Iterator[Doubt]:
         size = x.std(axis=0)
         for j, k in combinations(np.flatnonzero(live & (size > 0)).tolist(), 2):
             factor = float(x[:, j] @ x[:, k] / (x[:, j] @ x[:, j]))
+            if what == "position" and abs(factor - 1.0) > _EQUAL:
+                continue  # a planned motion of both joints, in proportion
             if (np.abs(x[:, k] - factor * x[:, j]) <= _EQUAL * size[k]).mean() > _SAME:
                 times = "" if abs(factor - 1.0) < _EQUAL else f"{number(factor, 4)} times "
                 yield doubt("copied", [seen.names[j], seen.names[k]], what=what, times=times)

@@ -85,7 +85,7 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
     >>> demo = tw.robots.path_of("ur5").with_name("ur5_demo.csv")
     >>> found = tw.check_each("ur5", [demo, demo], payload=10)
     >>> found.verdict.word, len(found), found[0].joint, found.subject, found.robot_name, len(found.sources())
-    (<Word.OVER_LIMIT: 'OVER LIMIT'>, 2, 'shoulder_lift_joint', '2 motions', 'ur5', 2)
+    (<Word.OVER_LIMIT: 'OVER LIMIT'>, 2, 'shoulder_lift_joint', '2 motions', 'ur5', 1)
     """
 
     call: ClassVar[str] = "torques"

@@ -253,7 +253,7 @@ def read_log(
     robot : Robot, path or name, optional
         Robot whose joint positions are in the log; its forward kinematics gives the orientations.
     frame : str, optional, frame {f} of the sensor on the robot; default: the tip
-    degrees : bool, joint positions without a unit are in degrees
+    degrees : bool, use degrees for joint positions without a unit
 
     Raises
     ------

@@ -74,7 +74,7 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
             "result.with_robot(robot).to_csv(…)."
         )
     names = Coordinates.from_model(result.simulated.model)
-    said = [header for part in DEGREES for header in names.headers(part, degrees=True)]
+    said = [header for part in ("q", "dq", "ddq") for header in names.headers(part, degrees=True)]
     turning = {"q": names.angular, "dq": names.angular_velocity}
     factors = {part: np.where(angular, np.degrees(1.0), 1.0) for part, angular in turning.items()}
     return [header[0], *said, *header[1 + len(said) :]], factors

@@ -112,7 +112,7 @@ class Answer:
         --------
         >>> import twistwrench as tw
         >>> [getattr(entry, "title", entry) for entry in tw.check("ur5", "demo").origin()][1:]
-        [('torques', 'no friction, as its file gives none'), 'Limits used']
+        ['Limits used', ('torques', 'no friction, as its file gives none')]
         """
         return []
 
