@@ -45,7 +45,7 @@ def test_energies_of_a_simulation_begin_at_zero(drawn):
 def test_finding_64_why_fits_a_narrow_terminal_and_cuts_neither_names_nor_numbers(width):
     def run(columns):
         env = {"COLUMNS": str(columns), "FORCE_COLOR": "1", "TERM": "xterm"}
-        result = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", "demo", "--why", "--all"], env=env)
+        result = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", "demo", "--why"], env=env)
         assert result.exit_code == 0, result.output
         return re.sub(r"\x1b\[[0-9;]*m", "", result.output)
 

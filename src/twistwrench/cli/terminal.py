@@ -25,7 +25,7 @@ def show(*blocks: Block) -> None:
     output = console()
     context = click.get_current_context(silent=True)
     every = context is None or bool(context.params.get("whole_report", True))
-    shown = shown_blocks(blocks, every=True, hint="--all") if every else short_form(blocks, output, "--all")
+    shown = shown_blocks(blocks, every=True, hint="--all") if every else short_form(blocks, "--all")
     for block in shown:
         output.print(rendered(block, output))
 

@@ -164,7 +164,7 @@ class Verdict:
 
     @property
     def remedies(self) -> tuple[str, ...]:
-        """What to do about the reasons, each once; empty where nothing is known that would help."""
+        """Actions that answer the reasons, each once; empty where nothing is known that would help."""
         known = [reason.remedy for reason in self.reasons if isinstance(reason, Reason) and reason.remedy]
         return tuple(dict.fromkeys(known))
 

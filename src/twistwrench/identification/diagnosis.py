@@ -165,12 +165,19 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
         if fit is not before:
             before = fit = _at_best_speed(fit)
         for _ in range(_ROUNDS):
-            best = _first(fit, *stage(fit))
+            tried, count = stage(fit)
+            best = _first(fit, (one for one in tried if not _is_part(one, found)), count)
             if best is None:
                 break
             found += _with_another_zero(best) if best.kind == "zero" else [best]
             fit = found[-1].fit
     return [one for one in _together(start, found) if _determined(one)], before
+
+
+def _is_part(one: FoundCause, found: Sequence[FoundCause]) -> bool:
+    """True for a step of the offset of a joint whose gain changes: the gain scales the offset too."""
+    scaled = {each.joints for each in found if each.kind == "gain-change"}
+    return one.kind == "offset-step" and one.joints in scaled
 
 
 def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:

@@ -89,9 +89,9 @@ def _objection(found: Calibration, path: str) -> str:
         "Start from a UR's factory calibration, calibration.conf or YAML, without measurements.",
         "factory_file",
     ),
-    option("--plan N", "Choose N configurations to measure; MEASUREMENTS are what exists already.", type=int),
+    option("--plan N", "Plan N readings: configurations to measure. MEASUREMENTS are what exists already.", type=int),
     option("--towards X,Y,Z", "Place of the tracker, or of the distances' fixed end, for --plan [m]."),
-    option("--floor Z", "Height of a floor to keep clear of, for --plan [m].", type=float),
+    option("--floor VALUE", "Lowest height of the moving links in the base frame, for --plan [m].", type=float),
     files=(
         OutputFile(
             "--out OUT",

@@ -52,33 +52,32 @@ _ROWS = (10, 8, 6, 4, 3, 2)
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Short form of a report in 80 columns, without colours."""
+    return _plain(short_form(blocks, ".print(every=True)")).rstrip("\n")
+
+
+def _plain(blocks: Iterable[Block]) -> str:
+    """Blocks in 80 columns, without colours."""
     output = _Output(width=_PLAIN_WIDTH, file=StringIO(), highlight=False, color_system=None)
     with output.capture() as captured:
-        _print(short_form(blocks, output, ".print(every=True)"), output)
-    return captured.get().rstrip("\n")
+        _print(blocks, output)
+    return captured.get()
 
 
 def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO | None = None) -> None:
     """Print a report in the width of the terminal, with colours where it has some."""
     output, hint = _Output(file=file, highlight=False), ".print(every=True)"
-    _print(shown_blocks(blocks, every=True, hint=hint) if every else short_form(blocks, output, hint), output)
+    _print(shown_blocks(blocks, every=True, hint=hint) if every else short_form(blocks, hint), output)
 
 
-def short_form(blocks: Iterable[Block], output: Console, hint: str) -> list[Block]:
-    """Blocks of the short form; long tables show fewer rows if the report has more than :data:`MOST_LINES`."""
+def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
+    """Blocks of the short form, the same in every width; long tables show fewer rows if it has more than 45 lines."""
     blocks = list(blocks)
     shown = shown_blocks(blocks, every=False, hint=hint)
     for rows in _ROWS:
-        if _line_count(shown, output) <= MOST_LINES:
+        if _plain(shown).count("\n") <= MOST_LINES:
             break
         shown = shown_blocks(blocks, every=False, hint=hint, rows=rows)
     return shown
-
-
-def _line_count(blocks: Iterable[Block], output: Console) -> int:
-    with output.capture() as captured:
-        _print(blocks, output)
-    return captured.get().count("\n")
 
 
 def _print(blocks: Iterable[Block], output: Console) -> None:
