@@ -28,6 +28,12 @@ _HIGHLIGHTED = re.compile(r'<div class="((?:language-console )?highlight)">(?=(.
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
 _SHIM = "https://unpkg.com/iframe-worker/shim"
 _GROUPS: dict[str, tuple[str, str, str]] = {
+    "Answers": (
+        "",
+        "check check_each payload move verify derive excite identify info check_log",
+        "TorqueReport PayloadReport MoveReport Sizing SimulationResult DoctorReport RobotReport LogReport VerifyReport "
+        "Derivation ExcitingMotion IdentifiedRobot KnownRobots Saved Written",
+    ),
     "Load and build": (
         "attach chain lock with_actuators with_armature with_gravity with_payload close constrain info "
         "to_urdf to_mjcf to_sdf to_mujoco to_pinocchio coordinates random_configuration screws_at_com varying",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -99,6 +99,8 @@ def calibrate(
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
 
     def read(given: MeasurementsGiven | Sequence[MeasurementsGiven]) -> tuple[Measurements, ...]:
+        if not isinstance(given, str | Path | Measurements | Iterable):
+            raise ValueRangeError(f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them.")
         every = [given] if isinstance(given, str | Path | Measurements) else list(given)
         found = [as_measurements(one, arm, kind, tip, degrees=degrees) for one in every]
         return tuple(_checked(_with_options(m, length, noise), arm) for m in found)

@@ -149,7 +149,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
         """
         import difflib
 
-        known, text = list(choices), repr(str(name) if isinstance(name, str) else name)
+        known, text = list(dict.fromkeys(choices)), repr(str(name) if isinstance(name, str) else name)
         text = clipped(text)
         near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=similarity)
         hint = f" Did you mean {' or '.join(repr(clipped(n)) for n in near)}?" if near else ""

@@ -181,7 +181,7 @@ def _of_several(
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
         check, severity, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
-        sentence, {"joints": float(len(names))}, file=first.file if first else "",
+        sentence, {"joints": float(len(names))}, file=first.file if first else "", collective=True,
     )  # fmt: skip
 
 

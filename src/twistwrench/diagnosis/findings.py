@@ -126,6 +126,7 @@ class Finding:
     effect : Effect, between the file and its repair
     repair : FileRepair, or None
     file : str, included file that contains the line; empty for the robot's own
+    collective : bool, True if ``where`` names all joints with the same problem
     """
 
     check: str
@@ -137,6 +138,7 @@ class Finding:
     effect: Effect = Effect()
     repair: FileRepair | None = None
     file: str = ""
+    collective: bool = False
 
     def __str__(self) -> str:
         place = f" ({self.file + ', ' if self.file else ''}line {self.line})" if self.line else ""

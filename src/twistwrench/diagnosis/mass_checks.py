@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ..core.numbers import number, percent, printed
-from ..core.text import listed
+from ..core.text import Argument, listed, spelled
 from ..core.typing import Array
 from ..formats.edit import Edit
 from ..formats.robot_text import WrittenInertia, about_com
@@ -98,7 +98,7 @@ def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             f"link{'s' * (len(names) > 1)} {listed(map(repr, names), _NAMED)}", link.line,
             f"no mass, and a joint of its own: weight and inertia are missing from every torque{what}",
             {"links": float(len(names))},
-            repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, lock={{{joints[0]!r}: 0, …}}"),
+            repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, {spelled(Argument('lock', {joints[0]: 0}))}"),
             file=link.file,
         )  # fmt: skip
 

@@ -362,7 +362,12 @@ def read_subject(
         if not problems:
             raise
         if any(not problem.mimic for problem in problems):  # the loader's error is the first one
-            others = [str(problem) for problem in problems if f"line {problem.line})" not in str(error)]
+            first = str(error)
+            others = [
+                str(problem)
+                for problem in problems
+                if f"line {problem.line})" not in first and str(problem).rstrip(".") not in first
+            ]
             besides = " ".join(others[:_MOST_ERRORS]) + f" And {len(others) - _MOST_ERRORS} more." * (
                 len(others) > _MOST_ERRORS
             )

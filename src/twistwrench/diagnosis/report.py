@@ -116,11 +116,12 @@ class DoctorReport(Answer):
 
     @property
     def paragraphs(self) -> list[list[Finding]]:
-        """Findings of one check with one kind of repair together, worst first."""
-        groups: dict[tuple[str, str, str], list[Finding]] = {}
+        """Findings of one check with one kind of repair together, worst first; those of several joints stand alone."""
+        groups: dict[tuple[str, str, str, str], list[Finding]] = {}
         for finding in self.findings:
             kind = "" if finding.repair is None else finding.repair.kind
-            groups.setdefault((str(finding.severity), finding.check, kind), []).append(finding)
+            alone = finding.sentence if finding.collective else ""
+            groups.setdefault((str(finding.severity), finding.check, kind, alone), []).append(finding)
         return list(groups.values())
 
     # ── Findings and repairs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 from pathlib import Path
@@ -193,6 +193,8 @@ def identify(
 
 def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
     """Logs, with the files of folders and patterns, sorted by name, and ``demo`` as the log bundled with a robot."""
+    if not isinstance(given, Iterable) and not isinstance(given, Motion):
+        raise ShapeError(f"logs={given!r}: give a tw.Motion with torques, the path of a log, or a list of them.")
     found = list[Log]()
     for log in (given,) if isinstance(given, Motion | str | Path) else given:
         if isinstance(log, str | Path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 from weakref import WeakKeyDictionary
 
@@ -230,7 +230,7 @@ def configuration_of(
     >>> [configuration_of(arm, given).tolist() for given in ([0.1, 0.5], {"joint2": 0.5}, "0.1,0.5", ["0.1,0", "joint2=0.5"])]
     [[0.1, 0.5], [0.0, 0.5], [0.1, 0.5], [0.1, 0.5]]
     """
-    q, name = np.array(robot.neutral if start is None else start), spelled(what)
+    q, name = np.array(robot.neutral if start is None else start), spelled(replace(what, value=None))
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     texts = [given] if isinstance(given, str) else given
     if texts is None:
@@ -267,7 +267,9 @@ def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array
         return np.array(known[text])
     names = robot.coordinate_names
     form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {_example(robot)}"
-    if known:
+    if not known:
+        form += "; the file names no configuration"
+    else:
         form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
     return np.array(arguments.parse_numbers(text, option, form, robot.nq)) * unit
 

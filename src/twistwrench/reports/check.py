@@ -250,7 +250,7 @@ def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **
     motion = getattr(motion, "motion", motion)
     if not isinstance(motion, Motion):
         raise TypeError(
-            f"a {type(motion).__name__} is not a motion. Give a path, tw.Motion(time, q, robot=robot), or 'demo'."
+            f"motion is of type {type(motion).__name__}. Give a path, tw.Motion(time, q, robot=robot), or 'demo'."
         )
     own, other = robot.model.velocity_names, motion.robot.model.velocity_names
     if own != other:

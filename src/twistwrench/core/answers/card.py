@@ -28,7 +28,9 @@ _WIDTH, _HEIGHT, _LEFT, _BELOW = 640, 150, 42, 18
 """Size of the picture, and its margins, in pixels."""
 _MOST_POINTS = 240
 _MOST_LINES = 8
-"""Maximum number of lines of a card without a table."""
+"""Maximum number of lines of a card above its table, or without one."""
+_MOST_NOTES = 4
+"""Maximum number of notes below the table of a card."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,26 +47,31 @@ class Shares:
 
 def card(answer: Answer) -> str:
     """HTML of the card of an answer, at most 120 kB."""
-    blocks = shown_blocks(answer.blocks(), every=False, hint="")
+    blocks = [block for block in shown_blocks(answer.blocks(), every=False, hint="") if block != ""]
     head = [html_of(block) for block in blocks if isinstance(block, Headline)]
-    tables = [block for block in blocks if isinstance(block, Table)]
-    remarks: list[Block] = [block for block in blocks if isinstance(block, Remark)]
+    below = [block for block in blocks if not isinstance(block, Headline)]
     shares = answer.shares()
     parts = [f'<p class="kind">{_clipped(answer.subject)}</p>', *head]
     if shares is not None and np.isfinite(shares.values).any():
         parts.append(shares_svg(shares))
-    parts += [table_html(table) for table in tables[:1]]
-    rest: Sequence[Block] = [*tables[1:], *remarks]
-    if not tables:
-        lines = [block for block in blocks if block != "" and not isinstance(block, Headline)]
-        parts += map(block_html, lines[:_MOST_LINES])
-        rest = lines[_MOST_LINES:]
+    shown = _shown(below)
+    parts += [table_html(block) if isinstance(block, Table) else block_html(block) for block in shown]
+    rest = [block for block in below if block not in shown]
     if rest:
         parts.append(f'<p class="kind">{_counted(rest)} more: .print(), .to_html("report.html")</p>')
     text = f'<div class="twistwrench">{_STYLE}{"".join(parts)}</div>'
     if len(text.encode()) > _MOST:
         text = f'<div class="twistwrench">{_STYLE}{"".join(parts[:2])}</div>'
     return text
+
+
+def _shown(blocks: Sequence[Block]) -> list[Block]:
+    """What a card shows below its picture: the lines before the first table, the table, and the first notes after it."""
+    first = next((k for k, block in enumerate(blocks) if isinstance(block, Table)), None)
+    if first is None:
+        return list(blocks[:_MOST_LINES])
+    notes = [block for block in blocks[first + 1 :] if not isinstance(block, Table)]
+    return [*blocks[:first][:_MOST_LINES], blocks[first], *notes[:_MOST_NOTES]]
 
 
 def _counted(blocks: Sequence[Block]) -> str:
