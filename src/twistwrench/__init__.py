@@ -76,6 +76,7 @@ __all__ = [
     "get_threads",
     "identify",
     "info",
+    "join",
     "load",
     "move",
     "move_covariance",
@@ -139,6 +140,8 @@ if _typing.TYPE_CHECKING:
     from .robot.differentiate import differentiate as differentiate
     from .robot.export.written import Saved as Saved
     from .robot.export.written import Written as Written
+    from .robots.cell import Cell as Cell
+    from .robots.cell import join as join
     from .robots.finding import find as find
     from .robots.known_robots import KnownRobots as KnownRobots
     from .simulation.result import SimulationResult as SimulationResult
@@ -169,6 +172,7 @@ _MODULES = {
 
 _NAMES = {
     "Ad": "mechanics.lie.adjoint",
+    "Cell": "robots.cell",
     "Derivation": "symbolic.derivation",
     "ExcitingMotion": "identification.exciting_trajectory",
     "IdentifiedRobot": "identification.result",
@@ -203,6 +207,7 @@ _NAMES = {
     "find": "robots.finding",
     "identify": "identification.identify",
     "info": "reports.info",
+    "join": "robots.cell",
     "get_threads": "compiler.runtime.batch_threads",
     "move": "trajectories.move_report",
     "move_covariance": "mechanics.lie.twist_wrench",

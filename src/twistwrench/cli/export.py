@@ -14,10 +14,11 @@ from ..motion.load_case import LoadCase, payloads_of
 from ..robot import Robot
 from ..robot.export.written import Saved, Written
 from ..robot.load import save
+from ..robots.cell import Cell, join
 from .main import note, option
 from .parameters import Question, Spelling
 from .shared import PAYLOADS, RobotOptions
-from .skin import Asked, Outputs, command_of
+from .skin import Asked, OutputFile, Outputs, command_of
 
 _LISTS = ("by", "parameters", "rows", "wrenches")
 _OF_C = ("precision", "prefix", "test")
@@ -130,3 +131,32 @@ def convert_command(robot: RobotOptions, asked: Asked, outputs: Outputs[Saved], 
     if shaped := len(loaded.model.shaped):
         note(f"the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.")
     return saved
+
+
+# ── ``join``: several robots into one
+
+
+@command_of(
+    "join",
+    join,
+    click.argument("path", metavar="OUT"),
+    click.argument("parts", metavar="PART...", nargs=-1, required=True),
+    left_out=("parts",),
+    with_robot=False,
+    reads=lambda parts: {f"PART {part}": Path(part) for part in parts if Path(part).is_file()},
+    examples=(
+        "join cell.urdf ur5 planar_2r@tool0:hand_",
+        "join two_arms.urdf ur5@floor:left_ ur5@floor+0,1,0,0,0,0:right_",
+    ),
+)
+def join_command(outputs: Outputs[Cell], path: str, parts: tuple[str, ...], asked: Asked, overwrite: bool) -> Cell:
+    """Join robots to one file: a rail, an arm on it, a gripper at its tip, a second arm beside it.
+
+    PART is FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX; all but FILE may be left out. The first part stands at the origin, a later
+    one at a FRAME of the cell so far, by default its tip; parts on the frame 'floor' stand side by side. Lengths are in m,
+    angles in rad, or as 30deg. PREFIX is put before the names of the part.
+    """
+    outputs.check(overwrite=overwrite, also={"OUT": path})
+    cell = join(*parts, **{"name": Path(path).stem, **asked})
+    outputs.add(OutputFile("OUT", "", lambda found, file: found.write(file, overwrite=overwrite)), path)
+    return cell

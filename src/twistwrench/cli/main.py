@@ -478,6 +478,7 @@ _GROUPS = {
     "Equations and files": {
         "derive": _Entry("derive", "Derive the equations of motion in symbols."),
         "convert": _Entry("export", "Write the robot as URDF, MJCF or SDF."),
+        "join": _Entry("export", "Join robots to one: rail, arm, gripper, second arm."),
         "export": _Entry("export", "Write the dynamics as C99 or Structured Text."),
         "verify": _Entry("doctor", "Check the dynamics against independent formulas."),
         "help": _Entry("main", "Explain columns, limits, verdicts or the robot options."),

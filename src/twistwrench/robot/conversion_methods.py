@@ -135,7 +135,7 @@ class EditMethods(RobotBase):
         return _robot_of(self, edit.lock(require_robot(self, "lock").model, joints))
 
     def attach(
-        self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = ""
+        self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = "", name: str = ""
     ) -> Robot:
         """Robot with another robot fixed to one of its frames, such as a gripper on an arm.
 
@@ -148,6 +148,7 @@ class EditMethods(RobotBase):
         frame : str, optional, where to attach; None: the robot's tip
         pose : (4, 4) array_like, optional, pose of the other robot's base in that frame; None: the identity
         prefix : str, prepended to the names of the other robot's links, joints and sites
+        name : str, name of the result; default: both names, joined
 
         Returns
         -------
@@ -163,16 +164,14 @@ class EditMethods(RobotBase):
         --------
         >>> import twistwrench as tw
         >>> both = tw.robots.ur5().attach(tw.robots.planar_2r(), "tool0", prefix="hand_")
-        >>> both.joint_names[-3:]
-        ('wrist_3_joint', 'hand_joint1', 'hand_joint2')
+        >>> both.name, both.joint_names[-3:]
+        ('ur5_planar_2r', ('wrist_3_joint', 'hand_joint1', 'hand_joint2'))
         """
         from ..mechanics.model import joining
 
         T = np.eye(4) if pose is None else arguments.pose(pose, "attach: pose")
-        return _robot_of(
-            self,
-            joining.attach(require_robot(self, "attach").model, require_robot(other, "attach").model, frame, T, prefix),
-        )
+        model, part = require_robot(self, "attach").model, require_robot(other, "attach").model
+        return _robot_of(self, joining.attach(model, part, frame, T, prefix, name or f"{model.name}_{part.name}"))
 
     def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
         """Part of the robot: the subtree of a link, or the chain of joints from a link to a tip.

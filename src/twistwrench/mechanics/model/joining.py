@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...core.errors import FrameError, ModelError, UnknownNameError
-from ...core.text import argument, listed
+from ...core.text import argument, in_the_shell, listed
 from ...core.typing import Array
 from .actuators import Actuator
 from .assembly import ROOT_JOINT
@@ -22,7 +22,7 @@ _LISTED = 6
 _Value = TypeVar("_Value")
 
 
-def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: str) -> Model:
+def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: str, name: str) -> Model:
     """Model with another model's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` is prepended to the other's names.
 
     Raises :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.FrameError` as :meth:`Model.frame`, and
@@ -38,8 +38,8 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     _check_names(whole, part, prefix)
     whole.additions.motor_joints = _motors_of_both(whole, part)
     whole.links |= part.links
-    name = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
-    whole.joints += [fixed_entry(name, link, part.root, T), *part.joints]
+    between = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
+    whole.joints += [fixed_entry(between, link, part.root, T), *part.joints]
     for field in ("friction", "armature"):
         getattr(whole, field).update(
             {k: v for k, v in getattr(part, field).items() if k != ROOT_JOINT or not part.floating}
@@ -54,6 +54,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     for label, positions in theirs.configurations.items():
         ours = {joint: q for joint, q in positions.items() if joint != ROOT_JOINT or not part.floating}
         mine.configurations[label] = mine.configurations.get(label, {}) | ours
+    whole.name = name
     found = reassemble(whole)
     return replace(found, defects=(*model.defects, *other.defects))
 
@@ -146,9 +147,8 @@ def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
     ):
         both = [name for name in theirs if name in ours]
         if both:
-            advice = (
-                "another prefix" if prefix else "a prefix for the names of the one attached, such as prefix='hand_'"
-            )
+            form = "FILE@FRAME:hand_" if in_the_shell() else "prefix='hand_'"
+            advice = "another prefix" if prefix else f"a prefix for the names of the one attached, such as {form}"
             raise ModelError(f"both robots have a {what} called {listed(map(repr, both), _LISTED)}. Give {advice}.")
 
 

@@ -1,0 +1,328 @@
+"""A cell: robots fixed to frames of each other, such as an arm on a rail with a gripper at its tip."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ..core import arguments
+from ..core.answers.answer import Answer
+from ..core.errors import FrameError, ValueRangeError
+from ..core.glossary import complete
+from ..core.numbers import number
+from ..core.text import listed
+from ..core.typing import Array
+from ..core.verdict import Reason, Verdict, Word
+from ..formats.urdf import rotation_of_rpy
+from ..mechanics.lie import se3
+from ..mechanics.model.inertia_checks import massless_links
+from ..mechanics.model.model import Model
+from ..robot import Robot, load
+from .finding import known_robots
+
+if TYPE_CHECKING:
+    from ..core.answers.blocks import Block
+    from ..robot.export.written import Saved
+
+__all__ = ["Cell", "Part", "join"]
+
+_APART = 1e-3
+"""Difference of poses [m, rad] from which the choice between tips matters."""
+FLOOR = "floor"
+"""Frame at which parts stand side by side; made if the cell has none of this name."""
+_FORM = "FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX, of which all but FILE may be left out"
+_PART = re.compile(r"(?P<file>.+?)(?:@(?P<frame>(?:::|[^@+:])+)(?:\+(?P<pose>[^:@]*))?)?(?::(?P<prefix>[\w.-]+))?")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A robot of a cell, and where it stands.
+
+    Parameters
+    ----------
+    robot : Robot
+    frame : str, optional, frame of the cell so far; None: its tip
+    pose : (4, 4) array_like, optional, pose of the robot's base in that frame; None: the identity
+    prefix : str, prepended to the names of the robot's links, joints and sites
+    file : str or Path, the robot's file, for the report
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> part = Part.from_text("ur5@floor+0,1,0,0,30deg,0:left_")
+    >>> part.robot.name, part.frame, part.prefix, part.pose[:3, 3].tolist()
+    ('ur5', 'floor', 'left_', [0.0, 1.0, 0.0])
+    """
+
+    robot: Robot
+    frame: str | None = None
+    pose: Array | None = None
+    prefix: str = ""
+    file: str | Path = ""
+
+    @classmethod
+    def from_text(cls, text: str, *, degrees: bool = False) -> Part:
+        """Part from ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``; lengths in metres, angles in radians or as ``30deg``.
+
+        Parameters
+        ----------
+        text : str
+        degrees : bool, angles are in degrees
+
+        Returns
+        -------
+        part : Part
+
+        Raises
+        ------
+        ValueRangeError
+            The text has another form.
+
+        Examples
+        --------
+        >>> Part.from_text("planar_2r@tool0:hand_").frame
+        'tool0'
+        """
+        if Path(text).is_file():
+            return cls(load(text), file=text)
+        found = _PART.fullmatch(text)
+        if found is None:
+            raise ValueRangeError(f"the part {text!r} is not {_FORM}.")
+        file, frame, pose, prefix = found["file"], found["frame"], found["pose"], found["prefix"]
+        if not (Path(file).is_file() or file in known_robots()) and prefix is not None and Path(f"{file}:{prefix}").exists():
+            file, prefix = f"{file}:{prefix}", None
+        T = None if pose is None else _pose(pose, text, degrees=degrees)
+        return cls(load(file), frame, T, prefix or "", file)
+
+
+PartGiven: TypeAlias = Robot | Part | str | Path
+"""A robot, a robot with its place, a path, the name of a robot, or text of the form of :meth:`Part.from_text`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cell(Answer):
+    """Robots joined by :func:`twistwrench.join`: the joined robot, and the parts that it is made of.
+
+    The verdict is DONE; UNSURE if a part stands at a tip that is one of several, or if a moving link has no mass.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> cell = tw.join("ur5@floor:left_", "ur5@floor+0,1,0,0,0,0:right_", name="two_arms")
+    >>> print(cell.headline)
+    DONE: two_arms has 12 moving bodies, 12 joints, 33.99 kg that move, and no single tip.
+    >>> cell.robot.nv, [part.prefix for part in cell.parts], list(cell.tables)
+    (12, ['left_', 'right_'], ['part'])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     cell.write(f"{folder}/cell.urdf")
+    []
+    """
+
+    robot: Robot
+    """The joined robot."""
+    parts: tuple[Part, ...]
+    """The robots, in the order in which they were joined."""
+    frames: tuple[str, ...]
+    """Frame of the cell at which each part stands."""
+    doubts: tuple[Reason, ...] = ()
+    """Why the verdict is UNSURE."""
+    call = "join"
+
+    @property
+    def verdict(self) -> Verdict:
+        """DONE, or UNSURE with the reasons."""
+        return Verdict(Word.UNSURE, self.doubts) if self.doubts else Verdict(Word.DONE)
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the joined robot."""
+        return self.robot.name
+
+    @property
+    def brief(self) -> str:
+        """Number of parts and joints."""
+        return f"{len(self.parts)} parts, {self.robot.nv} joints"
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict with bodies, joints, mass and tip, and the parts.
+
+        Returns
+        -------
+        blocks : iterator of Block
+        """
+        from ..core.answers.blocks import Headline, Line, Table, numbers, words
+
+        model = self.robot.model
+        tip = "no single tip" if model.tip is None else f"the tip {model.tip}"
+        counts = f"{len(model.bodies)} moving bodies, {model.nv} joints, {number(model.moving_mass)} kg that move"
+        content = f"{self.robot.name} has {counts}, and {tip}."
+        if self.doubts:
+            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=[Line(content)])
+        else:
+            yield Headline(Word.DONE, content)
+        yield ""
+        masses = [part.robot.model.moving_mass + part.robot.model.base_inertia.mass for part in self.parts]
+        yield Table(
+            "",
+            words("part", [part.robot.name for part in self.parts]),
+            words("stands at", [frame or "origin" for frame in self.frames]),
+            words("prefix", [part.prefix for part in self.parts]),
+            numbers("joints", [float(part.robot.nv) for part in self.parts]),
+            numbers("mass", masses, unit="kg"),
+        )
+
+    def sources(self) -> Mapping[str, str | Path]:
+        """Files of the parts.
+
+        Returns
+        -------
+        files : {argument: path}
+        """
+        return {f"PART {k}": part.file for k, part in enumerate(self.parts, 1) if Path(part.file).is_file()}
+
+    def write(self, path: str | Path, *, overwrite: bool = False) -> Saved:
+        """Write the joined robot as URDF, MJCF or SDF.
+
+        Parameters
+        ----------
+        path : str or Path, whose suffix selects the format
+        overwrite : bool, replace an existing file
+
+        Returns
+        -------
+        lost : Saved, properties that the format cannot represent
+
+        Raises
+        ------
+        ValueRangeError
+            The file exists, and ``overwrite`` is False; or its suffix is none of a robot file.
+        """
+        from ..robot.load import save
+
+        return save(self.robot, path, overwrite=overwrite)
+
+
+def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> Cell:
+    """Join robots to one, each fixed to a frame of those before it: a rail, an arm on it, a gripper, a second arm.
+
+    Parameters
+    ----------
+    parts : Robot, :class:`Part`, path, or text ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``
+        The first part stands at the origin. A later part without a frame stands at the tip of the cell so far. The frame
+        ``floor`` is made where a part asks for it; parts on it stand side by side.
+    name : str, name of the joined robot; default: the names of the parts, joined
+    degrees : bool, angles in texts are in degrees
+
+    Returns
+    -------
+    cell : Cell
+        ``cell.robot`` is the joined robot, ``cell.write(path)`` its file.
+
+    Raises
+    ------
+    ModelError
+        Two parts have a link or joint of the same name, and the latter has no prefix.
+    UnknownNameError
+        The cell has no such frame.
+    ValueRangeError
+        There are no parts, or a text has another form.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> cell = tw.join("ur5", "planar_2r@tool0+0,0,0.1,0,0,90deg:hand_")
+    >>> cell.robot.joint_names[-2:], cell.robot.tip
+    (('hand_joint1', 'hand_joint2'), 'hand_tip')
+    """
+    placed = [_part_of(part, degrees=degrees) for part in parts]
+    if not placed:
+        raise ValueRangeError(f"there is nothing to join. Give robots, each {_FORM}.")
+    called = name or "_".join(part.robot.name for part in placed)
+    cell, left, frames = _beginning(placed)
+    doubts = list[Reason]()
+    for part in left:
+        frame = part.frame or _tip_of(cell, part)
+        if part.frame is None and (beside := _tips_beside(cell.model, frame)):
+            remedy = f"name the frame, {part.robot.name}@FRAME"
+            doubts.append(Reason(f"{part.robot.name} stands at {frame}, and {listed(beside, 4)} is a tip too; {remedy}", remedy))
+        cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=called)
+        frames.append(frame)
+    if massless := massless_links(cell.model):
+        doubts.append(Reason(f"{listed(massless, 4)} {'have' if len(massless) > 1 else 'has'} no mass"))
+    return Cell(cell, tuple(placed), tuple(frames), tuple(doubts))
+
+
+def _beginning(parts: Sequence[Part]) -> tuple[Robot, Sequence[Part], list[str]]:
+    """Robot that the others are attached to, the others, and the frames so far: the first part, or a floor beneath it."""
+    first = parts[0]
+    if first.frame not in (None, FLOOR):
+        raise ValueRangeError(
+            f"the first part, {first.robot.name}, cannot stand at {first.frame!r}: nothing is there yet. "
+            f"Leave the frame out, or give {FLOOR!r}."
+        )
+    moved = first.frame is not None or first.pose is not None or bool(first.prefix)
+    asked = any(part.frame == FLOOR for part in parts)
+    if not moved and (not asked or FLOOR in first.robot.frame_names):
+        return first.robot, parts[1:], [""]
+    floor = load(f'<robot name="cell"><link name="{FLOOR}"/></robot>')
+    return floor, [replace(first, frame=FLOOR), *parts[1:]], []
+
+
+def _part_of(given: PartGiven, *, degrees: bool) -> Part:
+    if isinstance(given, Part):
+        return given
+    if isinstance(given, Robot):
+        return Part(given)
+    if isinstance(given, Path):
+        return Part(load(given), file=given)
+    if isinstance(given, str):
+        return Part.from_text(given, degrees=degrees)
+    raise ValueRangeError(f"a part is {arguments.shown(given)}. Give a robot, a path, or text {_FORM}.")
+
+
+def _tip_of(cell: Robot, part: Part) -> str:
+    """Tip of the cell, at which a part without a frame stands."""
+    if cell.tip is None:
+        raise FrameError(
+            f"{part.robot.name} has no frame, and the cell so far has several tips: {listed(cell.model.leaves, 8)}. "
+            f"Name one, {part.robot.name}@{cell.model.leaves[0]}."
+        )
+    return cell.tip
+
+
+def _tips_beside(model: Model, tip: str) -> list[str]:
+    """Other tips of the same body whose pose differs."""
+    own = model.all_frames[tip]
+    others = {name: model.frames[name] for name in model.leaves if name != tip}
+    return [
+        name
+        for name, frame in others.items()
+        if frame.body == own.body and not np.allclose(frame.pose, own.pose, atol=_APART)
+    ]
+
+
+def _pose(text: str, part: str, *, degrees: bool) -> Array:
+    """Pose (4, 4) of x,y,z,roll,pitch,yaw, of which the angles, or all but one coordinate, may be left out."""
+    values = text.split(",")
+    if len(values) not in (3, 6):
+        raise ValueRangeError(f"the pose of {part!r} has {len(values)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw.")
+    unit = math.radians(1.0) if degrees else 1.0
+    xyz = [_number(value, part) for value in values[:3]]
+    rpy = [
+        math.radians(_number(value[:-3], part)) if value.strip().endswith("deg") else unit * _number(value, part)
+        for value in map(str.strip, values[3:] or ("0", "0", "0"))
+    ]
+    return se3.pose(rotation_of_rpy(rpy), xyz)
+
+
+def _number(text: str, part: str) -> float:
+    return arguments.parse_numbers(text.strip(), f"a number of the part {part!r},", "one number", 1)[0]
+
+
+complete(globals())
