@@ -140,7 +140,7 @@ if _typing.TYPE_CHECKING:
     from .robot.differentiate import differentiate as differentiate
     from .robot.export.written import Saved as Saved
     from .robot.export.written import Written as Written
-    from .robots.cell import Cell as Cell
+    from .robots.cell import RobotCell as RobotCell
     from .robots.cell import join as join
     from .robots.finding import find as find
     from .robots.known_robots import KnownRobots as KnownRobots
@@ -172,7 +172,7 @@ _MODULES = {
 
 _NAMES = {
     "Ad": "mechanics.lie.adjoint",
-    "Cell": "robots.cell",
+    "RobotCell": "robots.cell",
     "Derivation": "symbolic.derivation",
     "ExcitingMotion": "identification.exciting_trajectory",
     "IdentifiedRobot": "identification.result",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from torque_fixtures import run  # noqa: F401  a fixture
+from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.robots.cell import Part
+from twistwrench.cli.main import main
+from twistwrench.robots.cell import PlacedRobot
 from twistwrench.testing import random_pose, random_robot
 
 EXACT = 1e-12
@@ -38,7 +39,7 @@ def test_a_cell_has_the_mass_matrix_and_torques_of_the_parts_joined_by_pinocchio
     sizes, kinds = rng.integers(2, 7, 2), ("revolute", "prismatic")
     first, second = (random_robot(2 * seed + k, int(sizes[k]), kinds).with_gravity([0, 0, -9.81]) for k in range(2))
     frame, pose = first.frame_names[int(rng.integers(len(first.frame_names)))], random_pose(seed)
-    cell = tw.join(first, Part(second, frame, pose, "p_")).robot
+    cell = tw.join(first, PlacedRobot(second, frame, pose, "p_")).robot
     joined = _joined_by_pinocchio(pin, first, frame, pin.SE3(pose), second)
     q, dq, ddq = cell.random_configuration(rng), *rng.uniform(-1, 1, (2, cell.nv))
     order = np.argsort([cell.joint_names.index(name) for name in joined.names[1:]])
@@ -106,13 +107,14 @@ def test_a_part_at_one_of_several_tips_is_not_certain(rail):
     assert tw.join(rail, "ur5", "planar_2r@tool0:hand_").verdict.ok
 
 
-def test_the_command_is_the_function(rail, tmp_path, run):
-    code, output = run("join", tmp_path / "cell.urdf", rail, "ur5@carriage", "planar_2r@tool0:hand_")
-    cell = tw.join(rail, "ur5@carriage", "planar_2r@tool0:hand_", name="cell")
-    assert code == 0 and " ".join(output.split()).startswith(" ".join(cell.headline.split()))
-    assert tw.load(tmp_path / "cell.urdf").joint_names == cell.robot.joint_names
-    code, output = run("join", tmp_path / "cell.urdf", rail)
-    assert code == 2 and "is there already" in output
+def test_the_command_is_the_function(rail, tmp_path):
+    path, parts = tmp_path / "cell.urdf", (str(rail), "ur5@carriage", "planar_2r@tool0:hand_")
+    run = CliRunner().invoke(main, ["join", str(path), *parts])
+    cell = tw.join(*parts, name="cell")
+    assert run.exit_code == 0 and " ".join(run.output.split()).startswith(" ".join(cell.headline.split()))
+    assert tw.load(path).joint_names == cell.robot.joint_names
+    again = CliRunner().invoke(main, ["join", str(path), *parts])
+    assert again.exit_code == 2 and "is there already" in again.output
 
 
 @pytest.mark.parametrize(

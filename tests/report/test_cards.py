@@ -69,7 +69,4 @@ def test_every_card_has_content_below_its_headline(name):
 
 
 def test_the_card_says_how_many_tables_it_leaves_out():
-    assert (
-        "2 tables more: .print()"
-        in tw.robots.ur5().simulate([0.0] * 6, [0.0] * 6, duration=0.2)._repr_html_()
-    )
+    assert "2 tables more: .print()" in tw.robots.ur5().simulate([0.0] * 6, [0.0] * 6, duration=0.2)._repr_html_()

@@ -100,7 +100,9 @@ def calibrate(
 
     def read(given: MeasurementsGiven | Sequence[MeasurementsGiven]) -> tuple[Measurements, ...]:
         if not isinstance(given, str | Path | Measurements | Iterable):
-            raise ValueRangeError(f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them.")
+            raise ValueRangeError(
+                f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them."
+            )
         every = [given] if isinstance(given, str | Path | Measurements) else list(given)
         found = [as_measurements(one, arm, kind, tip, degrees=degrees) for one in every]
         return tuple(_checked(_with_options(m, length, noise), arm) for m in found)

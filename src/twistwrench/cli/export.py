@@ -14,7 +14,7 @@ from ..motion.load_case import LoadCase, payloads_of
 from ..robot import Robot
 from ..robot.export.written import Saved, Written
 from ..robot.load import save
-from ..robots.cell import Cell, join
+from ..robots.cell import RobotCell, join
 from .main import note, option
 from .parameters import Question, Spelling
 from .shared import PAYLOADS, RobotOptions
@@ -149,7 +149,9 @@ def convert_command(robot: RobotOptions, asked: Asked, outputs: Outputs[Saved], 
         "join two_arms.urdf ur5@floor:left_ ur5@floor+0,1,0,0,0,0:right_",
     ),
 )
-def join_command(outputs: Outputs[Cell], path: str, parts: tuple[str, ...], asked: Asked, overwrite: bool) -> Cell:
+def join_command(
+    outputs: Outputs[RobotCell], path: str, parts: tuple[str, ...], asked: Asked, overwrite: bool
+) -> RobotCell:
     """Join robots to one file: a rail, an arm on it, a gripper at its tip, a second arm beside it.
 
     PART is FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX; all but FILE may be left out. The first part stands at the origin, a later

@@ -91,14 +91,14 @@ def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     for kind, names in nothing.items():
         link = robot.links.get(names[0], ParsedLink(names[0], 0))
         joints = [robot.model.bodies[robot.model.frames[name].body].joint.name for name in names]
-        singular = kind == "singular"
+        singular, fixed = kind == "singular", spelled(Argument("lock", {joints[0]: 0}))
         what = f"; M is singular, as {listed(map(repr, joints), _NAMED)} move nothing" if singular else ""
         yield Finding(
             "massless", Severity.WARNING if singular else Severity.NOTE,
             f"link{'s' * (len(names) > 1)} {listed(map(repr, names), _NAMED)}", link.line,
             f"no mass, and a joint of its own: weight and inertia are missing from every torque{what}",
             {"links": float(len(names))},
-            repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, {spelled(Argument('lock', {joints[0]: 0}))}"),
+            repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, {fixed}"),
             file=link.file,
         )  # fmt: skip
 

@@ -362,16 +362,7 @@ def read_subject(
         if not problems:
             raise
         if any(not problem.mimic for problem in problems):  # the loader's error is the first one
-            first = str(error)
-            others = [
-                str(problem)
-                for problem in problems
-                if f"line {problem.line})" not in first and str(problem).rstrip(".") not in first
-            ]
-            besides = " ".join(others[:_MOST_ERRORS]) + f" And {len(others) - _MOST_ERRORS} more." * (
-                len(others) > _MOST_ERRORS
-            )
-            more = f"{str(error).rstrip('.')}. Besides: {besides}" if others else str(error)
+            more = _with_others(str(error), problems)
             raise type(error)(bounded_message(more)) from None
         made = _loaded(given, floating_base, "independent", model, max_bodies)
     root = parse(text) if file is None else file.root
@@ -383,6 +374,16 @@ def read_subject(
 
 _MOST_ERRORS = 12
 """Largest number of listed errors beside the first one."""
+
+
+def _with_others(first: str, problems: Sequence[LoadError]) -> str:
+    """Message of the first error, and of the others in the file."""
+    texts = {str(problem): f"line {problem.line})" for problem in problems}
+    others = [text for text, line in texts.items() if line not in first and text.rstrip(".") not in first]
+    if not others:
+        return first
+    rest = f" And {len(others) - _MOST_ERRORS} more." if len(others) > _MOST_ERRORS else ""
+    return f"{first.rstrip('.')}. Besides: {' '.join(others[:_MOST_ERRORS])}{rest}"
 
 
 def _model_of(root: Element, name: str) -> str | None:

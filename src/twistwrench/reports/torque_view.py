@@ -55,8 +55,8 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
             numbers(d[0].what.replace(" current", ""), map(_demand, d), unit=d[0].unit, limits=[one.limit for one in d])
             for d in demands
         ),
-        numbers("power", [use.power for use in motors], _figure, "W"),
-        numbers("heat", [use.heat for use in motors], _figure, "W"),
+        numbers("power", [use.power for use in motors], _figure, "W", wide_only=True),
+        numbers("heat", [use.heat for use in motors], _figure, "W", wide_only=True),
         numbers("used", [use.tightest.share or math.nan for use in motors], share_cell),
         most=_MOST,
         by=[use.tightest.share for use in motors],

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..core.answers.blocks import Block
     from ..robot.export.written import Saved
 
-__all__ = ["Cell", "Part", "join"]
+__all__ = ["RobotCell", "PlacedRobot", "join"]
 
 _APART = 1e-3
 """Difference of poses [m, rad] from which the choice between tips matters."""
@@ -41,7 +41,7 @@ _PART = re.compile(r"(?P<file>.+?)(?:@(?P<frame>(?:::|[^@+:])+)(?:\+(?P<pose>[^:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PlacedRobot:
     """A robot of a cell, and where it stands.
 
     Parameters
@@ -55,7 +55,7 @@ class Part:
     Examples
     --------
     >>> import twistwrench as tw
-    >>> part = Part.from_text("ur5@floor+0,1,0,0,30deg,0:left_")
+    >>> part = PlacedRobot.from_text("ur5@floor+0,1,0,0,30deg,0:left_")
     >>> part.robot.name, part.frame, part.prefix, part.pose[:3, 3].tolist()
     ('ur5', 'floor', 'left_', [0.0, 1.0, 0.0])
     """
@@ -67,8 +67,8 @@ class Part:
     file: str | Path = ""
 
     @classmethod
-    def from_text(cls, text: str, *, degrees: bool = False) -> Part:
-        """Part from ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``; lengths in metres, angles in radians or as ``30deg``.
+    def from_text(cls, text: str, *, degrees: bool = False) -> PlacedRobot:
+        """PlacedRobot from ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``; lengths in metres, angles in radians or as ``30deg``.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class Part:
 
         Returns
         -------
-        part : Part
+        part : PlacedRobot
 
         Raises
         ------
@@ -86,7 +86,7 @@ class Part:
 
         Examples
         --------
-        >>> Part.from_text("planar_2r@tool0:hand_").frame
+        >>> PlacedRobot.from_text("planar_2r@tool0:hand_").frame
         'tool0'
         """
         if Path(text).is_file():
@@ -95,18 +95,22 @@ class Part:
         if found is None:
             raise ValueRangeError(f"the part {text!r} is not {_FORM}.")
         file, frame, pose, prefix = found["file"], found["frame"], found["pose"], found["prefix"]
-        if not (Path(file).is_file() or file in known_robots()) and prefix is not None and Path(f"{file}:{prefix}").exists():
+        if (
+            not (Path(file).is_file() or file in known_robots())
+            and prefix is not None
+            and Path(f"{file}:{prefix}").exists()
+        ):
             file, prefix = f"{file}:{prefix}", None
         T = None if pose is None else _pose(pose, text, degrees=degrees)
         return cls(load(file), frame, T, prefix or "", file)
 
 
-PartGiven: TypeAlias = Robot | Part | str | Path
-"""A robot, a robot with its place, a path, the name of a robot, or text of the form of :meth:`Part.from_text`."""
+PartGiven: TypeAlias = Robot | PlacedRobot | str | Path
+"""A robot, a robot with its place, a path, the name of a robot, or text of the form of :meth:`PlacedRobot.from_text`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cell(Answer):
+class RobotCell(Answer):
     """Robots joined by :func:`twistwrench.join`: the joined robot, and the parts that it is made of.
 
     The verdict is DONE; UNSURE if a part stands at a tip that is one of several, or if a moving link has no mass.
@@ -126,7 +130,7 @@ class Cell(Answer):
 
     robot: Robot
     """The joined robot."""
-    parts: tuple[Part, ...]
+    parts: tuple[PlacedRobot, ...]
     """The robots, in the order in which they were joined."""
     frames: tuple[str, ...]
     """Frame of the cell at which each part stands."""
@@ -192,7 +196,6 @@ class Cell(Answer):
         Parameters
         ----------
         path : str or Path, whose suffix selects the format
-        overwrite : bool, replace an existing file
 
         Returns
         -------
@@ -208,12 +211,12 @@ class Cell(Answer):
         return save(self.robot, path, overwrite=overwrite)
 
 
-def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> Cell:
+def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
     """Join robots to one, each fixed to a frame of those before it: a rail, an arm on it, a gripper, a second arm.
 
     Parameters
     ----------
-    parts : Robot, :class:`Part`, path, or text ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``
+    *parts : Robot, :class:`PlacedRobot`, path, or text ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``
         The first part stands at the origin. A later part without a frame stands at the tip of the cell so far. The frame
         ``floor`` is made where a part asks for it; parts on it stand side by side.
     name : str, name of the joined robot; default: the names of the parts, joined
@@ -221,7 +224,7 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> Cell:
 
     Returns
     -------
-    cell : Cell
+    cell : RobotCell
         ``cell.robot`` is the joined robot, ``cell.write(path)`` its file.
 
     Raises
@@ -250,15 +253,17 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> Cell:
         frame = part.frame or _tip_of(cell, part)
         if part.frame is None and (beside := _tips_beside(cell.model, frame)):
             remedy = f"name the frame, {part.robot.name}@FRAME"
-            doubts.append(Reason(f"{part.robot.name} stands at {frame}, and {listed(beside, 4)} is a tip too; {remedy}", remedy))
+            doubts.append(
+                Reason(f"{part.robot.name} stands at {frame}, and {listed(beside, 4)} is a tip too; {remedy}", remedy)
+            )
         cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=called)
         frames.append(frame)
     if massless := massless_links(cell.model):
         doubts.append(Reason(f"{listed(massless, 4)} {'have' if len(massless) > 1 else 'has'} no mass"))
-    return Cell(cell, tuple(placed), tuple(frames), tuple(doubts))
+    return RobotCell(cell, tuple(placed), tuple(frames), tuple(doubts))
 
 
-def _beginning(parts: Sequence[Part]) -> tuple[Robot, Sequence[Part], list[str]]:
+def _beginning(parts: Sequence[PlacedRobot]) -> tuple[Robot, Sequence[PlacedRobot], list[str]]:
     """Robot that the others are attached to, the others, and the frames so far: the first part, or a floor beneath it."""
     first = parts[0]
     if first.frame not in (None, FLOOR):
@@ -274,19 +279,19 @@ def _beginning(parts: Sequence[Part]) -> tuple[Robot, Sequence[Part], list[str]]
     return floor, [replace(first, frame=FLOOR), *parts[1:]], []
 
 
-def _part_of(given: PartGiven, *, degrees: bool) -> Part:
-    if isinstance(given, Part):
+def _part_of(given: PartGiven, *, degrees: bool) -> PlacedRobot:
+    if isinstance(given, PlacedRobot):
         return given
     if isinstance(given, Robot):
-        return Part(given)
+        return PlacedRobot(given)
     if isinstance(given, Path):
-        return Part(load(given), file=given)
+        return PlacedRobot(load(given), file=given)
     if isinstance(given, str):
-        return Part.from_text(given, degrees=degrees)
+        return PlacedRobot.from_text(given, degrees=degrees)
     raise ValueRangeError(f"a part is {arguments.shown(given)}. Give a robot, a path, or text {_FORM}.")
 
 
-def _tip_of(cell: Robot, part: Part) -> str:
+def _tip_of(cell: Robot, part: PlacedRobot) -> str:
     """Tip of the cell, at which a part without a frame stands."""
     if cell.tip is None:
         raise FrameError(

@@ -183,6 +183,8 @@ class Column:
     style: str = ""
     narrow: Column | None = None
     """Column used instead in narrow terminals."""
+    wide_only: bool = False
+    """True if narrow terminals leave the column out."""
 
     @property
     def head(self) -> str:
@@ -206,10 +208,21 @@ def numbers(
     headed: bool = True,
     limits: Sequence[float] | None = None,
     min_width: int | None = None,
+    wide_only: bool = False,
 ) -> Column:
     """A column of numbers, which are never cut; with ``min_width``, cells of several numbers may break between them."""
     whole = min_width is None
-    return Column(name, list(values), show, unit, headed=headed, limits=limits, whole=whole, min_width=min_width)
+    return Column(
+        name,
+        list(values),
+        show,
+        unit,
+        headed=headed,
+        limits=limits,
+        whole=whole,
+        min_width=min_width,
+        wide_only=wide_only,
+    )
 
 
 class Table:
@@ -330,6 +343,10 @@ def share_cell(share: float) -> str | Line:
 # ── What a surface shows
 
 
+ROWS_OF_ARM = 6
+"""Rows of a table that is never cut: the joints of an arm, which may have one more."""
+
+
 def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str, rows: int | None = None) -> list[Block]:
     """Blocks of the short form, or all of them if ``every``.
 
@@ -362,7 +379,7 @@ def shortened(table: Table, hint: str, rows: int | None = None) -> list[Block]:
     if table.most is None:
         return [table]
     most = table.most if rows is None else min(table.most, rows)
-    if count <= most + 1:
+    if count <= max(most, ROWS_OF_ARM) + 1:
         return [table]
     shares = [0.0 if math.isnan(x) else x for x in table.by] if table.by is not None else [0.0] * count
     order = sorted(range(count), key=lambda k: -shares[k])

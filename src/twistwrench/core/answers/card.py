@@ -14,7 +14,7 @@ from ..colours import COLOURS, NEAR_LIMIT, Style
 from ..numbers import number
 from ..text import visible
 from ..typing import Array
-from .blocks import Block, Headline, Remark, Table, limit_style, shown_blocks
+from .blocks import Block, Headline, Table, limit_style, shown_blocks
 from .page import block_html, paragraphs, table_html
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def card(answer: Answer) -> str:
 
 
 def _shown(blocks: Sequence[Block]) -> list[Block]:
-    """What a card shows below its picture: the lines before the first table, the table, and the first notes after it."""
+    """Blocks below the picture of a card: the lines before the first table, the table, and the first notes after it."""
     first = next((k for k, block in enumerate(blocks) if isinstance(block, Table)), None)
     if first is None:
         return list(blocks[:_MOST_LINES])

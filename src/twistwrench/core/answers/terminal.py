@@ -147,7 +147,11 @@ class TerminalTable(table.Table):
         if content.title:
             title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
         super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-        columns = [column.narrow if narrow and column.narrow else column for column in content.columns]
+        columns = [
+            column.narrow if narrow and column.narrow else column
+            for column in content.columns
+            if not (narrow and column.wide_only)
+        ]
         cells = [[_text(column.show(value)) for value in column.values] for column in columns]
         self._folding = [
             texts for column, texts in zip(columns, cells, strict=True) if column.words and not column.whole
