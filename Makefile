@@ -83,6 +83,7 @@ docs: $(VENV)/.dev
 outputs: $(VENV)/.dev
 	$(BIN)/python docs/quantities.py
 	$(BIN)/python docs/doubts.py
+	$(BIN)/python docs/questions.py
 	$(BIN)/python docs/first_calls.py
 	$(BIN)/python docs/outputs.py
 

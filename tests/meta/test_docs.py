@@ -152,6 +152,23 @@ def test_the_page_of_doubts_has_the_sentences_of_the_program():
     assert page("unsure") == written, "run `python docs/doubts.py`"
 
 
+QUESTIONS = runpy.run_path(str(ROOT / "docs" / "questions.py"))
+
+
+def test_the_page_of_questions_is_made_from_its_tests():
+    """Outputs are compared by the tests in tests/questions, which run the code."""
+    text = page("questions")
+    assert QUESTIONS["page"](text, QUESTIONS["outputs_shown"](text)) == text, "run `python docs/questions.py`"
+    assert set(QUESTIONS["files"]()) == {*(ROOT / "tests" / "questions").glob("test_*.py")}
+
+
+def test_questions_differ_and_have_short_answers():
+    found = [question for path in QUESTIONS["files"]() for question in QUESTIONS["questions_of"](path)]
+    assert len({question.question for question in found}) == len(found)
+    assert {q.place: q.lines for q in found if q.lines > QUESTIONS["LINES"]} == {}
+    assert all(q.question.endswith("?") and len(q.answer.split()) <= 45 for q in found)
+
+
 def test_every_error_and_warning_is_explained():
     from twistwrench.core import errors
 
