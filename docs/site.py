@@ -14,6 +14,8 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\]\((\.\./|docs/|)([^)#:]+)(#[^)]*)?\)")
+_SEARCHED = re.compile(r"^<!-- search: (.+) -->$", re.MULTILINE)
+"""Words of a page that the search finds before the titles of others."""
 _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
 """What the tests read behind a block's language: no-run, exit=1, file=limits.csv."""
 _LIVE = re.compile(r"^<!-- live: (\S+), (.+) -->$", re.MULTILINE)
@@ -112,6 +114,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         page.meta["search"] = {"boost": _BOOSTS.get(group, 1)}
     if page.file.src_uri.startswith("files/"):
         return markdown
+    if words := _SEARCHED.search(markdown):
+        page.meta["tags"] = words[1].split()
     return _LINK.sub(lambda found: _relinked(found, ROOT / "docs"), markdown)
 
 

@@ -123,6 +123,24 @@ QUERIES = {
     "UNSURE": "unsure",
     "impossible inertia": "doctor",
     "contact simulation": "simulation",
+    "7th axis": "cells",
+    "linear track": "cells",
+    "rail": "cells",
+    "gripper": "cells",
+    "second arm": "cells",
+    "dual arm": "cells",
+    "humanoid": "holds",
+    "tcp": "statics",
+    "center of mass": "one-body",
+    "excel": "logs",
+    "arduino": "export",
+    "parallel axis theorem": "one-body",
+    "mpc": "bridges",
+    "jupyter": "viewer",
+    "universal robots": "calibration",
+    "singularity": "statics",
+    "units inch": "formats",
+    "mac": "installation",
 }
 """Queries, and the page that answers each."""
 SEARCH = """
@@ -161,7 +179,7 @@ def test_search_finds_the_page_that_answers(site):
         pages = list(dict.fromkeys(location.partition(".html")[0] for location in found))
         assert wanted in pages[:3], (query, pages[:5])
         places[query] = pages.index(wanted)
-    assert sum(place == 0 for place in places.values()) >= 24, places
+    assert sum(place == 0 for place in places.values()) >= 40, places
 
 
 def test_sections_of_the_book_are_pages_to_drag(site):
