@@ -243,26 +243,30 @@ def _commands() -> str:
 def _book() -> dict[str, str]:
     """Sections of the book as pages to drag, and a page that lists them."""
     import twistwrench as tw
-    from twistwrench.viz.article import ARTICLES, article_text
+    from twistwrench.viz.article import ARTICLES, article_of, article_text
     from twistwrench.viz.page import viewer_page
     from twistwrench.viz.section_pages import SECTIONS
 
     robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
     robots |= dict.fromkeys(("5.3", "5.4", "8.9"), tw.robots.ur5())
-    found, rows, numbers = {}, [], list(SECTIONS)
-    for k, (number, section) in enumerate(SECTIONS.items()):
+    titles = {number: article_of(number).get("section_title") for number in ARTICLES if number not in SECTIONS}
+    titles |= {number: section.title for number, section in SECTIONS.items()}
+    found, rows, numbers = {}, [], sorted(titles, key=lambda number: [int(part) for part in number.split(".")])
+    for k, number in enumerate(numbers):
         robot = robots.get(number, tw.robots.panda())
         before, after = numbers[:k][-1:], numbers[k + 1 :][:1]
         neighbours = {f"← {n}": f"{n}.html" for n in before} | {"All pages": "../book-pages.html"}
         neighbours |= {f"{n} →": f"{n}.html" for n in after}
-        page = viewer_page(robot, section=number, neighbours=neighbours).page
+        instrument = None
+        if number in SECTIONS:
+            instrument = f"{number}-robot.html" if number in ARTICLES else f"{number}.html"
+            found[f"book/{instrument}"] = viewer_page(robot, section=number, neighbours=neighbours).page
         if number in ARTICLES:
-            found[f"book/{number}-robot.html"] = page
-            page = article_text(number, neighbours=neighbours, instrument=f"{number}-robot.html")
-        found[f"book/{number}.html"] = page
+            instrument = instrument or f"{article_of(number)['instrument']}.html"
+            found[f"book/{number}.html"] = article_text(number, neighbours=neighbours, instrument=instrument)
         rows.append(
             f'<a href="book/{number}.html"><img src="book/{number}.webp" alt="" width="360" height="225" loading="lazy">'
-            f"<b>{number}</b> {section.title}</a>"
+            f"<b>{number}</b> {titles[number]}</a>"
         )
     found["book-pages.md"] = (
         "# Interactive pages of the book\n\nSections of *Modern Robotics*, each a page that computes while its reader drags "
@@ -287,11 +291,11 @@ def _live() -> dict[str, str]:
     plan = Differentiation.plan(MotionLog.open(log, ur5.model), ur5.model)
     heavy, light = (reported_motion(analyse(LoadCase(ur5, (Payload(mass),)), plan, ur5.limits)) for mass in (10.0, 5.0))
     shown = {
-        "payload": viewer_page(ur5, motion=heavy, embed=True, control="payload").page,
-        "speed": viewer_page(ur5, motion=light, embed=True, control="speed").page,
-        "fall": viewer_page(ur5, embed=True, control="fall").page,
-        "ellipsoid": viewer_page(ur5, section="5.4", embed=True, control="section").page,
-        "mass": viewer_page(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section").page,
+        "payload": viewer_page(ur5, motion=heavy, embed=True, control="payload", still=True).page,
+        "speed": viewer_page(ur5, motion=light, embed=True, control="speed", still=True).page,
+        "fall": viewer_page(ur5, embed=True, control="fall", still=True).page,
+        "ellipsoid": viewer_page(ur5, section="5.4", embed=True, control="section", still=True).page,
+        "mass": viewer_page(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section", still=True).page,
     }
     return {f"live/{name}.html": text for name, text in shown.items()}
 

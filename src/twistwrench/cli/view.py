@@ -201,8 +201,8 @@ def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
     context = click.get_current_context()
     if section is None:
         raise click.MissingParameter(ctx=context, param=context.command.params[0])
-    section_panel(section)
     if section not in ARTICLES:
+        section_panel(section)  # raises for a section that is not there
         raise ValueRangeError(
             f"section {section} has no article, only a page with a robot: twistwrench view panda --section "
             f"{section} --html page.html. Articles are on: {listed(ARTICLES, 20)}."

@@ -77,7 +77,7 @@ def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, i
     """
     article = article_of(arguments.choice(section, "section with an article", ARTICLES))
     player = resources.files(__package__) / "player"
-    names = [*_SHARED, *(f"article/{name}" for name in (*_SCRIPTS, article["script"], "article.js"))]
+    names = [*_SHARED, *(f"article/{name}" for name in (*_SCRIPTS, *article["scripts"], "article.js"))]
     script = "\n".join(without_comments((player / name).read_text("utf-8")) for name in names)
     data = json.dumps({"section": section, "pictures": article["picture"]}, ensure_ascii=False, separators=(",", ":"))
     return Template((player / "article/article.html").read_text("utf-8")).substitute(
@@ -106,7 +106,8 @@ def _body(
     if neighbours:
         links = "".join(f'<a href="{html.escape(at)}">{html.escape(label)}</a>' for label, at in neighbours.items())
         yield f"<nav>{links}</nav>"
-    yield f"<h1><small>{section} {html.escape(SECTIONS[section].title)}</small>{html.escape(article['title'])}</h1>"
+    title = article.get("section_title") or SECTIONS[section].title
+    yield f"<h1><small>{section} {html.escape(title)}</small>{html.escape(article['title'])}</h1>"
     yield f'<p class="question">{html.escape(article["question"])}</p>'
     yield from _paragraphs(article["lead"], {})
     yield "<noscript><p><b>The pictures are drawn by this page's own script, which is switched off.</b></p></noscript>"
@@ -116,7 +117,7 @@ def _body(
     for row in article["question_at_end"]:
         yield f"<details><summary>{_marked(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
     yield "<h2>Go on</h2>"
-    own = f"twistwrench view my_arm.urdf --section {section} --html page.html"
+    own = f"twistwrench view my_arm.urdf --section {article.get('instrument', section)} --html page.html"
     yield f"<p>The first picture, in Python:</p><pre>{html.escape(article['python'].strip())}</pre>"
     link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
     yield f"<p>The same with your own arm{link}:</p><pre>{own}</pre>"

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 SHARES = (
-    (0.0, (0.78, 0.89, 0.84)),
-    (0.5, MEANINGS[Style.GOOD].scene),
-    (NEAR_LIMIT, MEANINGS[Style.NEAR].scene),
-    (1.0, (0.84, 0.37, 0.0)),
-    (1.001, MEANINGS[Style.OVER].scene),
+    (0.0, MEANINGS[Style.QUIET].scene),
+    (NEAR_LIMIT, MEANINGS[Style.QUIET].scene),
+    (NEAR_LIMIT + 1e-3, MEANINGS[Style.NEAR].scene),
+    (1.0, MEANINGS[Style.NEAR].scene),
+    (1.0 + 1e-3, MEANINGS[Style.OVER].scene),
 )
-"""(share of the limit, colour): distinguishable by colour-blind readers, with a step at the limit."""
+"""(share of the limit, colour): neutral, amber from 80 % of the limit, red beyond it, with steps between them."""
 COLOURS: MappingProxyType[str, Any] = MappingProxyType(
     {
         "unlimited": MEANINGS[Style.QUIET].scene,

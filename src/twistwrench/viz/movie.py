@@ -275,6 +275,34 @@ def still(
     return buffer.getvalue()
 
 
+def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, most: int) -> bytes:
+    """First frame of a page as WebP, as wide in pixels as asked and at most as large in bytes.
+
+    Links of joints that pass their torque limits on the motion are red.
+
+    Returns
+    -------
+    image : bytes
+
+    Raises
+    ------
+    MissingExtraError
+        Matplotlib is not installed.
+    """
+    from PIL import Image
+
+    shown = scene if motion is None else _reddened(scene, motion)
+    with Image.open(BytesIO(still(scene.robot, q, scene=shown))) as drawn:
+        small = drawn.convert("RGBA")
+        small.thumbnail((width, width))
+        for quality in (80, 60, 40, 20):
+            buffer = BytesIO()
+            small.save(buffer, "WEBP", quality=quality)
+            if buffer.tell() <= most:
+                break
+    return buffer.getvalue()
+
+
 def _broadest(scene: Scene, q: Array) -> float:
     """Azimuth of the widest view of the robot's bodies."""
     poses = scene.body_poses(q)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.answers.page import Viewer, digest
 from ..core.colours import COLOURS, Style, page_colours
-from ..core.errors import ModelWarning, ValueRangeError
+from ..core.errors import MissingExtraError, ModelWarning, ValueRangeError
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number
@@ -33,8 +33,9 @@ from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..shapes.surface import Colour
-from .colours import force_scale, mass_scale
+from .colours import force_scale, mass_scale, quantity_colours
 from .page_data import PagePrograms, robot_data, wrench_data
+from .page_floor import pedestal_of, spheres_of
 from .page_loops import held_pose, loops_of, standing_of
 from .page_motion import motion_data, notes_of_motion, python_source, robot_of_motion
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 _TRIANGLES = 300_000
 _SCRIPTS = (
     "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
-    "fall.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js", "address.js", "share.js",
+    "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js", "address.js", "share.js",
     "compact.js", "panel.js", "load.js", "scales.js",
 )  # fmt: skip
 _SCRIPTS_OF = {
@@ -128,7 +129,7 @@ def write_page(
         "wrench_on_robot": wrench_on_robot,
         "scene": scene,
     }
-    text = viewer_page(robot, section=section, embed=embed, control=control, **shown).page
+    text = viewer_page(robot, section=section, embed=embed, control=control, still=embed, **shown).page
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
     return Path(path)
@@ -146,12 +147,15 @@ def viewer_page(
     embed: bool = False,
     control: str | None = None,
     neighbours: Mapping[str, str] | None = None,
+    still: bool = False,
 ) -> Viewer:
     """Return the page as text, with the digests of its scripts for a page that contains it.
 
     Parameters
     ----------
     neighbours : {label: address}, optional, links to other pages of a site, above the heading
+    still : bool
+        Add a picture of the first frame, for browsers without scripts.
         The other arguments are those of :func:`write_page`.
 
     Returns
@@ -208,6 +212,8 @@ def viewer_page(
     data["box"] = scene.bounds(start).tolist() if motion is None and book is None else None
     data["neighbours"] = dict(neighbours or {})
     data["embed"], data["control"] = embed, _checked_control(control, data)
+    spheres = [] if data["fall"]["why"] or book is not None else spheres_of(scene)
+    data["fall"] |= {"spheres": spheres, "pedestal": pedestal_of(scene, spheres, data["floor"])}
     if control == "fall":
         data["target"][2] = data["floor"]  # the payload hangs down after release
     # Pages of sections are about mechanics with example arms, so inertia ellipsoids are not drawn.
@@ -228,8 +234,9 @@ def viewer_page(
     page = Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
         sentence=html.escape(_still_sentence(data)),
+        still=_still_image(scene, start, motion) if still else "",
         policy=f"{POLICY} {' '.join(digests)}",
-        style=page_colours() + (parts / "page.css").read_text("utf-8"),
+        style=page_colours() + quantity_colours() + (parts / "page.css").read_text("utf-8"),
         programs=scripts[0],
         script=scripts[1],
         data=box.packed(data),
@@ -400,6 +407,22 @@ def _still_sentence(data: Mapping[str, Any]) -> str:
     return str(verdict or f"{data['name']}: {data['subtitle']}")
 
 
+_STILL = 480, 25_000
+"""Pixels of the width, and most bytes, of the picture of a page without scripts."""
+
+
+def _still_image(scene: Scene, start: Array, motion: DrawnMotion | None) -> str:
+    """Image of the first frame, joints over their limits in red; empty where pictures cannot be drawn."""
+    from .movie import first_frame
+
+    width, most = _STILL
+    try:
+        content = first_frame(scene, start, motion, width, most)
+    except MissingExtraError:
+        return ""
+    return f'<img alt="" width="{width}" src="data:image/webp;base64,{base64.b64encode(content).decode("ascii")}">'
+
+
 def _counted(count: int, noun: str) -> str:
     """Number with its noun."""
     return f"{count} {noun}{'s' if count != 1 else ''}"
@@ -434,10 +457,9 @@ def _switches(
     closed = data["loops"]["dependent"] if data["loops"] else None
     free = closed.count(False) if closed else len(data["torques"])
     layers = {shape.layer for shape in scene.shapes}
-    bare = not (scene.dressed or data["motion"] or data["embed"])
     known = (
         ("looks", "Robot", True, True),
-        ("inertia", "Inertia ellipsoids", "inertia" in layers, bare and not scene.doubtful),
+        ("inertia", "Inertia ellipsoids", "inertia" in layers, False),
         ("torques", "Torques", bool(data["marks"]) and (book is None or "torques" in book.shown), True),
         ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
         ("com", "Centre of mass", "centre" in data["programs"], data["standing"] is not None),

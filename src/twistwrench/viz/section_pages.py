@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -147,6 +148,7 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
         "number": section.number,
         "title": section.title,
         "idea": section.idea,
+        "picture": opening_picture(section.number),
         "formulas": [(formula_html(text), number) for text, number in section.formulas],
         "inputs": [
             {"key": key, "letter": formula_html(_NAMES[key][0]), "meaning": _NAMES[key][1], "rows": sliders[key]}
@@ -163,6 +165,12 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
             for body in model.bodies
         ],
     }
+
+
+def opening_picture(number: str) -> str:
+    """Drawing above the text of a section, as SVG; empty for a section with an article, which has its own pictures."""
+    file = resources.files(__package__) / "openings" / f"{number}.svg"
+    return file.read_text("utf-8") if file.is_file() else ""
 
 
 _NEAR = ["sign", "double", "half"]
@@ -322,8 +330,9 @@ _SECTIONS = (
     SectionPanel(
         "5.1",
         "The Jacobian, column by column",
-        "Column i is the twist of the tip when joint i alone moves at 1 rad/s (sliding joints: 1 m/s). Where columns depend on "
-        "each other, the tip has lost a direction.",
+        "Each joint alone moves the tip in its own way: its twist at 1 rad/s (sliding joints: 1 m/s) is a column of the "
+        "Jacobian. Together the joints move the tip by the sum of the columns, each times its velocity. Where columns depend "
+        "on each other, the tip has lost a direction.",
         (("V_s = J_s(θ) θ̇", "§5.1.1"), ("V_b = J_b(θ) θ̇", "§5.1.2")),
         ("dq",),
         lambda p: {"jacobian_b": jacobian(p, "body"), "jacobian_s": jacobian(p, "space"), "twist_b": twist(p, "body")},
@@ -342,8 +351,8 @@ _SECTIONS = (
         "5.3",
         "Singularities: a direction is lost",
         "Where the Jacobian loses rank, the tip cannot move in some way, however fast the joints turn. Stretch the "
-        "arm, or line two axes of the wrist up: the last singular value goes to zero, and the joint velocities for that twist "
-        "grow beyond bounds.",
+        "arm, or line two axes of the wrist up, and this happens. Near such a pose the last singular value goes to zero, and "
+        "the joint velocities for that twist grow beyond bounds.",
         (("J_b(θ) = U Σ W^T,  Σ = diag(σ_1, …, σ_r)", "§5.3"), ("σ_r = 0:  rank J_b(θ) < r", "§5.3")),
         (),
         lambda p: {"jacobian_b": jacobian(p, "body")},
@@ -352,8 +361,9 @@ _SECTIONS = (
     SectionPanel(
         "5.4",
         "Manipulability: what moves fast pushes weakly",
-        "Joint velocities of norm 1 move the tip within one ellipsoid; joint torques of norm 1 hold the forces within another. "
-        "Both have the same axes, and the lengths of one are the reciprocals of the other's. Drag the tip.",
+        "Joint velocities of norm 1 move the tip within one ellipsoid, and joint torques of norm 1 hold the forces within "
+        "another. Both have the same axes, and the lengths of one are the reciprocals of the other's. Drag the tip, and what "
+        "becomes fast becomes weak.",
         (("v^T (J_v J_v^T)^{−1} v = 1", "§5.4"), ("f^T (J_v J_v^T) f = 1", "§5.4")),
         (),
         lambda _: {},
@@ -362,8 +372,9 @@ _SECTIONS = (
     SectionPanel(
         "8.1.2",
         "Coriolis and centripetal torques, term by term",
-        "Without gravity and at constant joint velocities a robot still needs torques. Each is a sum of products of two "
-        "velocities: squares are centripetal, the others Coriolis terms.",
+        "Without gravity and at constant joint velocities a robot still needs torques, as a mass that goes round a bend needs "
+        "a push. Each torque is a sum of products of two velocities. Squares are centripetal terms, the others Coriolis "
+        "terms.",
         (("c_i = ∑_j ∑_k Γ_ijk(θ) θ̇_j θ̇_k", "§8.1.2"), ("Γ_ijk = ½ (∂m_ij/∂θ_k + ∂m_ik/∂θ_j − ∂m_jk/∂θ_i)", "(8.12)")),
         ("dq",),
         lambda p: {"christoffel": ("christoffel", p.load), "coriolis": ("coriolis_forces", p.load)},
@@ -373,9 +384,9 @@ _SECTIONS = (
     SectionPanel(
         "8.1.3",
         "The mass matrix, and how heavy the tip is",
-        "The ellipsoid holds the forces that accelerate the tip by 1 m/s² in each direction, at rest and without gravity: it "
-        "is long where the tip is heavy. Drag the tip and watch it turn. J<sub>v</sub> is the lower half of J, for the "
-        "velocity of the tip.",
+        "The same push accelerates the tip more in one direction than in another. The ellipsoid holds the forces that "
+        "accelerate it by 1 m/s² in each direction, at rest and without gravity: it is long where the tip is heavy. Drag the "
+        "tip and watch it turn; J<sub>v</sub> is the lower half of J, for the velocity of the tip.",
         (("K = ½ θ̇^T M(θ) θ̇", "§8.1.2"), ("Λ(θ) = (J_v M^{−1} J_v^T)^{−1}", "§8.1.3, 8.6")),
         (),
         lambda _: {},
@@ -416,7 +427,7 @@ _SECTIONS = (
         "8.4",
         "The equations in closed form: a sum over the links",
         "Twists of all links stacked in one column V, joint axes in A, transforms in L: then there is no recursion, only "
-        "products. The six rows of L A that belong to link i are its body Jacobian J<sub>i</sub>, so M is a sum over the "
+        "products. The six rows of L A that belong to link i are its body Jacobian J<sub>i</sub>. So M is a sum over the "
         "links, and the torques of gravity are, too.",
         (
             ("V = L(θ) A θ̇,  L = (1 − W(θ))^{−1}", "§8.4"),
@@ -430,8 +441,9 @@ _SECTIONS = (
     SectionPanel(
         "8.5",
         "Forward dynamics",
-        "Given torques, how does the robot accelerate? At first the torques hold it still. Change one, or give it a velocity, "
-        "and let it go: the page integrates the accelerations.",
+        "What is left of the torques after gravity and velocities accelerates the robot, all joints at once through M. At "
+        "first the torques hold it still. Change one, or give it a velocity, and let it go: the page integrates the "
+        "accelerations.",
         (("M(θ) θ̈ = τ − h(θ, θ̇) − J^T(θ) F_tip", "§8.5"),),
         ("tau", "dq"),
         lambda p: {"inverse": ("inverse_dynamics", {**p.pushed, **p.load})},
@@ -441,9 +453,9 @@ _SECTIONS = (
     SectionPanel(
         "8.6",
         "Dynamics in the task space",
-        "The equation of motion at the tip: the force at the tip, without moment, that gives it an acceleration, "
-        "gravity and velocities counted. The torques J<sub>v</sub><sup>T</sup> F produce it; the last table compares "
-        "them.",
+        "Seen from the tip, a robot is a body whose mass depends on the direction. F is the force at the tip, without moment, "
+        "that gives it an acceleration, gravity and velocities counted. The torques J<sub>v</sub><sup>T</sup> F produce it; "
+        "the last table compares them.",
         (
             ("F = Λ(θ) V̇ + η(θ, θ̇)", "§8.6"),
             ("Λ = (J_v M^{−1} J_v^T)^{−1}", "§8.6"),
@@ -461,9 +473,9 @@ _SECTIONS = (
     SectionPanel(
         "8.7",
         "Constrained dynamics: the tip on a wall",
-        "The tip can slide along a wall without friction, and cannot leave it. At first the torques hold the robot and press "
-        "on the wall. The projector P keeps of the torques what moves the robot; the rest presses, with λ. Velocities are "
-        "projected, too. Let it go, and the tip stays on the wall.",
+        "The tip can slide along a wall without friction, and cannot leave it. The projector P keeps of the torques, and of "
+        "the velocities, what moves the robot along the wall; the rest presses, with λ. At first the torques hold the robot "
+        "and press; let it go, and the tip stays on the wall.",
         (
             ("A(θ) θ̇ = 0,  τ = M θ̈ + h + A^T λ", "§8.7"),
             ("λ = (A M^{−1} A^T)^{−1} (A M^{−1} (τ − h) + Ȧ θ̇)", "§8.7"),

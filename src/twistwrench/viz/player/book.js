@@ -11,7 +11,8 @@ class Book {
     document.querySelector("h1").textContent = `${book.number} ${book.title}`;
     this.link(robot.neighbours);
     document.getElementById("subtitle").textContent = `${robot.name}, squares of ${squareOf(robot.size)} m`;
-    place_.querySelector("p").innerHTML = book.idea; // words of ours
+    place_.querySelector(".opening").innerHTML = book.picture; // drawing and words of ours
+    place_.querySelector("p").innerHTML = book.idea;
     for (const [formula, number] of book.formulas) {
       const row = place_.querySelector("ul").appendChild(document.createElement("li"));
       row.innerHTML = `<span class="formula">${formula}</span><span class="share">${number}</span>`;

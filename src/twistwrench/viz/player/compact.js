@@ -16,6 +16,7 @@ class Compact {
     this.hint.textContent = `${/Mac|iPhone|iPad/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`;
     viewer.stage.hint = () => this.tell();
     this.homes = []; // where parts of the panel belong
+    viewer.compact = this;
     const decide = () => this.set(this.embedded || (this.wanted && narrow.matches && !robot.book));
     narrow.addEventListener("change", decide);
     this.link.addEventListener("click", (event) => this.leave(event));
@@ -48,6 +49,7 @@ class Compact {
       stage.distance *= Math.max(wide / (right - left), high / (bottom - top));
     }
     Object.assign(home, { distance: stage.distance, target: stage.target.slice() });
+    this.viewer.request();
     address.first.camera.splice(2, 4, stage.distance, ...stage.target);
   }
 

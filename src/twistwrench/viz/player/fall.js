@@ -1,21 +1,23 @@
 // A robot let go: its motion under gravity, springs, wrenches and constant torques, with its loops closed or its feet held where
-// they are, else without contact; with stops and friction, or without them and with an account of its energy.
+// they are, above a solid floor or none; with stops and friction, or without them and with an account of its energy.
 "use strict";
 
 const LONGEST_FRAME = 8; // ms of computing a frame; a robot that takes longer falls slower than the clock
+const STILL = { share: 1e-6, speed: 2e-3, seconds: 0.5 }; // of the largest kinetic energy; rad/s, m/s
 
 class Fall {
-  constructor(mechanics, q, dq = [], stops = false, loops = null) {
+  constructor(mechanics, q, dq = [], stops = false, loops = null, floor = null) {
     const { fall, coordinates, torques } = mechanics.robot;
-    Object.assign(this, { mechanics, loops, h: stops ? fall.coarse : fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
+    Object.assign(this, { mechanics, loops, floor, h: stops ? fall.coarse : fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
     this.resistance = stops ? new Resistance(fall, torques.length) : null;
+    const none = torques.map(() => 0);
+    this.free = floor && !stops ? new Resistance({ viscous: none, coulomb: none, stops: [] }, torques.length) : null;
     this.y = new Float64Array(this.nq + this.nv + 1); // q, dq, and the work of wrenches and motors
     this.y.set(q);
     this.y.set(dq, this.nq);
     this.z = this.y.slice();
     this.k = fall.b.map(() => this.y.slice());
     this.time = 0;
-    this.calm = 0; // since when it stands still [s]
     this.behind = 0; // of the clock [s]
     this.spent = 0; // on computing the last frame [ms]
     this.reckon();
@@ -29,7 +31,7 @@ class Fall {
 
   reckon() { // anew from here: after a change of what is on the robot its energy is another
     this.begin = this.kinetic + this.potential - this.work;
-    this.drift = 0; // the largest so far [J]
+    Object.assign(this, { drift: 0, lost: 0, most: 0, calm: 0 }); // largest drift so far, given to the floor, largest kinetic energy [J]
   }
 
   step() { // Runge-Kutta: k_i = f(y + h sum a_ij k_j), y + h sum b_i k_i
@@ -40,11 +42,22 @@ class Fall {
       return z;
     };
     a.forEach((row, j) => mechanics.motion(along(row), k[j]));
+    const first = this.dq;
     y.set(along(b));
     this.time += h;
-    if (!this.resistance) return;
-    this.resistance.slow(y, this.nq, mobility(mechanics.massMatrix(y), this.nv, this.loops ? this.loops.jacobian(y) : []), h, !this.loops);
-    this.calm = this.dq.every((v) => Math.abs(v) < 2e-3) ? this.calm + h : 0; // rad/s, m/s
+    this.impulses(times(0.5, add(first, this.dq)));
+  }
+
+  impulses(mean) { // of friction, stops and floor; with the mean velocity of the step
+    const { y, nq, nv, h, mechanics, loops, floor, resistance } = this, contacts = floor ? floor.contacts(y.subarray(0, nq), nv) : [];
+    if (!resistance && !contacts.length) return;
+    const M = mechanics.massMatrix(y), before = kineticOf(M, this.dq), W = mobility(M, nv, loops ? loops.jacobian(y) : []), conditions = floor ? floor.conditions(contacts, W, h) : [];
+    (resistance ?? this.free).slow(y, nq, W, h, !loops, conditions);
+    floor?.keep(conditions);
+    const v = this.dq, kinetic = kineticOf(M, v), stands = (w) => kineticOf(M, w) <= STILL.share * this.most && w.every((x) => Math.abs(x) < STILL.speed);
+    if (!resistance) this.lost += before - kinetic;
+    this.most = Math.max(this.most, kinetic);
+    this.calm = stands(v) || stands(mean) ? this.calm + h : 0; // what the floor bears has a velocity at the end of a step, and none in the mean
   }
 
   keep() { // loops as closed as they were, which the steps leave by their error; what is at its stop stays there
@@ -55,7 +68,7 @@ class Fall {
     dampedStep(v.map((_, k) => rows.map((row) => row[k])), off, 1e-13).forEach((x, k) => { y[nq + k] -= x; });
   }
 
-  get rests() { return this.calm > 0.2; }
+  get rests() { return this.calm > STILL.seconds; }
 
   // On by so many seconds of the clock.
   advance(seconds) {
@@ -68,7 +81,7 @@ class Fall {
       if (k % 4 === 3 && performance.now() - begun > LONGEST_FRAME) this.behind = 0;
     }
     if (this.loops) this.keep();
-    this.drift = Math.max(this.drift, Math.abs(this.kinetic + this.potential - this.work - this.begin));
+    this.drift = Math.max(this.drift, Math.abs(this.kinetic + this.potential - this.work + this.lost - this.begin));
     this.spent = performance.now() - begun;
   }
 }
@@ -82,10 +95,11 @@ class Resistance {
     this.at = new Array(n).fill(0); // the stop that a joint is at: -1 the lower, 1 the upper
   }
 
-  slow(y, nq, W, h, halts) { // W = M^-1; where loops are closed, of what moves along them, and joints at stops are put back later
+  slow(y, nq, W, h, halts, floor = []) { // W = M^-1; where loops are closed, of what moves along them, and joints at stops are put back later
     const { n, p, stops, viscous, coulomb } = this, v = y.subarray(nq, nq + n);
     stops.forEach((stop, k) => { this.at[k] = !stop ? 0 : y[stop.q] <= stop.least ? -1 : y[stop.q] >= stop.most ? 1 : 0; });
     for (let k = 0; k < n; k++) for (let i = 0; i < n; i++) v[i] += W[k][i] * p[k];
+    for (const { along, p: push } of floor) for (let i = 0; i < n; i++) v[i] += along[i] * push;
     for (let sweep = 0; sweep < 60; sweep++) {
       let change = 0;
       for (let k = 0; k < n; k++) {
@@ -97,6 +111,12 @@ class Resistance {
         p[k] += more;
         for (let i = 0; i < n; i++) v[i] += W[k][i] * more;
         change = Math.max(change, Math.abs(w * more));
+      }
+      for (const contact of floor) {
+        const { row, along, mobile, bias, soft } = contact, push = Math.max(0, contact.p - (inner(row, v) + bias + soft * contact.p) / (mobile + soft)), more = push - contact.p;
+        contact.p = push;
+        for (let i = 0; i < n; i++) v[i] += along[i] * more;
+        change = Math.max(change, Math.abs(mobile * more));
       }
       if (change < 1e-8) break;
     }

@@ -104,14 +104,19 @@ class LoadPanel {
     if (margin) this.most.textContent = `The joints' torque limits allow up to ${roundedDown(margin.mass)} kg on this motion.`;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
-    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : `From rest, without torques${viewer.shown.stops ? "" : ", friction and stops"}; ${viewer.stand && viewer.holds ? "the feet stay where they are" : "the floor is not solid"}. ${viewer.shown.stops ? robot.fall.assumed : ""}`;
-    else if (fall.resistance) {
+    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : `From rest, without torques${viewer.shown.stops ? "" : ", friction and stops"}; ${viewer.stand && viewer.holds ? "the feet stay where they are, and " : ""}the floor is solid. ${this.pedestal()}${viewer.shown.stops ? robot.fall.assumed : ""}`;
+    else if (fall.resistance) { // to the floor as well
       const at = fall.resistance.at.flatMap((side, k) => (side ? [robot.torques[k].name.replace(/_joint$/, "")] : []));
-      this.said.textContent = `${fall.rests ? "At rest after" : ""} ${(fall.time - (fall.rests ? fall.calm : 0)).toFixed(2)} s: ${fall.rests ? "" : `kinetic energy ${energy(fall.kinetic)}, `}lost to friction and stops ${energy(fall.begin + fall.work - fall.kinetic - fall.potential)} J${at.length ? `; at its stop: ${at.join(", ")}` : ""}`;
+      this.said.textContent = `${fall.rests ? "At rest after" : ""} ${(fall.time - (fall.rests ? fall.calm : 0)).toFixed(2)} s: ${fall.rests ? "" : `kinetic energy ${energy(fall.kinetic)}, `}lost to friction, stops and floor ${energy(fall.begin + fall.work - fall.kinetic - fall.potential)} J${at.length ? `; at its stop: ${at.join(", ")}` : ""}`;
     } else {
       const worked = fall.work ? ` − work of the ${robot.book ? "torques and push" : mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
-      this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
+      this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J${fall.lost ? ` + lost to the floor ${energy(fall.lost)} J` : ""}, kept to ${fall.drift.toExponential(0)} J`;
     }
+  }
+
+  pedestal() { // in words
+    const { pedestal } = this.viewer.robot.fall;
+    return pedestal ? `The arm stands on a pedestal of ${plain(pedestal)} m, as high as its reach needs. ` : "";
   }
 }
 const energy = (x) => signed(x, 3);

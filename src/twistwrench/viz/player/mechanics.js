@@ -77,7 +77,7 @@ class Mechanics {
     return this.run.mass(q, ...this.load);
   }
 
-  kinetic(q, dq) { return 0.5 * byRows(this.massMatrix(q), dq.length).reduce((sum, row, k) => sum + dq[k] * inner(row, dq), 0); }
+  kinetic(q, dq) { return kineticOf(this.massMatrix(q), dq); }
 
   accelerations(q, dq, wrenches, out) { // by the torques that are set; along a wall, with loops closed, or on the feet
     const { run, scratch, tau, robot } = this;
@@ -114,6 +114,7 @@ class Mechanics {
 }
 const poseOf = (poses, body) => (body < 0 ? IDENTITY : poses[body]);
 
+const kineticOf = (M, v) => 0.5 * byRows(M, v.length).reduce((sum, row, k) => sum + v[k] * inner(row, v), 0); // ½ v' M v
 const byRows = (A, n) => Array.from({ length: A.length / n }, (_, i) => Array.from(A.slice(n * i, n * (i + 1))));
 
 // M = L L', rows of Y' = L^-1 A', and A M^-1 A' = R R'.

@@ -9,6 +9,7 @@ class Orbit {
     this.guest = false; // within another page, whose wheel and finger scroll
     this.floor = -Infinity; // height of the floor, which the camera of a guest stays above
     this.hint = () => {}; // tells how to zoom
+    this.touched = () => {}; // the view may have changed
     this.grasp = null; // takes (x, y) of a press, and how far off it may be: null, or a function of (dx, dy) that moves what was pressed on
     this.steer();
   }
@@ -53,6 +54,7 @@ class Orbit {
   steer() { // drag orbits, with the right button or two fingers it shifts; the wheel and pinching zoom
     const canvas = this.canvas, fingers = new Map();
     let held = null;
+    for (const event of ["pointerdown", "pointermove", "pointerup", "wheel", "keydown", "dblclick"]) canvas.addEventListener(event, () => this.touched(), { passive: true });
     const orbit = (dx, dy) => {
       this.azimuth -= 0.008 * dx;
       this.elevation = Math.min(1.55, Math.max(this.lowest, this.elevation + 0.008 * dy));

@@ -35,20 +35,19 @@ class Viewer {
     });
     this.shapes = robot.shapes.map((shape) => ({ ...shape, kept: surfaces[shape.surface] }));
     this.ball = this.stage.keep(ball());
-    this.floor = this.stage.keep({ positions: grid(robot.size, robot.floor) });
     this.motion = robot.motion && new Motion(this.mechanics, robot.motion, array);
     if (this.motion && robot.payload !== null) this.trace();
     this.judge = this.motion && new Verdict(this.motion, robot);
     this.verdict = this.judge && this.judge.now;
     this.time = this.motion ? this.motion.begin : 0; // of the motion as it was given
     this.posed = true; // by the sliders, as opposed to a moment of the motion
-    this.playing = false;
+    this.moving = false;
     this.once = false; // to the end of the motion, and not again from its start
     this.speed = 1;
     this.sharpness = new Sharpness();
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.dark.addEventListener("change", () => { this.changes += 1; });
-    this.changes = 0; // of what is drawn
+    this.changed = 0; // times
     this.panel = new Panel(this);
     this.grasp = new Grasp(this);
     this.book = robot.book && new Book(this);
@@ -58,13 +57,29 @@ class Viewer {
     this.menu = new Menu(this);
     this.compact = new Compact(this);
     addEventListener("beforeprint", () => this.print(document.getElementById("paper")));
-    const frame = (now) => {
-      this.advance(now);
-      const fineness = this.sharpness.at(now, `${this.changes} ${this.stage.signs}`);
-      if (fineness) this.draw(fineness);
-      requestAnimationFrame(frame);
-    };
-    requestAnimationFrame(frame);
+    this.stage.touched = () => this.request();
+    addEventListener("resize", () => this.request());
+    this.request();
+  }
+
+  get changes() { return this.changed; } // of what is drawn
+  set changes(count) { this.changed = count; this.request(); }
+  get playing() { return this.moving; }
+  set playing(on) { this.moving = on; this.request(); }
+
+  request() { // of a frame; at rest none is
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  frame(now) {
+    this.asked = false;
+    this.advance(now);
+    const fineness = this.sharpness.at(now, `${this.changes} ${this.stage.signs}`);
+    if (fineness) this.draw(fineness);
+    if (this.playing || (this.fall && !this.fall.rests) || this.sharpness.waits(now)) this.request();
+    else this.now = undefined; // the clock stands until it is looked at again
   }
 
   advance(now) {
@@ -86,7 +101,8 @@ class Viewer {
     const { robot, motion, mechanics } = this, n = motion ? motion.q.length : 1;
     const rows = motion ? Array.from({ length: REACH }, (_, k) => Array.from(motion.q[Math.round((k * (n - 1)) / (REACH - 1))])) : [this.q];
     const corners = robot.box ? Array.from({ length: 8 }, (_, k) => [0, 1, 2].map((i) => robot.box[(k >> i) & 1][i])) : [];
-    return corners.concat(rows.flatMap((q) => {
+    const low = this.raised ? [[0, 0, this.ground]] : [];
+    return [...corners, ...low].concat(rows.flatMap((q) => {
       const poses = mechanics.poses(q), places = robot.bodies.map((_, k) => place(poseOf(poses, k)));
       return [place(poseOf(poses, -1)), ...places, ...(robot.payload === null ? [] : [place(mechanics.tipPose(q))])];
     }));
@@ -100,6 +116,7 @@ class Viewer {
     high = Math.min(high, t.length - 1);
     const share = high > low ? (this.time - t[low]) / (t[high] - t[low]) : 0;
     this.posed = false;
+    if (this.fall) this.lift();
     this.fall = null;
     const { q } = this.motion, after = this.motion.row(high);
     this.q = between(this.robot, Array.from(q[low]), Array.from(q[high]), share);
@@ -111,6 +128,7 @@ class Viewer {
     this.q = q;
     this.posed = true;
     this.playing = false;
+    if (this.fall) this.lift();
     this.fall = null;
     this.stopped = false;
     this.refresh();
@@ -137,15 +155,28 @@ class Viewer {
     this.setCoordinates(this.q);
     if (this.book) this.mechanics.tau = this.book.state.tau.slice();
     this.drop(this.book ? this.book.velocities : []);
+    this.lower();
     this.refresh();
+  }
+
+  lower() { // the view, so that a pedestal and what hangs from it are seen
+    const { stage, robot } = this, top = Math.max(...this.reach.map(([, , z]) => z)), height = top - this.ground;
+    if (!this.raised || this.compact.embedded) return;
+    this.above = { target: stage.target, distance: stage.distance };
+    Object.assign(stage, { target: [stage.target[0], stage.target[1], this.ground + height / 2], distance: Math.max(stage.distance, 2.1 * Math.max(height, robot.size)) });
   }
 
   drop(dq) {
     this.mechanics.open = Boolean(this.loops) && !this.holds;
-    this.fall = new Fall(this.mechanics, this.q, dq, Boolean(this.shown.stops), this.holds ? this.loops : null);
+    const floor = this.book ? null : new Floor(this.mechanics, this.robot.floor - this.robot.fall.pedestal, this.q);
+    this.fall = new Fall(this.mechanics, this.q, dq, Boolean(this.shown.stops), this.holds ? this.loops : null, floor);
   }
 
+  get ground() { return this.robot.floor - (this.raised ? this.robot.fall.pedestal : 0); } // height of the floor that is drawn
+  get raised() { return !this.book && this.robot.fall.pedestal > 0 && Boolean(this.fall || (this.compact?.embedded && this.robot.control === "fall")); }
+
   fallOn(seconds) {
+    if (this.fall.rests) return;
     this.fall.advance(seconds);
     this.q = this.fall.q;
     if (this.book) this.book.state.dq = this.fall.dq;
@@ -153,6 +184,11 @@ class Viewer {
   }
 
   stop() { this.setCoordinates(this.q); }
+
+  lift() { // the view, back to where it was
+    if (this.above) Object.assign(this.stage, this.above);
+    this.above = null;
+  }
 
   chooseTip(k) { // payload, push, dragging and ellipsoids go with it
     this.mechanics.choose(k);
@@ -249,8 +285,9 @@ class Viewer {
   }
 
   draw(fineness = FINENESS[0]) {
-    const { robot, poses, shown } = this, items = [], lines = [], size = robot.size, red = this.redBodies();
-    lines.push({ kept: this.floor, colour: [0.42, 0.48, 0.55, 0.42], reach: 2.4 * size });
+    const { robot, poses, shown, ground } = this, items = [], lines = [], size = robot.size, red = this.redBodies();
+    lines.push({ kept: this.cached(`grid ${ground}`, () => ({ positions: grid(size, ground) })), colour: [0.42, 0.48, 0.55, 0.42], reach: 2.4 * size });
+    if (this.raised) items.push({ kept: this.cached("column", column), model: mul(shifted([0, 0, ground]), [0.05 * size, 0, 0, 0, 0, 0.05 * size, 0, 0, 0, 0, robot.floor - ground, 0, 0, 0, 0, 1]), colour: [...COLUMN, 1], shadow: true });
     for (const { body, kept, colour, layer, pose: at } of this.shapes) {
       if (!shown[layer]) continue;
       const clear = layer === "inertia" || (shown.inertia && robot.dressed);
@@ -267,7 +304,7 @@ class Viewer {
     if (this.book) this.book.marks(items);
     if (this.grasp.can) items.push({ kept: this.cached("knob", () => ball(8)), model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
     if (shown.path && this.path) lines.push({ kept: this.path, colour: [...this.seen(robot.colours.path), 0.9], strip: true });
-    this.stage.draw(items, lines, robot.floor, this.sticks(), fineness);
+    this.stage.draw(items, lines, ground, this.sticks(), fineness);
   }
 
   print(paper) { // paper takes no picture of the stage by itself: WebGL forgets what it has drawn
@@ -297,7 +334,8 @@ class Viewer {
       const colour = [...this.colour(torque, share), 1], level = Math.min(1, Math.round(Math.abs(share) * 100) / 100) || 0.01;
       const T = mul(poseOf(this.poses, body), share > 0 ? at : mul(at, reversed));
       const scale = turns ? 0.105 * size : size;
-      const kept = turns ? this.cached(`arc ${level}`, () => arc(5.4 * level, 0.075)) : this.cached(`force ${level}`, () => arrow(0.4 * level, 0.008));
+      const over = this.robot.torques[torque].limit && isOver(share); // then a closed ring, or a stouter arrow: another shape, too
+      const kept = turns ? (over ? this.cached("ring", () => ring(0.14)) : this.cached(`arc ${level}`, () => arc(5.4 * level, 0.075))) : this.cached(`force ${level} ${over}`, () => arrow(0.4 * level, over ? 0.016 : 0.008));
       items.push({ kept, model: mul(T, scaling(scale)), colour });
     }
   }
@@ -379,6 +417,8 @@ class Viewer {
 
 const isOver = (share) => Math.abs(share) > 1 + 1e-6; // as the limit check of twistwrench
 const reddened = (colour, { colours }) => colour.map((c, i) => 0.1 * c + 0.9 * colours.shares[colours.shares.length - 1][1][i]);
+
+const COLUMN = [0.55, 0.59, 0.64]; // of a pedestal
 
 const REACH = 13; // moments of a motion that the view holds
 

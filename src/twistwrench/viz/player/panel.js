@@ -25,7 +25,7 @@ class Panel {
     this.load = new LoadPanel(this);
     this.fold = robot.limbs.length ? new Fold(this) : null;
     if (viewer.motion) this.playBar(of);
-    const resized = new ResizeObserver(() => { this.cover(); viewer.compact?.fit(); });
+    const resized = new ResizeObserver(() => { this.cover(); viewer.compact?.fit(); viewer.request(); });
     [of("stage"), of("verdict"), document.querySelector("header")].forEach((part) => resized.observe(part));
   }
 
@@ -163,7 +163,7 @@ class Panel {
     if (box.hidden) return;
     box.className = verdict.word.toLowerCase().replace(" ", "-");
     word.textContent = verdict.word;
-    said.textContent = verdict.lines.join("\n");
+    said.textContent = printed(verdict.lines.join("\n"));
     const note = box.querySelector("small");
     note.hidden = !verdict.note;
     note.textContent = verdict.note;
@@ -180,7 +180,7 @@ class Panel {
 
   tell() { // to those who hear the page, once a slider rests; then the largest torques come first
     this.fold?.arrange();
-    if (this.viewer.answer) this.told.textContent = this.viewer.answer.text;
+    if (this.viewer.answer) this.told.textContent = printed(this.viewer.answer.text);
   }
 
   update() {
@@ -224,5 +224,6 @@ class Panel {
 }
 
 const SWITCHES = { keep: "of-joints", stops: "of-fall", feet: "of-joints" }; // where those stand that are not about what is drawn
+const printed = (text) => text.replace(/(^|[\s(±=])-(?=[\d.])/g, "$1−"); // with the minus of print
 const css = (colour) => `rgb(${colour.map((c) => Math.round(255 * c)).join(" ")})`;
 const signed = (x, digits) => (Number(x.toFixed(digits)) === 0 ? (0).toFixed(digits) : x.toFixed(digits).replace("-", "−"));

@@ -15,6 +15,9 @@ const JUDGED = 10; // frames
 class Sharpness {
   constructor() { Object.assign(this, { coarse: 0, drawn: 0, gaps: [], last: -Infinity, changed: NaN, signs: "" }); }
 
+  // True while a frame may still be drawn anew though nothing more changes.
+  waits(now) { return this.drawn > 0 || now === this.changed; }
+
   // What to draw with at a time [ms], or null. Signs tell all that is seen: others are a change.
   at(now, signs) {
     const gap = now - this.last, moved = signs !== this.signs, moving = moved && this.last === this.changed;

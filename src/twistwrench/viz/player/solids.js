@@ -56,6 +56,19 @@ function arc(sweep, thickness) {
   return tube(rings);
 }
 
+// Around z at radius 1, closed.
+function ring(thickness) {
+  return tube(Array.from({ length: 49 }, (_, k) => {
+    const out = [Math.cos((Math.PI * k) / 24), Math.sin((Math.PI * k) / 24), 0];
+    return { middle: out, first: [0, 0, 1], second: out, radius: thickness };
+  }));
+}
+
+function column() { // from 0 to 1 along z, of radius 1
+  const ring_ = (z, radius) => ({ middle: [0, 0, z], first: [1, 0, 0], second: [0, 1, 0], radius });
+  return tube([ring_(0, 1), ring_(1, 1), ring_(1, 1), ring_(1, 0)], 28);
+}
+
 function ball(rings = 18) {
   const found = [];
   for (let i = 0; i <= rings; i++) {

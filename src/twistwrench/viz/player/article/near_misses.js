@@ -24,5 +24,6 @@ function judged(text, answer, other = {}, kinds = Object.keys(NEAR_MISSES)) {
   if (isRight(typed, answer)) return { right: true, near: null, words: "Right." };
   const misses = (kind) => NEAR_MISSES[kind].of(answer, other).filter((value) => Math.abs(value) > 1e-9);
   const near = Object.keys(NEAR_MISSES).find((kind) => kinds.includes(kind) && misses(kind).some((value) => Math.abs(typed - value) <= 0.01 * Math.abs(value)));
-  return { right: false, near: near ?? null, words: near ? NEAR_MISSES[near].words : "Not yet." };
+  const named = (other.named ?? []).find(([value]) => Math.abs(typed - value) <= 0.01 * Math.abs(value)); // [value, words]: what it is
+  return { right: false, near: near ?? null, words: named?.[1] ?? (near ? NEAR_MISSES[near].words : "Not yet.") };
 }

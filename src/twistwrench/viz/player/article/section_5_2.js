@@ -1,7 +1,7 @@
 // Section 5.2: torques of a planar arm with two links of 1 m whose tip pushes with a force, τ = Jᵀ f. In the plane x, y.
 "use strict";
 
-const LINK = 1, ORIGIN = [0, 0, 0], PER_FORCE = 0.06, PER_TORQUE = 0.16; // m; m/N; rad of an arc for a N m
+const PER_FORCE = 0.06, PER_TORQUE = 0.16; // m/N; rad of an arc for a N m
 const SHOULDER = radiansOf(30), BEND = radiansOf(60), STRENGTH = 10; // N
 
 class Arm extends Picture {
@@ -9,8 +9,8 @@ class Arm extends Picture {
   get force() { return [-STRENGTH, 0]; }
 
   // Joints, tip, Jacobian by rows, and torques of a force at the tip.
-  arm([a, b] = this.angles, f = this.force) {
-    const elbow = [LINK * Math.cos(a), LINK * Math.sin(a), 0], tip = add(elbow, [LINK * Math.cos(a + b), LINK * Math.sin(a + b), 0]), fore = add(tip, times(-1, elbow));
+  arm(angles = this.angles, f = this.force) {
+    const { elbow, fore, tip } = placesOf(angles);
     const J = [[-tip[1], -fore[1]], [tip[0], fore[0]]];
     return { elbow, tip, J, force: f, tau: [0, 1].map((k) => J[0][k] * f[0] + J[1][k] * f[1]) };
   }
@@ -18,23 +18,16 @@ class Arm extends Picture {
   state() { return { t: this.t, angles: this.angles, ...this.arm() }; }
 
   // Links and joints.
-  body(angles = this.angles) {
-    const { elbow, tip } = this.arm(angles), [a, b] = angles, link = (from, to, angle) => solid(boxFaces([LINK / 2, 0.045, 0.03]), turnAbout([0, 0, 1], angle), times(0.5, add(from, to)));
-    return [link(ORIGIN, elbow, a), link(elbow, tip, a + b), ...[ORIGIN, elbow].map((p) => solid(cylinderFaces(0.09, 0.05), UPRIGHT, p)), { kind: "dot", at: tip, name: "edge", label: "" }];
-  }
+  body(angles = this.angles) { return [...armBody(angles), { kind: "dot", at: placesOf(angles).tip, name: "edge", label: "" }]; }
 
   push(f = this.force, tip = this.arm().tip) { return arrowOf("wrench", tip, [...times(PER_FORCE, f), 0], "f", { width: 5 }); }
 
   arcs({ elbow, tau }, labels = ["τ₁", "τ₂"]) {
-    return [ORIGIN, elbow].flatMap((middle, k) => (Math.abs(tau[k]) > 1e-6 ? [{ kind: "arc", middle, radius: 0.2, sweep: PER_TORQUE * tau[k], name: "wrench", label: labels[k] }] : []));
+    return [ORIGIN, elbow].flatMap((middle, k) => turnArc(middle, PER_TORQUE * tau[k], "wrench", labels[k]));
   }
 
   // Line of a force, and the levers from the joints to it.
-  levers({ elbow, tip, force }) {
-    const way = unit([...force, 0]), foot = (p) => add(p, add(add(tip, times(-1, p)), times(-dot(add(tip, times(-1, p)), way), way)));
-    const line = { kind: "line", name: "wrench", width: 1.5, dashed: true, points: [add(tip, times(-2.2, way)), add(tip, times(1.6, way))] };
-    return [line, ...[ORIGIN, elbow].map((p) => ({ kind: "line", name: "change", width: 3, points: [p, foot(p)] }))];
-  }
+  levers({ elbow, tip, force }) { return leversTo([ORIGIN, elbow], tip, unit([...force, 0])); }
 
   scene() { const now = this.arm(); return [...this.levers(now), ...this.body(), ...this.arcs(now), this.push()]; }
 

@@ -54,6 +54,9 @@ function grid(half, square, z = -0.05) {
 
 const arrowOf = (name, from, way, label, more = {}) => ({ kind: "arrow", name, from, to: add(from, way), label, ...more });
 
+// Arc of a turn or a moment about z, from the x axis; nothing where it is zero.
+const turnArc = (middle, sweep, name, label, radius = 0.2) => (Math.abs(sweep) > 1e-6 ? [{ kind: "arc", middle, radius, sweep, name, label }] : []);
+
 // Axes of a frame in the plane, with its letter.
 const axes = (R, p, length, label) => [
   ...[[1, 0, 0], [0, 1, 0]].map((axis) => arrowOf("axes", p, times(length, rotated(R, axis)), "", { width: 2 })),

@@ -1,0 +1,70 @@
+"""Floor of a page under a robot let go: spheres that enclose its links, and the pedestal that its reach needs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..core.typing import Array
+from ..mechanics.model.model import BASE
+from .page_data import sliders_of
+from .scene import Scene
+
+_MOST = 6
+"""Maximum number of spheres of a link."""
+_POSES = 512
+"""Random configurations whose lowest points give the height of the pedestal."""
+_MORE = 1.15
+"""Factor of that height, as random configurations do not reach the lowest point."""
+_NEAR = 0.02
+"""Distance from the floor, as a share of the robot's size, within which a base stands on it."""
+
+
+def spheres_of(scene: Scene) -> list[dict[str, Any]]:
+    """Spheres of equal radius along the longest axis of each moving body's shapes: body, middle, radius [m].
+
+    The radius is the largest distance of a vertex from the axis, so that the spheres enclose the body's flanks.
+    """
+    found = []
+    for k in range(len(scene.robot.model.bodies)):
+        parts = [s for s in scene.shapes if s.body == k and s.layer == "looks"]
+        if not parts:
+            continue
+        points = np.concatenate([s.surface.vertices @ s.pose[:3, :3].T + s.pose[:3, 3] for s in parts])
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        axis = np.linalg.eigh(np.cov(points.T))[1][:, -1]
+        along = (points - middle) @ axis
+        radius = float(np.linalg.norm(points - middle - along[:, None] * axis, axis=1).max())
+        first, last = along.min() + radius, along.max() - radius
+        count = int(np.clip(np.ceil(max(last - first, 0.0) / max(radius, 1e-9)) + 1, 1, _MOST))
+        places = np.linspace(first, last, count) if last > first else np.array([(first + last) / 2])
+        found += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in places]
+    return found
+
+
+def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> float:
+    """Height [m] by which an arm that stands on the floor is raised so that its links swing freely; 0 for other robots."""
+    model = scene.robot.model
+    if not spheres or any(not body.joint.driven and body.parent == BASE for body in model.bodies):
+        return 0.0
+    base = [s.surface.placed(s.pose).vertices[:, 2].min() for s in scene.shapes if s.body == BASE]
+    if min(base, default=0.0) > floor + _NEAR * scene.size:
+        return 0.0
+    needed = floor - _lowest(scene, spheres)
+    return float(f"{_MORE * needed:.2g}") if needed > _NEAR * scene.size else 0.0
+
+
+def _lowest(scene: Scene, spheres: list[dict[str, Any]]) -> float:
+    """Height of the lowest point of the spheres over random configurations, with joints past their stops."""
+    q = np.array(scene.robot.random_configuration(0, _POSES))
+    rng = np.random.default_rng(0)
+    for slider in sliders_of(scene.robot.model):
+        if slider["unit"] == "°" and "turn" not in slider:
+            q[:, slider["q"]] = rng.uniform(-np.pi, np.pi, _POSES)
+    poses = scene.body_poses(q)
+    heights: list[Array] = []
+    for sphere in spheres:
+        T = poses[:, sphere["body"]]
+        heights.append(T[:, 2, :3] @ sphere["middle"] + T[:, 2, 3] - sphere["radius"])
+    return float(np.nanmin(heights))
