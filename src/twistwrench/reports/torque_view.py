@@ -257,7 +257,7 @@ def _why(report: TorqueReport, k: int) -> Table:
 
 
 def _part(text: str, value: float) -> Cell:
-    return Glyphs(text) if text == NEGLIGIBLE_PART else Line(text, value=value)
+    return Glyphs(text) if text == NEGLIGIBLE_PART else Line(torque(value), value=value)
 
 
 def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:

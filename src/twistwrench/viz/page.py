@@ -53,8 +53,8 @@ if TYPE_CHECKING:
 _TRIANGLES = 300_000
 _SCRIPTS = (
     "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
-    "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js", "address.js", "share.js",
-    "compact.js", "panel.js", "load.js", "scales.js",
+    "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
+    "grab.js", "drives.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js",
 )  # fmt: skip
 _SCRIPTS_OF = {
     "motion": ("motion.js", "verdict.js", "strip.js"),
@@ -469,11 +469,20 @@ def _switches(
         ("mass", "Mass ellipsoid", any(tip["massScale"] > 0 for tip in tips), False),
         ("keep", "Keep orientation", grasped, free >= 6),
         ("stops", "Stops and friction", book is None and "mass" in data["programs"] and not data["fall"]["why"], True),
+        ("drives", "Drives hold", book is None and "mass" in data["programs"] and _driven(data), False),
         ("feet", "Feet on the floor", data["standing"] is not None, True),
         ("path", "Path of the tip", data["motion"] is not None and data["payload"] is not None, True),
     )
     shown = {key: bool(on and there) if book is None else key in book.shown for key, _, there, on in known}
     return shown, [(key, label) for key, label, there, _ in known if there]
+
+
+def _driven(data: Mapping[str, Any]) -> bool:
+    """True if each velocity is that of one joint whose drive has a limit, and the robot can be let go."""
+    single = sum(len(hand["v"]) == 1 and "turn" not in hand for hand in data["hands"])
+    torques = data["torques"]
+    each = bool(torques) and single == len(torques) and all(row["limit"] and row["driven"] for row in torques)
+    return each and data["fall"]["why"] is None and not data["loops"]
 
 
 # ── The doctor's findings on a robot

@@ -42,8 +42,7 @@ class Compact {
     const left = 1.5 * edge, right = verdict.width && !above ? verdict.left - edge : width - 1.5 * edge, top = (above ? verdict.bottom + edge : title) + edge, bottom = control + BEHIND * (height - control);
     for (let k = 0; k < FITS; k++) {
       const places = reach.map((p) => stage.project(p)), axis = (i) => places.map((p) => p[i]), [x, y] = [axis(0), axis(1)];
-      const [wide, high] = [Math.max(...x) - Math.min(...x), Math.max(...y) - Math.min(...y)], { right: along, up } = stage.camera(), middle = stage.project(stage.target);
-      const metre = Math.hypot(...stage.project(add(stage.target, up)).map((end, i) => end - middle[i])); // in pixels
+      const [wide, high] = [Math.max(...x) - Math.min(...x), Math.max(...y) - Math.min(...y)], { right: along, up } = stage.camera(), metre = stage.metre(stage.target);
       const off = [(Math.max(...x) + Math.min(...x) - left - right) / 2, (Math.max(...y) + Math.min(...y) - top - bottom) / 2];
       stage.target = add(stage.target, add(times(off[0] / metre, along), times(-off[1] / metre, up)));
       stage.distance *= Math.max(wide / (right - left), high / (bottom - top));

@@ -3,6 +3,7 @@
 "use strict";
 
 const LONGEST_FRAME = 8; // ms of computing a frame; a robot that takes longer falls slower than the clock
+const PACE_OVER = 1; // s
 const STILL = { share: 1e-6, speed: 2e-3, seconds: 0.5 }; // of the largest kinetic energy; rad/s, m/s
 
 class Fall {
@@ -17,6 +18,7 @@ class Fall {
     this.y.set(dq, this.nq);
     this.z = this.y.slice();
     this.k = fall.b.map(() => this.y.slice());
+    Object.assign(this, { forces: [], base: mechanics.tau.slice(), asked: 0, done: 0 }); // functions of (q, dq) that give torques beside the base's; s of the clock and of the fall
     this.time = 0;
     this.behind = 0; // of the clock [s]
     this.spent = 0; // on computing the last frame [ms]
@@ -41,6 +43,7 @@ class Fall {
       weights.forEach((w, j) => { if (w) for (let i = 0; i < z.length; i++) z[i] += h * w * k[j][i]; });
       return z;
     };
+    if (this.forces.length) mechanics.tau = this.forces.reduce((sum, torques) => add(sum, torques(this.q, this.dq)), this.base);
     a.forEach((row, j) => mechanics.motion(along(row), k[j]));
     const first = this.dq;
     y.set(along(b));
@@ -72,7 +75,7 @@ class Fall {
 
   // On by so many seconds of the clock.
   advance(seconds) {
-    const begun = performance.now();
+    const begun = performance.now(), from = this.time;
     this.behind += seconds;
     if (this.rests) this.behind = 0;
     for (let k = 0; this.behind >= this.h; k++) {
@@ -83,7 +86,11 @@ class Fall {
     if (this.loops) this.keep();
     this.drift = Math.max(this.drift, Math.abs(this.kinetic + this.potential - this.work + this.lost - this.begin));
     this.spent = performance.now() - begun;
+    const keep = Math.exp(-seconds / PACE_OVER);
+    Object.assign(this, { asked: keep * this.asked + seconds, done: keep * this.done + this.time - from });
   }
+
+  get pace() { return this.asked ? this.done / this.asked : 1; } // times real time, over the last second or so
 }
 
 // Friction and stops of joints, as impulses p of one time step: v = v* + M^-1 p, where v* is without them. Viscous friction is

@@ -98,14 +98,23 @@ class LoadPanel {
 
   update() {
     this.mark();
-    const { viewer } = this, { fall, robot, verdict, mechanics } = viewer, margin = verdict && !mechanics.mass && verdict.margin;
+    const { viewer } = this, { fall, verdict, mechanics } = viewer, margin = verdict && !mechanics.mass && verdict.margin;
     this.feel();
     this.most.hidden = !margin;
     if (margin) this.most.textContent = `The joints' torque limits allow up to ${roundedDown(margin.mass)} kg on this motion.`;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
-    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : `From rest, without torques${viewer.shown.stops ? "" : ", friction and stops"}; ${viewer.stand && viewer.holds ? "the feet stay where they are, and " : ""}the floor is solid. ${this.pedestal()}${viewer.shown.stops ? robot.fall.assumed : ""}`;
-    else if (fall.resistance) { // to the floor as well
+    this.tellFall();
+    if (fall && !fall.rests && fall.pace < 0.95) this.said.textContent += ` · ${fall.pace.toFixed(1)} × real time`;
+  }
+
+  tellFall() {
+    const { viewer } = this, { fall, robot, mechanics } = viewer;
+    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : `From rest, ${viewer.shown.drives ? "held by drives within their limits" : "without torques"}${viewer.shown.stops ? "" : ", friction and stops"}; ${viewer.stand && viewer.holds ? "the feet stay where they are, and " : ""}the floor is solid. ${this.pedestal()}${viewer.shown.stops ? robot.fall.assumed : ""}`;
+    else if (viewer.drives) {
+      const slips = viewer.slipping.map(({ k, needs, limit }) => `${robot.torques[k].name} slips: needs ${number(Math.abs(needs), 3)}, has ${number(limit)} ${robot.torques[k].unit}`);
+      this.said.textContent = `${fall.time.toFixed(2)} s, drives hold. ${slips.length ? `${slips.join("; ")}.` : "Every drive holds."}`;
+    } else if (fall.resistance) { // to the floor as well
       const at = fall.resistance.at.flatMap((side, k) => (side ? [robot.torques[k].name.replace(/_joint$/, "")] : []));
       this.said.textContent = `${fall.rests ? "At rest after" : ""} ${(fall.time - (fall.rests ? fall.calm : 0)).toFixed(2)} s: ${fall.rests ? "" : `kinetic energy ${energy(fall.kinetic)}, `}lost to friction, stops and floor ${energy(fall.begin + fall.work - fall.kinetic - fall.potential)} J${at.length ? `; at its stop: ${at.join(", ")}` : ""}`;
     } else {

@@ -1,6 +1,8 @@
 // A camera that orbits what it looks at, steered by mouse, fingers, wheel and keys; how it draws is for those who extend it.
 "use strict";
 
+const LONG_PRESS = 500; // ms
+
 class Orbit {
   constructor(canvas, size) {
     Object.assign(this, { canvas, size, target: [0, 0, 0], covered: { right: 0, top: 0, bottom: 0 } });
@@ -10,6 +12,7 @@ class Orbit {
     this.floor = -Infinity; // height of the floor, which the camera of a guest stays above
     this.hint = () => {}; // tells how to zoom
     this.touched = () => {}; // the view may have changed
+    this.seize = null; // takes (x, y) of a press with Ctrl, or of a long one of a finger: null, or such a function, whose end() lets go
     this.grasp = null; // takes (x, y) of a press, and how far off it may be: null, or a function of (dx, dy) that moves what was pressed on
     this.steer();
   }
@@ -42,6 +45,19 @@ class Orbit {
     return [((x / w + 1) / 2) * this.canvas.clientWidth, ((1 - y / w) / 2) * this.canvas.clientHeight];
   }
 
+  // Where a place of the canvas looks from, and along which unit vector.
+  ray(x, y) {
+    const { camera, eye, right, up } = this.camera(), back = cross(right, up), { clientWidth: width, clientHeight: height } = this.canvas;
+    const u = 1 - (2 * x) / width, v = (2 * y) / height - 1, row = (i) => camera.slice(4 * i, 4 * i + 3), w = row(3); // (row0 + u w) d = (row1 + v w) d = 0
+    const way = unit(cross(add(row(0), times(u, w)), add(row(1), times(v, w))));
+    return [eye, dot(way, back) > 0 ? times(-1, way) : way];
+  }
+
+  metre(point) { // its length in pixels across the view at a point
+    const at = this.project(point);
+    return Math.hypot(...this.project(add(point, this.camera().up)).map((end, i) => end - at[i]));
+  }
+
   get lowest() { return this.guest ? 0.02 : -1.2; } // elevation [rad]
 
   // Within another page: its wheel and vertical swipes scroll that page, two fingers turn the view.
@@ -53,7 +69,7 @@ class Orbit {
 
   steer() { // drag orbits, with the right button or two fingers it shifts; the wheel and pinching zoom
     const canvas = this.canvas, fingers = new Map();
-    let held = null;
+    let held = null, long = 0, still = true;
     for (const event of ["pointerdown", "pointermove", "pointerup", "wheel", "keydown", "dblclick"]) canvas.addEventListener(event, () => this.touched(), { passive: true });
     const orbit = (dx, dy) => {
       this.azimuth -= 0.008 * dx;
@@ -68,13 +84,19 @@ class Orbit {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       const box = canvas.getBoundingClientRect();
-      held = event.button === 0 && !fingers.size && this.grasp ? this.grasp(event.clientX - box.x, event.clientY - box.y, event.pointerType === "touch" ? 36 : 20) : null;
+      const [x, y] = [event.clientX - box.x, event.clientY - box.y], pulls = (event.ctrlKey || event.metaKey) && this.seize, takes = pulls ? this.seize : this.grasp;
+      held = event.button === 0 && !fingers.size && takes ? takes(x, y, event.pointerType === "touch" ? 36 : 20) : null;
+      if (event.pointerType === "touch" && !held && !fingers.size && this.seize) {
+        still = true;
+        long = setTimeout(() => { if (still && fingers.size === 1) held = this.seize(x, y); }, LONG_PRESS);
+      }
       fingers.set(event.pointerId, [event.clientX, event.clientY]);
     });
     canvas.addEventListener("pointermove", (event) => {
       const before = fingers.get(event.pointerId);
       if (!before) return;
       const [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
+      if (Math.hypot(dx, dy) > 3) still = false;
       if (held && fingers.size === 1) held(dx, dy);
       else if (fingers.size === 2) {
         const other = [...fingers].find(([id]) => id !== event.pointerId)[1];
@@ -85,7 +107,12 @@ class Orbit {
       else orbit(dx, dy);
       fingers.set(event.pointerId, [event.clientX, event.clientY]);
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => {
+      fingers.delete(event.pointerId);
+      clearTimeout(long);
+      held?.end?.();
+      held = null;
+    });
     canvas.addEventListener("touchstart", (event) => { // what was taken hold of, and two fingers, are not for the page around
       if (event.cancelable && (held || event.touches.length > 1)) event.preventDefault();
     }, { passive: false });

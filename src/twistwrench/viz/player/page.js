@@ -50,6 +50,7 @@ class Viewer {
     this.changed = 0; // times
     this.panel = new Panel(this);
     this.grasp = new Grasp(this);
+    this.grab = new Grab(this);
     this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
@@ -78,7 +79,7 @@ class Viewer {
     this.advance(now);
     const fineness = this.sharpness.at(now, `${this.changes} ${this.stage.signs}`);
     if (fineness) this.draw(fineness);
-    if (this.playing || (this.fall && !this.fall.rests) || this.sharpness.waits(now)) this.request();
+    if (this.playing || (this.fall && (!this.fall.rests || this.grab.held)) || this.sharpness.waits(now)) this.request();
     else this.now = undefined; // the clock stands until it is looked at again
   }
 
@@ -129,7 +130,7 @@ class Viewer {
     this.posed = true;
     this.playing = false;
     if (this.fall) this.lift();
-    this.fall = null;
+    this.fall = this.drives = null;
     this.stopped = false;
     this.refresh();
   }
@@ -169,14 +170,18 @@ class Viewer {
   drop(dq) {
     this.mechanics.open = Boolean(this.loops) && !this.holds;
     const floor = this.book ? null : new Floor(this.mechanics, this.robot.floor - this.robot.fall.pedestal, this.q);
+    if (!this.book) this.mechanics.tau = this.tau.map(() => 0);
     this.fall = new Fall(this.mechanics, this.q, dq, Boolean(this.shown.stops), this.holds ? this.loops : null, floor);
+    this.drives = this.shown.drives ? new Drives(this.mechanics, this.drives?.pose ?? this.q) : null;
+    if (this.drives) this.fall.forces.push((q, v) => this.drives.torques(q, v));
+    if (this.grab.can) this.fall.forces.push((q, v) => (this.grab.held ? this.grab.torques(q, v) : this.tau.map(() => 0)));
   }
 
   get ground() { return this.robot.floor - (this.raised ? this.robot.fall.pedestal : 0); } // height of the floor that is drawn
   get raised() { return !this.book && this.robot.fall.pedestal > 0 && Boolean(this.fall || (this.compact?.embedded && this.robot.control === "fall")); }
 
   fallOn(seconds) {
-    if (this.fall.rests) return;
+    if (this.fall.rests && !this.grab.held) return;
     this.fall.advance(seconds);
     this.q = this.fall.q;
     if (this.book) this.book.state.dq = this.fall.dq;
@@ -221,8 +226,11 @@ class Viewer {
 
   get over() { // torques whose joints are red: over the whole motion, or where the robot is held
     if (this.motion && !this.posed) return this.verdict.over;
+    if (this.drives) return new Set(this.slipping.map(({ k }) => k));
     return new Set(this.tau.flatMap((x, k) => (this.robot.torques[k].limit && isOver(x / this.robot.torques[k].limit) ? [k] : [])));
   }
+
+  get slipping() { return this.drives.slipping(this.q, this.grab.held && this.grab.torques(this.q)); }
 
   get answer() { // the verdict on the motion, if it is judged; never OK beside a joint that is red at a pose set by hand
     if (this.motion && !this.motion.data.judged) return null;
@@ -254,8 +262,9 @@ class Viewer {
   hold() { // the torques that hold the pose, of motors alone where loops are closed or feet on the floor
     const holding = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
     this.support = this.holds && this.stand && !this.fall ? this.stand.held(this.q) : null;
-    this.borne = this.holds && !this.stand && !this.fall ? this.loops.torques(this.q, holding) : null;
-    this.tau = (this.support ?? this.borne)?.tau ?? holding;
+    const pull = this.grab?.held && !this.fall ? this.grab.torques(this.q) : null; // tau = g - J' f
+    this.borne = this.holds && !this.stand && !this.fall ? this.loops.torques(this.q, pull ? holding.map((x, k) => x - pull[k]) : holding) : null;
+    this.tau = this.drives ? this.drives.torques(this.q, this.fall.dq) : (this.support ?? this.borne)?.tau ?? (pull ? holding.map((x, k) => x - pull[k]) : holding);
   }
 
   // Of each torque: its share of the limit, else of the largest of the motion, else of the largest there is now.
@@ -302,6 +311,7 @@ class Viewer {
     if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
     if (shown.mass) this.massMarks(items);
     if (this.book) this.book.marks(items);
+    this.grab.marks(items);
     if (this.grasp.can) items.push({ kept: this.cached("knob", () => ball(8)), model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
     if (shown.path && this.path) lines.push({ kept: this.path, colour: [...this.seen(robot.colours.path), 0.9], strip: true });
     this.stage.draw(items, lines, ground, this.sticks(), fineness);

@@ -118,7 +118,7 @@ class Panel {
     this.viewer.shown[key] = on;
     this.viewer.changes += 1;
     if (key === "feet" && this.stands && this.viewer.poses) this.viewer.setCoordinates(this.viewer.closed(this.viewer.q));
-    if (key === "stops" && this.viewer.fall) this.viewer.drop(this.viewer.fall.dq);
+    if (["stops", "drives"].includes(key) && this.viewer.fall) this.viewer.drop(this.viewer.fall.dq);
     this.load?.update();
     document.getElementById(`show-${key}`).setAttribute("aria-pressed", on);
   }
@@ -187,10 +187,10 @@ class Panel {
     const viewer = this.viewer, { robot, tau, q } = viewer, shares = viewer.shares();
     const peaks = viewer.motion ? viewer.motion.peaks : [], { over } = viewer;
     const largest = Math.max(...tau.map(Math.abs), ...peaks.map(({ value }) => Math.abs(value)), 1e-3);
-    const digits = viewer.fall && !viewer.book ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
+    const digits = viewer.fall && !viewer.book && !viewer.drives ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
     const { book } = viewer;
     this.torques.hidden = !robot.torques.length || (book && !book.found.tau);
-    this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : !viewer.posed ? "Torques of the motion" : this.afloat && !viewer.support ? "Torques and wrench on the base that hold this pose" : "Torques that hold this pose";
+    this.title.textContent = book ? book.found.title || "" : viewer.drives ? "Torques of the drives" : viewer.fall ? "Torques: none, let go" : !viewer.posed ? "Torques of the motion" : this.afloat && !viewer.support ? "Torques and wrench on the base that hold this pose" : "Torques that hold this pose";
     this.stopped.textContent = viewer.stopped ? "Stopped: no closed pose is found beyond." : "";
     this.stands.textContent = this.held();
     this.verdict();
@@ -223,7 +223,7 @@ class Panel {
   }
 }
 
-const SWITCHES = { keep: "of-joints", stops: "of-fall", feet: "of-joints" }; // where those stand that are not about what is drawn
+const SWITCHES = { keep: "of-joints", stops: "of-fall", drives: "of-fall", feet: "of-joints" }; // where those stand that are not about what is drawn
 const printed = (text) => text.replace(/(^|[\s(±=])-(?=[\d.])/g, "$1−"); // with the minus of print
 const css = (colour) => `rgb(${colour.map((c) => Math.round(255 * c)).join(" ")})`;
 const signed = (x, digits) => (Number(x.toFixed(digits)) === 0 ? (0).toFixed(digits) : x.toFixed(digits).replace("-", "−"));
