@@ -276,7 +276,7 @@ def still(
 
 
 def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, most: int) -> bytes:
-    """First frame of a page as WebP, as wide in pixels as asked and at most as large in bytes.
+    """First frame of a page as WebP, of a given width in pixels and limited in bytes.
 
     Links of joints that pass their torque limits on the motion are red.
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.model.model import BASE
 from .page_data import sliders_of
@@ -52,7 +53,7 @@ def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> fl
     if min(base, default=0.0) > floor + _NEAR * scene.size:
         return 0.0
     needed = floor - _lowest(scene, spheres)
-    return float(f"{_MORE * needed:.2g}") if needed > _NEAR * scene.size else 0.0
+    return float(number(_MORE * needed, 2)) if needed > _NEAR * scene.size else 0.0
 
 
 def _lowest(scene: Scene, spheres: list[dict[str, Any]]) -> float:
