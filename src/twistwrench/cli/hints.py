@@ -9,7 +9,6 @@ import click
 
 from ..core.arguments import measured
 from ..core.errors import ValueRangeError
-from ..core.first_calls import rows_of, similar_names
 
 _ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf", ".sdf", ".world", ".usd", ".usda", ".usdc", ".xacro")
 _MISSING = {
@@ -37,6 +36,8 @@ class Seconds(click.ParamType):  # type: ignore[type-arg]  # generic in new vers
 
 def unknown_command(word: str, known: Iterable[str]) -> str:
     """Sentence on a command that does not exist: the robot's commands, the command of another name, or similar ones."""
+    from ..core.first_calls import rows_of, similar_names
+
     if robot := _robot_hint(word):
         return robot
     text = f"No such command {word!r}."
@@ -60,6 +61,8 @@ def _robot_hint(word: str) -> str:
 
 def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
     """Sentence on an option that does not exist: the option or argument of another name, or similar options."""
+    from ..core.first_calls import rows_of, similar_names
+
     assert error.ctx is not None
     name, command = error.option_name, error.ctx.command
     known = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.answers.answer import Answer
-from ..core.answers.page import answer_page
 from ..core.files import replacing
 from .main import option, option_group, typed_words_and_notes
 
@@ -21,6 +20,8 @@ def answer_report(
     answer: Answer, path: str, files: Mapping[str, str | Path | None], *, full_paths: bool = False
 ) -> None:
     """Write the page of an answer, with the words of the command line and the digests of its ``files``."""
+    from ..core.answers.page import answer_page
+
     typed, notes = typed_words_and_notes()
     answer_page(answer, command=typed, notes=notes, files=files, full_paths=full_paths).write(Path(path))
 

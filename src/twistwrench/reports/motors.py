@@ -11,7 +11,6 @@ import numpy as np
 
 from ..core.numbers import deviation, number, over_limit, percent_of_limit, quantity, seconds
 from ..core.typing import Array
-from ..formats.yaml import si_unit
 from ..mechanics.model.actuators import RATINGS
 from ..motion.bounds import Extrema
 from .statistics import mean_weights, stride_of
@@ -136,6 +135,8 @@ class MotorFigures(NamedTuple):
     def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
         uses, rms = [], np.sqrt(self.squares)
+        from ..formats.yaml import si_unit
+
         rated = {row.load: name for name, row in RATINGS.items() if row.load}
         described = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
         for k, actuator in enumerate(described):

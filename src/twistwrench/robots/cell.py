@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..core.answers.blocks import Block
     from ..robot.export.written import Saved
 
-__all__ = ["RobotCell", "PlacedRobot", "join"]
+__all__ = ["PlacedRobot", "RobotCell", "join"]
 
 _APART = 1e-3
 """Difference of poses [m, rad] from which the choice between tips matters."""

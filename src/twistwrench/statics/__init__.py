@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
-from .clearance import Clearance
-from .contacts import Contact
-from .equilibrium import (
-    Equilibrium,
-    TorqueWrench,
-    body_equilibrium,
-    least_norm_contact_forces,
-    robot_equilibrium,
-    wrench_from_torques,
-)
-from .feet import base_from_stance, find_feet, patch, sole, wheel
-from .force_capability import (
-    LargestWrench,
-    WrenchEllipsoid,
-    WrenchPolytope,
-    largest_wrench,
-    weakest_direction,
-    wrench_ellipsoid,
-    wrench_polytope,
-)
-from .payload import (
-    LargestPayload,
-    PayloadMap,
-    RegionPayload,
-    largest_payload,
-    payload_in_region,
-    payload_map,
-    torques_per_kilogram,
-)
-from .reactions import BearingLoads, MountingLoad, bearing_loads, bolt_circle, mounting_load
-from .support import Support, hold, support
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from .support import Support, hold, support  # now, since its file has the name of its function
+
+if TYPE_CHECKING:
+    from .clearance import Clearance
+    from .contacts import Contact
+    from .equilibrium import (
+        Equilibrium,
+        TorqueWrench,
+        body_equilibrium,
+        least_norm_contact_forces,
+        robot_equilibrium,
+        wrench_from_torques,
+    )
+    from .feet import base_from_stance, find_feet, patch, sole, wheel
+    from .force_capability import (
+        LargestWrench,
+        WrenchEllipsoid,
+        WrenchPolytope,
+        largest_wrench,
+        weakest_direction,
+        wrench_ellipsoid,
+        wrench_polytope,
+    )
+    from .payload import (
+        LargestPayload,
+        PayloadMap,
+        RegionPayload,
+        largest_payload,
+        payload_in_region,
+        payload_map,
+        torques_per_kilogram,
+    )
+    from .reactions import BearingLoads, MountingLoad, bearing_loads, bolt_circle, mounting_load
 
 __all__ = [
     "BearingLoads",
@@ -71,3 +76,51 @@ __all__ = [
     "wrench_from_torques",
     "wrench_polytope",
 ]
+
+_FILES = {
+    "Clearance": "clearance",
+    "Contact": "contacts",
+    "Equilibrium": "equilibrium",
+    "TorqueWrench": "equilibrium",
+    "body_equilibrium": "equilibrium",
+    "least_norm_contact_forces": "equilibrium",
+    "robot_equilibrium": "equilibrium",
+    "wrench_from_torques": "equilibrium",
+    "base_from_stance": "feet",
+    "find_feet": "feet",
+    "patch": "feet",
+    "sole": "feet",
+    "wheel": "feet",
+    "LargestWrench": "force_capability",
+    "WrenchEllipsoid": "force_capability",
+    "WrenchPolytope": "force_capability",
+    "largest_wrench": "force_capability",
+    "weakest_direction": "force_capability",
+    "wrench_ellipsoid": "force_capability",
+    "wrench_polytope": "force_capability",
+    "LargestPayload": "payload",
+    "PayloadMap": "payload",
+    "RegionPayload": "payload",
+    "largest_payload": "payload",
+    "payload_in_region": "payload",
+    "payload_map": "payload",
+    "torques_per_kilogram": "payload",
+    "BearingLoads": "reactions",
+    "MountingLoad": "reactions",
+    "bearing_loads": "reactions",
+    "bolt_circle": "reactions",
+    "mounting_load": "reactions",
+}
+"""File of each name, imported on first use: clearance reads shapes, which a command about feet does not need."""
+
+
+def __getattr__(name: str) -> object:
+    if name not in _FILES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found: object = getattr(import_module(f".{_FILES[name]}", __name__), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return __all__
