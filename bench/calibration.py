@@ -1,4 +1,4 @@
-"""Calibration of simulated arms: error before and after on configurations that were not measured, coverage, planned readings.
+"""Calibration of simulated arms: error before and after, coverage, planned readings, faults of readings, clean readings.
 
 Lengths are off by 1 mm and angles by 2 mrad (standard deviations), readings by 0.05 mm and 0.2 mrad:
 python -m bench.calibration. With IRB120_MEASUREMENTS, the published measurements of a real arm, too (tests/support/irb120.py).
@@ -16,25 +16,30 @@ import numpy as np
 
 import twistwrench as tw
 from twistwrench.calibration.fit import CalibrationProblem
-from twistwrench.calibration.groups import ParameterGroups
+from twistwrench.calibration.groups import ParameterGroups, fitted_in_groups
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).with_name("calibration.json")
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 import irb120  # noqa: E402
-from calibration_worlds import ANGLE, NOISE, World, rail, scara  # noqa: E402
+from calibration_faults import HARMLESS, TUNED, UNTUNED, Fault  # noqa: E402
+from calibration_worlds import ANGLE, NOISE, World, planar, rail, scara  # noqa: E402
 
 ARMS = {
     "UR5": (tw.robots.ur5, None),
     "Panda": (tw.robots.panda, "panda_link8"),
     "SCARA": (scara, None),
     "rail + 3R": (rail, None),
+    "6R": (lambda: planar(6), None),
 }
 CASES = (
     ("UR5", "position", 30), ("UR5", "position", 60), ("Panda", "pose", 30), ("SCARA", "position", 20), ("SCARA", "pose", 20),
     ("rail + 3R", "position", 20), ("UR5", "pair", 120), ("UR5", "distance", 60),
 )  # fmt: skip
-WORLDS, COVERED, DRAWS = 7, 67, 5
+WORLDS, COVERED, DRAWS, CLEAN = 7, 67, 5, 5
+READINGS = {"position": 40, "pose": 40, "distance": 100, "pair": 160}
+FAULTY = 313
+"""Number of the world whose readings get faults."""
 
 
 def calibrated(name: str, kind: str, count: int) -> dict[str, Any]:
@@ -56,7 +61,7 @@ def coverage(name: str, kind: str, count: int) -> dict[str, int]:
     robot, inside = make(), list[bool]()
     for seed in range(COVERED):
         world = World.drawn(robot, 5000 + seed, tip=tip)
-        fit = CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted()
+        fit = fitted_in_groups(CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted())
         true = dict(zip(world.chain.parameters, world.chain.values(world.truth), strict=True))
         for group in ParameterGroups(fit).all:
             value = sum(factor * true.get(name, 0.0) for name, factor in group.terms.items())
@@ -74,6 +79,39 @@ def planned(count: int) -> dict[str, Any]:
             found = tw.calibration.calibrate(robot, world.readings("position", q), noise=(NOISE, ANGLE))
             errors[how].append(world.error(found))
     return {how: _millimetres(("median", "largest"), (np.median(x), max(x))) for how, x in errors.items()}
+
+
+def clean(kind: str) -> str:
+    """Number of sets without a fault that lead to a doubt, over all arms."""
+    doubted, sets = 0, 0
+    for make, tip in ARMS.values():
+        for seed in range(CLEAN):
+            world = World.drawn(make(), 700 + seed, tip=tip)
+            found = tw.calibration.calibrate(world.robot, world.measured(kind, READINGS[kind]), tip=tip)
+            doubted += any(doubt.level != "note" for doubt in found.doubts)
+            sets += 1
+    return f"{doubted} of {sets}"
+
+
+def faults(name: str, kind: str) -> dict[str, str]:
+    """Readings with faults: first doubts; an OK is false if the tip's true error is more than twice the predicted one."""
+    make, tip = ARMS[name]
+
+    def calibrated_with(fault: Fault) -> tuple[str, str, bool]:
+        world = World.drawn(make(), FAULTY, tip=tip)
+        found = tw.calibration.calibrate(world.robot, fault(world, world.measured(kind, READINGS[kind])), tip=tip)
+        first = found.doubts[0].kind if found.doubts else ""
+        return first, str(found.verdict.word), found.verdict.ok and world.error(found) > 2.0 * found.remaining.rms
+
+    named = [calibrated_with(fault)[0] == f"calibration-{doubt}" for doubt, fault in TUNED.values()]
+    others = [calibrated_with(fault) for fault in UNTUNED.values()]
+    harmless = [calibrated_with(fault) for fault in HARMLESS.values()]
+    return {
+        "tuned, named first": f"{sum(named)} of {len(named)}",
+        "untuned, not OK": f"{sum(word != 'OK' for _, word, _ in others)} of {len(others)}",
+        "harmless, OK": f"{sum(word == 'OK' for _, word, _ in harmless)} of {len(harmless)}",
+        "false OK": f"{sum(is_false for *_, is_false in (*others, *harmless))} of {len(others) + len(harmless)}",
+    }
 
 
 def _millimetres(names: tuple[str, ...], values: Any) -> dict[str, float]:
@@ -109,6 +147,10 @@ if __name__ == "__main__":
             for name, kind, count in (("UR5", "position", 30), ("SCARA", "pose", 24), ("rail + 3R", "position", 24))
         },
         "planned [mm]": {str(count): planned(count) for count in (12, 20, 30)},
+        "clean sets with a doubt": {kind: clean(kind) for kind in READINGS},
+        "faults": {
+            f"{name}, {kind}": faults(name, kind) for name in ("UR5", "6R", "Panda") for kind in ("position", "pose")
+        },
         "IRB 120 [mm]": before.get("IRB 120 [mm]", {}) if irb120.folder() is None else real(),
     }
     KEPT.write_text(json.dumps(kept, indent=1) + "\n", "utf-8")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
 from twistwrench.calibration.fit import CalibrationProblem
-from twistwrench.calibration.groups import ParameterGroups
+from twistwrench.calibration.groups import ParameterGroups, fitted_in_groups
 from twistwrench.cli.main import main
 from twistwrench.core.errors import TwistWrenchError
 
@@ -82,6 +82,19 @@ def test_zeros_of_known_joints_come_out():
     assert abs(value - np.radians(1.3)) < half + 2e-4 and "zero of elbow_joint off by 1.29" in found.headline
 
 
+@pytest.mark.parametrize("kind", ["position", pytest.param("pose", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("degrees", [5.0, pytest.param(8.0, marks=pytest.mark.slow), -9.71])
+def test_a_large_offset_of_a_zero_is_inside_its_interval(kind, degrees):
+    """The elbow is parallel to its neighbours, whose turns and shifts have the same effect on all readings."""
+    robot = tw.robots.ur5()
+    m = World.drawn(robot, 4, size=(1e-6, 1e-6)).measured(kind, 40)
+    found = tw.calibration.calibrate(robot, replace(m, q=m.q - np.radians(degrees) * np.eye(6)[2]))
+    value, half = found.zeros["elbow_joint"]
+    assert abs(value - np.radians(degrees)) < 1.5 * half < np.radians(0.1) and found.verdict.ok
+    others = [abs(value) for joint, (value, _) in found.zeros.items() if joint != "elbow_joint"]
+    assert max(others) < np.radians(0.1) and found.robot.model.frames["tool0"].pose.shape == (4, 4)
+
+
 def test_how_the_target_is_mounted_is_not_a_zero_of_the_last_joint():
     """Poses of a target turned by 100° about the last axis: the zero that is off by 1.3° is named, at the same value."""
     robot = tw.robots.ur5()
@@ -146,7 +159,7 @@ def test_intervals_cover_the_truth_in_95_of_100(make, kind, count):
     robot, inside = make(), []
     for seed in range(66):
         world = World.drawn(robot, 1000 + seed)
-        fit = CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted()
+        fit = fitted_in_groups(CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted())
         true = dict(zip(world.chain.parameters, world.chain.values(world.truth), strict=True))
         for group in ParameterGroups(fit).all:
             value = sum(factor * true.get(name, 0.0) for name, factor in group.terms.items())
@@ -170,6 +183,80 @@ def test_a_right_file_needs_nothing():
     world = World.drawn(tw.robots.ur5(), 9, size=(1e-9, 1e-9))
     found = tw.calibration.calibrate(world.robot, world.measured("position", 40))
     assert found.verdict.ok and "already right" in found.headline
+
+
+@pytest.mark.parametrize("kind", ["position", "pose", "distance"])
+def test_a_right_file_needs_nothing_with_any_kind(kind):
+    """Sixty readings in all of the reach: the error that the first line gives is above that of the file, which is zero."""
+    world = World.drawn(tw.robots.ur5(), 9, size=(1e-9, 1e-9))
+    found = tw.calibration.calibrate(world.robot, world.measured(kind, 60))
+    assert found.verdict.ok and "already right" in found.headline and found.remaining_before < 0.4e-3
+
+
+@pytest.mark.parametrize(("kind", "doubt"), [("position", "unseen"), ("pose", "little")])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+def test_poses_near_one_another_do_not_make_a_file_right(kind, doubt, seed):
+    """Poses within 0.3 rad of one: the file is off by millimetres elsewhere, and the answer is not that it is right."""
+    world = World.drawn(tw.robots.ur5(), 40 + seed)
+    q = world.configurations(1) + world.rng.uniform(-0.3, 0.3, (40, 6))
+    found = tw.calibration.calibrate(world.robot, world.readings(kind, q))
+    assert found.verdict.word == "UNSURE" and not found.needs_nothing
+    assert found.doubts[0].kind == f"calibration-{doubt}" and found.remaining_before > 2e-3
+
+
+def test_distances_are_not_called_places_of_the_tip():
+    """Ball bar and pairs: the first line gives the tip's predicted error, near the true one, and that of distances as such."""
+    world = World.drawn(tw.robots.ur5(), 3)
+    found = tw.calibration.calibrate(world.robot, world.measured("distance", 60))
+    assert found.verdict.ok and "(rms, predicted)" in found.headline and "; distances to" in found.headline
+    assert 0.4 < found.remaining.rms / world.error(found) < 2.5
+    nominal = replace(found, fit=replace(found.fit, state=found.plain.state))
+    assert 0.7 < found.remaining_before / world.error(nominal) < 1.5
+    assert list(found.tables)[:2] == ["Error of the distances", "Error of the tip"]
+    assert {"held out of distances", "before of distances", "remaining"} <= set(found.facts())
+
+
+@pytest.mark.parametrize(
+    ("offset", "seed"), [(2e-3, 3), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((-2e-3, 3), (3e-3, 5)))]
+)
+def test_an_offset_of_all_distances_is_named_with_its_value(offset, seed):
+    """A ball bar or a string whose zero is off by 2 mm: the fit takes most of it up."""
+    world = World.drawn(tw.robots.ur5(), seed)
+    m = world.measured("distance", 90)
+    found = tw.calibration.calibrate(world.robot, replace(m, distances=m.distances + offset))
+    assert [one.kind for one in found.doubts] == ["calibration-offset"] and found.verdict.word == "UNSURE"
+    low, high = found.doubts[0].interval
+    assert low < offset < high and ("too long" in found.headline) == (offset > 0)
+
+
+def test_an_offset_with_the_effect_of_a_length_is_said_to_be_unseen():
+    """A bar of one length scales the arm, whatever its length: no reading shows whether that is right."""
+    world = World.drawn(tw.robots.ur5(), 5)
+    touched = world.touched("sphere", 60)
+    m = tw.calibration.Measurements(touched.q, distances=np.full(60, 0.4))
+    found = tw.calibration.calibrate(world.robot, m)
+    assert "calibration-offset-unseen" in [one.kind for one in found.doubts] and "no reading shows it" in " ".join(
+        str(found).split()
+    )
+
+
+@pytest.mark.parametrize("kind", ["position", pytest.param("pose", marks=pytest.mark.slow)])
+def test_a_target_that_slips_is_named_with_its_row(kind):
+    """The ball moves by 3 mm on the tip at row 23; or the tracker moves by 3 mm and 2 mrad: the row, and which of them."""
+    world = World.drawn(tw.robots.ur5(), 17)
+    m = world.measured(kind, 40)
+    slipped = replace(world, truth=replace(world.truth, tip=world.truth.tip @ tw.se3.exp([0, 0, 0, 2e-3, -1e-3, 2e-3])))
+    late = slipped.readings(kind, m.q)
+    tracker = tw.se3.exp([0, 2e-3, 0, 1e-3, -2e-3, 2e-3])
+    for name, poses in (("slipped", late.poses), ("moved", None if m.poses is None else tracker @ m.poses)):
+        points = late.points if name == "slipped" else m.points @ tracker[:3, :3].T + tracker[:3, 3]
+        if kind == "pose":
+            both = replace(m, poses=np.concatenate([m.poses[:23], poses[23:]]))
+        else:
+            both = replace(m, positions=np.concatenate([m.positions[:23], points[23:]]))
+        found = tw.calibration.calibrate(world.robot, both)
+        assert found.doubts[0].kind == f"calibration-{name}" and "before row 23" in found.headline
+        assert abs(found.doubts[0].value - 3e-3) < 2.5e-3 and found.verdict.word == "LOOK AGAIN"
 
 
 def test_joints_that_sag_are_found():
@@ -256,6 +343,56 @@ def test_bad_files_are_refused_in_one_line(tmp_path, header, row, said):
     with pytest.raises(TwistWrenchError, match="(?s)" + said) as error:
         tw.calibration.calibrate("ur5", path)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "options", "said"),
+    [
+        ("x,y", "1,2", {"kind": "position"}, "needs the columns z"),
+        ("x,y,z", "1,2,3", {"kind": "distance"}, "needs the columns distance"),
+        ("distance", "0.5", {"kind": "pair"}, "needs the columns pair"),
+        ("distance", "0.5", {"kind": "plane"}, "with a column 'distance'"),
+        ("x,y,z,qw,qx,qy,qz,rx,ry,rz", "1,2,3,1,0,0,0,0,0,0", {}, "2 orientations"),
+        ("x,x,y,z", "1,1,2,3", {}, "appears twice|2 columns 'x'"),
+        ("distance,pair", "0.5,9", {}, "outside 0"),
+        ("distance,pair", "0.5,7", {}, "a pair at one configuration"),
+        ("target", "a", {"kind": "plane", "length": 0.5}, "distance of two planes"),
+    ],
+)
+def test_columns_that_do_not_belong_to_the_kind_are_refused(tmp_path, header, row, options, said):
+    path = tmp_path / "m.csv"
+    path.write_text(f"{HEAD},{header}\n" + f"{ROW},{row}\n" * 8)
+    with pytest.raises(TwistWrenchError, match=said) as error:
+        tw.calibration.calibrate("ur5", path, **options)
+    assert "\n" not in str(error.value)
+
+
+def test_robots_that_cannot_be_calibrated_are_refused(tmp_path):
+    """No single tip, a base that floats, a mimic joint on the way; each error names what to do."""
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{0}_l"/><axis xyz="0 0 1"/>{2}<limit lower="-3" upper="3" effort="9" velocity="9"/></joint><link name="{0}_l"/>'
+    mimic = '<mimic joint="a" multiplier="2"/>'
+    for joints, said in (
+        ((("a", "base", ""), ("b", "a_l", ""), ("c", "a_l", "")), "has no single tip"),
+        ((("a", "base", ""), ("b", "a_l", mimic)), "is a mimic joint on the way"),
+    ):
+        text = "".join(joint.format(*one) for one in joints)
+        robot = tw.load(f'<robot name="r"><link name="base"/>{text}</robot>', inertia="accept")
+        q = np.random.default_rng(0).normal(size=(9, robot.nq))
+        with pytest.raises(TwistWrenchError, match=said):
+            tw.calibration.calibrate(robot, tw.calibration.Measurements(q, positions=np.ones((9, 3))))
+    robot = tw.load(tw.robots.path_of("ur5"), floating_base=True)
+    q = np.tile(robot.neutral, (9, 1))
+    with pytest.raises(TwistWrenchError, match="load the robot with a fixed base"):
+        tw.calibration.calibrate(robot, tw.calibration.Measurements(q, positions=np.ones((9, 3))))
+
+
+def test_joints_outside_their_limits_in_all_rows_are_a_doubt():
+    robot = tw.robots.ur5()
+    world = World.drawn(robot, 12)
+    q = world.configurations(40)
+    q[:, 2] = robot.limits.upper[2] * 1.5 + 0.3 * q[:, 2]
+    found = tw.calibration.calibrate(robot, world.readings("position", q))
+    assert "calibration-limits" in [one.kind for one in found.doubts] and not found.verdict.ok
 
 
 def test_missing_joints_and_wrong_options_are_refused(tmp_path):

@@ -126,12 +126,13 @@ class World:
 
         far = noise * self.rng.normal(size=(4000, 3))
         q = self.configurations(4000)
+        chain, joints = replace(self.chain, assume=("sag",)), len(self.chain.joints)
         for _ in range(30):
-            p, J = self.chain.poses(q, np.zeros((len(q), len(self.chain.joints))), self.truth)
-            linear, at = point_columns(p, J), p[:, :3, 3]
-            S = np.stack([np.einsum("nij,j->ni", J[:, :, 6 * k : 6 * k + 6] @ np.linalg.inv(self.chain.axes[k]), s)
-                          for k, s in enumerate(self.chain.screws)], axis=2)  # fmt: skip
-            linear = S[:, 3:] - np.asarray(tw.so3.hat(at)) @ S[:, :3]
+            T, J = chain.poses(q, -np.ones((len(q), joints)), replace(self.truth, sags=np.zeros(joints)))
+            linear, at = (
+                point_columns(T, J)[:, :, 6 * joints : 7 * joints],
+                T[:, :3, 3],
+            )  # a sag under -1 N m turns the joint
             away = at - centre
             if kind == "point":
                 e, D = away - far, linear

@@ -16,6 +16,7 @@ from ..robot import Robot, load
 from .chain import TipChain
 from .doubts import doubts_of
 from .fit import CalibrationProblem
+from .groups import fitted_in_groups
 from .held_out import cross_validated, of_test
 from .measurements import LEAST, Measurements, ReadingKind, as_measurements
 from .result import CalibratedRobot
@@ -112,10 +113,7 @@ def calibrate(
         raise ValueRangeError("no measurements are given. Give a path, or Measurements(q, positions=…).")
     problem = CalibrationProblem(chain, measured, keep_outliers=outliers == "keep")
     plain = problem.fitted(frames_only=True)
-    fit = problem.fitted()
-    kept = [W[:, -1] > 0 for W in fit.weights]
-    errors = np.concatenate([e[mask] for e, mask in zip(plain.errors, kept, strict=True)])
-    before = float(np.sqrt(np.mean(errors**2)))
+    fit = fitted_in_groups(problem.fitted())
     held_out = cross_validated(fit, seed) if test is None else of_test(fit, read(test))
     settings = {
         "kind": kind, "tip": chain.frame, "assume": list(chain.assume), "length": length, "noise": noise,
@@ -123,9 +121,7 @@ def calibrate(
     }  # fmt: skip
     files = {"MEASUREMENTS": str(measurements)} if isinstance(measurements, str | Path) else {}
     reference = arm.random_configuration(seed, CONFIGURATIONS)
-    found = CalibratedRobot(
-        arm, fit, before, np.concatenate(plain.errors), held_out, (), accuracy, reference, settings, files
-    )
+    found = CalibratedRobot(arm, fit, plain, held_out, (), accuracy, reference, settings, files)
     return replace(found, doubts=tuple(doubts_of(found)))
 
 

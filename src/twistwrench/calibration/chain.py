@@ -2,10 +2,11 @@
 
 With the placement P_k of joint k in its parent's moving link and its screw S_k in its own frame,
 
-    T_n = Π_k P_k e^[d_k] e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   tip = T_n E e^[t]
+    T_n = Π_k P_k D_k e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   D_k = (e^[w_k], p_k),   tip = T_n E D
 
-(local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015). d_k are six
-numbers, g_k is the error of a gear, and c_k the compliance of a joint that gives way to the torque τ_k that holds it.
+(local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015). D_k is a turn
+w_k and a shift p_k, both in the axes of the file, so that p_k keeps its direction if the joint's zero is off by much. g_k is
+the error of a gear, and c_k the compliance of a joint that gives way to the torque τ_k that holds it.
 """
 
 from __future__ import annotations
@@ -34,10 +35,10 @@ ANGLES, LENGTHS = ("rx", "ry", "rz"), ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """Corrections of a chain, twists in the axes of :attr:`TipChain.axes`."""
+    """Corrections of a chain, turns and shifts in the axes of :attr:`TipChain.axes`."""
 
-    twists: Array
-    """(n, 6) twists d."""
+    displacements: Array
+    """(n, 6) turns w and shifts p."""
     gears: Array
     """(n,) errors of gears, as shares."""
     sags: Array
@@ -124,8 +125,8 @@ class TipChain:
 
     @cached_property
     def axes(self) -> Array:
-        """(n, 6, 6) unit twists whose factors are d: about and along x, y, z, with the own axis in place of the nearest."""
-        found = np.zeros((len(self.bodies), 6, 6))
+        """(n, 3, 3) axes of turns and shifts as columns: x, y, z, with the own axis in place of the nearest."""
+        found = np.zeros((len(self.bodies), 3, 3))
         for k, (screw, own) in enumerate(zip(self.screws, self.own, strict=True)):
             axis = screw[own // 3 * 3 :][:3]
             R = np.eye(3)
@@ -134,7 +135,7 @@ class TipChain:
                 others = [i for i in range(3) if i == own % 3 or i < j]
                 R[:, j] -= R[:, others] @ (R[:, others].T @ R[:, j])
                 R[:, j] /= np.linalg.norm(R[:, j])
-            found[k, :3, :3] = found[k, 3:, 3:] = R
+            found[k] = R
         return found
 
     @cached_property
@@ -187,47 +188,55 @@ class TipChain:
 
     def values(self, at: Corrections) -> Array:
         """Parameters (p,) of corrections; those of the tip are turn and shift from the file's pose."""
-        parts = [at.twists.ravel()]
+        parts = [at.displacements.ravel()]
         parts += [at.gears] if "gears" in self.assume else []
         parts += [at.sags] if "sag" in self.assume else []
         off = np.asarray(se3.inverse(self.start.tip)) @ at.tip
         return np.concatenate([*parts, np.asarray(so3.log(off[:3, :3])), off[:3, 3]])
 
-    def moved(self, at: Corrections, x: Array) -> Corrections:
-        """Corrections after a step x (p,), composed as e^[d] e^[δ]."""
+    def corrections(self, values: Array) -> Corrections:
+        """Corrections with the parameters (p,), as :meth:`values` returns them."""
         n = len(self.bodies)
-        step = np.einsum("kij,kj->ki", self.axes, x[: 6 * n].reshape(n, 6))
-        twists = np.asarray(se3.log(self.bends(at) @ se3.exp(step)))
-        rest = x[6 * n : -6]
-        gears = at.gears + (rest[:n] if "gears" in self.assume else 0.0)
-        sags = at.sags + (rest[-n:] if "sag" in self.assume else 0.0)
-        named = np.linalg.solve(self.axes, twists[..., None])[..., 0]
-        return Corrections(named, gears, sags, at.tip @ np.asarray(se3.exp(x[-6:])))
+        rest = values[6 * n : -6]
+        off = np.asarray(se3.pose(so3.exp(values[-6:-3]), values[-3:]))
+        return Corrections(
+            values[: 6 * n].reshape(n, 6),
+            rest[:n] if "gears" in self.assume else np.zeros(n),
+            rest[-n:] if "sag" in self.assume else np.zeros(n),
+            self.start.tip @ off,
+        )
+
+    def moved(self, at: Corrections, x: Array) -> Corrections:
+        """Corrections after a step x (p,) of the parameters."""
+        return self.corrections(self.values(at) + x)
 
     def bends(self, at: Corrections) -> Array:
-        """(n, 4, 4) displacements e^[d]."""
-        return np.asarray(se3.exp(np.einsum("kij,kj->ki", self.axes, at.twists)))
+        """(n, 4, 4) displacements D."""
+        turns, shifts = (np.einsum("kij,kj->ki", self.axes, part) for part in np.split(at.displacements, 2, axis=1))
+        return np.asarray(se3.pose(so3.exp(turns), shifts))
 
     # ── Poses
 
     def poses(self, q: Array, loads: Array, at: Corrections) -> tuple[Array, Array]:
         """Poses (N, 4, 4) of the tip in the base, and twist columns (N, 6, p) of the parameters in the base frame."""
         T, bends = np.tile(np.eye(4), (len(q), 1, 1)), self.bends(at)
+        turns = np.einsum("kij,kj->ki", self.axes, at.displacements[:, :3])
         twists, gears, sags = list[Array](), list[Array](), list[Array]()
         for k, column in enumerate(self.columns):
+            twists.append(_displacement_columns(T @ self.placements[k], bends[k], turns[k], self.axes[k]))
             T = T @ (self.placements[k] @ bends[k])
-            adjoint = np.asarray(Ad(T).matrix)
-            twists.append(adjoint @ self.axes[k])
-            screw = adjoint @ self.screws[k]
+            screw = np.asarray(Ad(T).matrix) @ self.screws[k]
             gears.append(screw * q[:, column, None])
             sags.append(-screw * loads[:, k, None])
             turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
             T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
+        off = np.asarray(se3.inverse(self.start.tip)) @ at.tip
+        tip = _displacement_columns(T @ self.start.tip, off, np.asarray(so3.log(off[:3, :3])), np.eye(3))
         T = T @ at.tip
         parts = [np.concatenate(twists, axis=2)]
         parts += [np.stack(gears, axis=2)] if "gears" in self.assume else []
         parts += [np.stack(sags, axis=2)] if "sag" in self.assume else []
-        return T, np.concatenate([*parts, np.asarray(Ad(T).matrix)], axis=2)
+        return T, np.concatenate([*parts, tip], axis=2)
 
     def tips(self, q: Array, at: Corrections | None = None) -> Array:
         """Poses (N, 4, 4) of the tip alone."""
@@ -243,6 +252,18 @@ class TipChain:
         if self.frame != model.bodies[self.bodies[-1]].link:  # a moving link's frame stays on its joint
             frames[self.frame] = replace(frames[self.frame], pose=at.tip)
         return Robot(replace(model, bodies=tuple(bodies), frames=frames))
+
+
+def _displacement_columns(T: Array, D: Array, turn: Array, axes: Array) -> Array:
+    """Twist columns (N, 6, 6) in the base of a displacement D = (e^[w], p) in frames T (N, 4, 4), by w and p in ``axes``.
+
+    The velocity of rotation is J(w) dw with the left Jacobian J, about the point p.
+    """
+    local = np.zeros((6, 6))
+    local[:3, :3], local[3:, 3:] = np.asarray(so3.left_jacobian(turn)) @ axes, axes
+    shifted = T.copy()
+    shifted[:, :3, 3] += T[:, :3, :3] @ D[:3, 3]
+    return np.asarray(Ad(shifted).matrix @ local)
 
 
 def point_columns(T: Array, columns: Array) -> Array:

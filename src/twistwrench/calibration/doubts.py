@@ -13,7 +13,8 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.lie import so3
 from .held_out import configuration_labels
-from .readings_otherwise import effect_doubts, reading_doubts, scale_doubts
+from .instrument import Offered, instrument_doubts, step_doubts
+from .readings_otherwise import computed_doubts, effect_doubts, reading_doubts
 from .result_view import millimetres
 
 if TYPE_CHECKING:
@@ -22,11 +23,11 @@ if TYPE_CHECKING:
 _SEVEREST_FIRST = {"refuse": 0, "unsure": 1, "note": 2}
 _TWICE = 2.0
 """Least equations for each group; and ratio of held-out error to the expected one."""
-_UNSEEN, _ROUNDING = 3.0, 1e-6
-"""Ratio of what remains to its part by noise, above 1 µm, from which something is not seen."""
 _THIRD = 1.0 / 3.0
 """Largest part of the error before that may remain."""
 _FEW_OUTLIERS = 0.05
+_KEPT = 0.95
+"""Residual, as a share of that without a cause, from which the cause does not explain it."""
 _ON_AXIS = 1e-3
 """Distance [m] of the target from the last axis below which it counts as on the axis."""
 _COPIED = 1e-9
@@ -34,12 +35,20 @@ _COPIED = 1e-9
 
 def doubts_of(found: CalibratedRobot) -> list[Doubt]:
     """All doubts, the most severe first."""
-    readings = [*_columns(found), *reading_doubts(found)]
+    contradictions = computed_doubts(found) or step_doubts(found) or reading_doubts(found)
+    readings = [*_columns(found), *contradictions]
     if any(one.refuses for one in readings):
         return [one for one in readings if one.refuses]
-    offered = [*effect_doubts(found), *scale_doubts(found)]
-    every = [*readings, *offered, *_unseen(found), *([] if offered else _left(found))]
+    offered = _offered([*effect_doubts(found), *instrument_doubts(found)])
+    explained = any(one.level != "note" for one in offered)
+    every = [*readings, *offered, *_unseen(found), *([] if explained else _left(found))]
     return sorted(every, key=lambda one: _SEVEREST_FIRST[one.level])
+
+
+def _offered(every: list[Offered]) -> list[Doubt]:
+    """Causes that lower the residual: the best of them; and those that leave it, as a scale does."""
+    best = min(every, key=lambda one: one.left, default=None)
+    return [one.doubt for one in every if one is best or one.left > _KEPT]
 
 
 # ── Readings without a model
@@ -89,14 +98,13 @@ def _unseen(found: CalibratedRobot) -> Iterator[Doubt]:
     """Missing lengths, too few or too similar poses."""
     remaining, problem = found.remaining, found.fit.problem
     rows = int(sum((W[:, -1] > 0).sum() * W.shape[1] for W in found.fit.weights))
-    blind = remaining.rms > max(_UNSEEN * remaining.by_noise, _ROUNDING)
     left = millimetres(remaining.rms)
     if problem.is_scaleless:
         what = problem.measured[0].kind
         yield doubt(
             "calibration-no-length", what=what, left=left, found={"value": remaining.rms, "unit": "m"},
         )  # fmt: skip
-    elif blind:
+    elif remaining.is_unseen:
         yield doubt("calibration-unseen", left=left, found={"value": remaining.rms, "unit": "m"})
     if found.rank < found.theory:
         joint = _axis_through_target(found)
@@ -127,8 +135,11 @@ def _left(found: CalibratedRobot) -> Iterator[Doubt]:
             "calibration-unexplained", held_out=millimetres(found.held_out.rms), floor=millimetres(found.floor),
             found={"value": found.held_out.rms, "unit": "m"},
         )  # fmt: skip
-    if found.remaining.rms > _THIRD * found.before and not found.needs_nothing:
-        share = number(100.0 * found.remaining.rms / found.before, 2)
+    if found.remaining.is_unseen or found.needs_nothing:
+        return
+    before = found.before if found.measures_tip else found.remaining_before
+    if found.remaining.rms > _THIRD * before:
+        share = number(100.0 * found.remaining.rms / before, 2)
         yield doubt(
-            "calibration-little", left=millimetres(found.remaining.rms), before=millimetres(found.before), share=share
+            "calibration-little", left=millimetres(found.remaining.rms), before=millimetres(before), share=share
         )

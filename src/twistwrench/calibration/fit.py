@@ -1,7 +1,8 @@
 """Gauss-Newton with Levenberg steps for all kinds of measurement together, the file as a weak prior, and Huber's weights.
 
-The order of a fit: targets from poses of the file; then targets and tip alone; then all parameters. Without the prior,
-positions diverge if the ball is off the last axis, since many parameters have the same effect.
+The order of a fit: targets from poses of the file; then targets and tip alone; then all parameters; at the end, one
+parameter of each group, with the others as in the file. Without the prior, positions diverge if the ball is off the last
+axis, since many parameters have the same effect. With the prior, an offset of a zero is distributed over all of these.
 """
 
 from __future__ import annotations
@@ -68,6 +69,23 @@ class LinearRows:
 
 
 @dataclass(frozen=True, eq=False)
+class IndependentParameters:
+    """Parameters that alone are fitted, one for each group; the others keep the values of the file."""
+
+    columns: tuple[int, ...]
+    """Their places among the names of the fit, those of targets at the end."""
+    terms: Array
+    """(k, p) factors of the chain's parameters in the group of each."""
+
+    def prior(self, wide: Array) -> Array:
+        """Rows L⁻¹ (k, p) with L L' = G diag(wide²) G': the groups' prior, if that of all parameters is ``wide``."""
+        S = self.terms * wide
+        rows = np.zeros(self.terms.shape)
+        rows[:, self.columns[: len(rows)]] = np.linalg.inv(np.linalg.cholesky(S @ S.T))
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
 class CalibrationProblem:
     """Chain and measurements of a fit."""
 
@@ -79,6 +97,8 @@ class CalibrationProblem:
     """True if no reading is left out."""
     used: tuple[Array, ...] | None = None
     """Mask of the readings of each measurement that count; None for all."""
+    independent: IndependentParameters | None = None
+    """Parameters that are fitted; None for all."""
 
     @cached_property
     def masks(self) -> tuple[Array, ...]:
@@ -95,6 +115,19 @@ class CalibrationProblem:
         """(p,) standard deviations of the prior."""
         length, angle = SCALELESS_PRIOR if self.is_scaleless else PRIOR
         return self.chain.scales(angle, length, GEAR, SAG, TIP)
+
+    @cached_property
+    def prior(self) -> Array:
+        """(k, p) rows of the prior on the chain's parameters, over their deviations."""
+        return np.diag(1.0 / self.wide) if self.independent is None else self.independent.prior(self.wide)
+
+    def free(self, count: int, *, frames_only: bool) -> Array:
+        """(count,) True for the columns of a step: tip and targets alone, or those that are fitted."""
+        if frames_only or self.independent is None:
+            return np.arange(count) >= (len(self.chain.parameters) - 6 if frames_only else 0)
+        found = np.zeros(count, bool)
+        found[list(self.independent.columns)] = True
+        return found
 
     @property
     def is_scaleless(self) -> bool:
@@ -165,12 +198,11 @@ class CalibrationProblem:
     ) -> tuple[Estimate, LinearRows, float, float]:
         """Levenberg step that lowers the cost: new state and equations, damping, and the lowered share of the cost."""
         A, y = equations.weighted(weights)
-        p = len(self.chain.parameters)
-        prior = np.zeros((p, A.shape[1]))
-        prior[np.arange(p), np.arange(p)] = 1.0 / self.wide
+        prior = np.zeros((len(self.prior), A.shape[1]))
+        prior[:, : self.prior.shape[1]] = self.prior
         B = np.concatenate([A, prior])
-        r = np.concatenate([y, self.chain.values(state.corrections) / self.wide])
-        free = np.arange(B.shape[1]) >= (p - 6 if frames else 0)
+        r = np.concatenate([y, self.prior @ self.chain.values(state.corrections)])
+        free = self.free(B.shape[1], frames_only=frames)
         size = np.linalg.norm(B[:, free], axis=0) + 1e-12
         N, c = (B[:, free] / size).T @ (B[:, free] / size), (B[:, free] / size).T @ r
         cost = float(r @ r)
@@ -179,7 +211,7 @@ class CalibrationProblem:
             x[free] = -np.linalg.solve(N + (damping + 1e-13) * np.eye(len(N)), c) / size
             trial = self.moved(state, x)
             found = self.equations(trial)
-            left = np.concatenate([found.weighted(weights)[1], self.chain.values(trial.corrections) / self.wide])
+            left = np.concatenate([found.weighted(weights)[1], self.prior @ self.chain.values(trial.corrections)])
             if left @ left <= cost * (1.0 + 1e-12):
                 return trial, found, max(damping / 10.0, 1e-9), 1.0 - float(left @ left) / max(cost, 1e-300)
             damping = max(damping * 10.0, 1e-6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -14,16 +14,22 @@ from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.lie import so3
 from .chain import LENGTHS, point_columns
-from .fit import CalibrationFit
+from .fit import CalibrationFit, Estimate, IndependentParameters
 
 _DISTINCT, _DEPENDENT = 5e-2, 1e-3
 """Length of a column beside the kept ones, as a share of its length, from which it is independent; clear ones come first.
 
 Axes that are nearly parallel would otherwise give groups of 440 m, as in Denavit and Hartenberg's table."""
-_NOTHING = 1e-9
-"""Length of a column, as a share of the longest, below which it is rounding."""
+_NOTHING, _SHORT = 1e-9, 1e-3
+"""Length of a column, as a share of the longest, below which it is rounding; or below which others come first: the zero of a
+joint whose axis goes through the target."""
+_AS_GOOD = 1.05
+"""Largest ratio of the residual with one parameter of each group to that with all."""
 _TERM = 1e-4
 """Smallest factor of a group's further term."""
+_UNSEEN, _LITTLE, _NOISE_OF_TIP, _LEAST = 3.0, 0.1, 2.0, 1e-6
+"""Readings do not show all that moves the tip if the predicted error is more than 3 times its part by noise, or more than a
+tenth of the file's error and 2 times the noise of a reading; errors below 1 µm do not matter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +48,6 @@ class ParameterGroup:
     """Degrees of freedom of the deviation."""
     is_length: bool
     """True for m; False for rad."""
-
-    @property
-    def turns_with_the_tip(self) -> bool:
-        """True if a turn of the target on the tip has the same effect."""
-        return any(name.startswith("tip.r") for name in self.terms)
 
     @property
     def unit(self) -> str:
@@ -85,12 +86,15 @@ class ParameterGroup:
 
 
 def _order(name: str) -> int:
-    """Preference of a parameter as the name of a group: targets, ball, zeros, lengths, gears, sags, angles, tip's angles."""
+    """Preference of a parameter as the name of a group: targets, tip, zeros, lengths, gears, sags, angles.
+
+    The tip comes before zeros, since the way in which a target is mounted is not an error of the last joint.
+    """
     owner, _, word = name.rpartition(".")
     if owner.startswith("target"):
         return 0
     if owner == "tip":
-        return 1 if word in LENGTHS else 7
+        return 1
     return {"zero": 2, "gear": 4, "sag": 5}.get(word, 3 if word in LENGTHS else 6)
 
 
@@ -103,14 +107,16 @@ class ParameterGroups:
 
     @cached_property
     def kept(self) -> list[int]:
-        """Independent columns, by Gram-Schmidt in the order of preference."""
+        """Independent columns: those that were fitted, or by Gram-Schmidt in the order of preference."""
+        if (fitted := self.fit.problem.independent) is not None:
+            return list(fitted.columns)
         A, names = self.fit.weighted[0], self.fit.names
         size = np.linalg.norm(A, axis=0)
         Q, kept = np.zeros((len(A), 0)), list[int]()
         order = sorted(range(len(names)), key=lambda k: _order(names[k]))
         every: list[tuple[float, int]] = list(product((_DISTINCT, _DEPENDENT), order))
         for least, k in every:
-            if k in kept or size[k] < _NOTHING * size.max():
+            if k in kept or size[k] < (_SHORT if least == _DISTINCT else _NOTHING) * size.max():
                 continue
             v = A[:, k] / size[k]
             for _ in range(2):
@@ -137,11 +143,11 @@ class ParameterGroups:
 
     @cached_property
     def covariance(self) -> Array:
-        """(p, p) of all parameters and targets, with the prior of the fit."""
+        """(k, k) of the independent parameters, with the prior of the fit."""
         A, y = self.fit.weighted
-        wide = self.fit.problem.wide
-        N = A.T @ A
-        N[np.arange(len(wide)), np.arange(len(wide))] += wide**-2.0
+        prior, kept = self.independent.prior(self.fit.problem.wide), list(self.independent.columns)
+        N = (A.T @ A)[np.ix_(kept, kept)]
+        N[: len(prior), : len(prior)] += (prior.T @ prior)[np.ix_(kept[: len(prior)], kept[: len(prior)])]
         size = np.sqrt(N.diagonal()) + 1e-300
         inverse = np.linalg.inv(N / np.outer(size, size) + 1e-13 * np.eye(len(N))) / np.outer(size, size)
         return np.asarray(inverse * max(float(y @ y) / self.freedom, 1e-12))
@@ -153,27 +159,62 @@ class ParameterGroups:
         return max(used - self.rank, 1.0)
 
     @cached_property
-    def all(self) -> list[ParameterGroup]:
-        """Groups without a target's unknown, in the order of preference."""
-        A, names, kept = self.fit.weighted[0], self.fit.names, self.kept
-        rest = [k for k in range(len(names)) if k not in kept]
+    def independent(self) -> IndependentParameters:
+        """Independent columns, and the factors (k, p) of the chain's parameters in the group of each."""
+        if (fitted := self.fit.problem.independent) is not None:
+            return fitted
+        A, p = self.fit.weighted[0], len(self.fit.problem.chain.parameters)
+        kept = sorted(self.kept, key=lambda k: k >= p)
+        rest = [k for k in range(p) if k not in kept]
         size = np.linalg.norm(A[:, kept], axis=0)
         K = np.linalg.lstsq(A[:, kept] / size, A[:, rest], rcond=None)[0] / size[:, None]
         K[np.abs(K) < _TERM] = 0.0
-        p = len(self.fit.problem.chain.parameters)
-        values = np.zeros(len(names))
-        values[:p] = self.fit.problem.chain.values(self.fit.state.corrections)
-        found = []
-        for row, k in enumerate(kept):
-            if k >= p:
-                continue
-            G = np.zeros(len(names))
-            G[k], G[rest] = 1.0, K[row]
-            terms = {names[k]: 1.0} | {names[j]: float(x) for j, x in zip(rest, K[row], strict=True) if x}
-            is_length = bool(self.fit.problem.chain.are_lengths[k])
-            deviation = float(np.sqrt(max(float(G @ self.covariance @ G), 0.0)))
-            found.append(ParameterGroup(names[k], terms, float(G @ values), deviation, self.freedom, is_length))
+        of_chain = sum(k < p for k in kept)
+        terms = np.zeros((of_chain, p))
+        terms[np.arange(of_chain), kept[:of_chain]] = 1.0
+        terms[:, rest] = K[:of_chain]
+        return IndependentParameters(tuple(kept), terms)
+
+    @cached_property
+    def values(self) -> Array:
+        """Values (k,) of the groups of the chain's parameters."""
+        chain = self.fit.problem.chain
+        return self.independent.terms @ chain.values(self.fit.state.corrections)
+
+    @cached_property
+    def all(self) -> list[ParameterGroup]:
+        """Groups without a target's unknown, in the order of preference."""
+        chain, found = self.fit.problem.chain, []
+        deviations = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
+        for k, G, value, deviation in zip(
+            self.independent.columns, self.independent.terms, self.values, deviations, strict=False
+        ):
+            name = chain.parameters[k]
+            others = {chain.parameters[j]: float(G[j]) for j in np.flatnonzero(G) if j != k}
+            is_length = bool(chain.are_lengths[k])
+            found.append(
+                ParameterGroup(name, {name: 1.0} | others, float(value), float(deviation), self.freedom, is_length)
+            )
         return found
+
+
+def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
+    """Fit of one parameter of each group, with the others as in the file.
+
+    A group's value is linear in its parameters only for small ones: an offset of 5° that is distributed over the joints of
+    parallel axes adds up to less. With one parameter the value is exact. Nothing changes if readings lack a length or
+    determine fewer groups than others would, since the file then decides, best by all of its lengths; or if one parameter
+    of each group does not fit as well.
+    """
+    groups, chain = ParameterGroups(fit), fit.problem.chain
+    if fit.problem.is_scaleless or groups.rank < groups.theory:
+        return fit
+    of_chain = list(groups.independent.columns[: len(groups.values)])
+    values = np.zeros(len(chain.parameters))
+    values[of_chain] = groups.values
+    problem = replace(fit.problem, independent=groups.independent)
+    found = problem.fitted(Estimate(chain.corrections(values), fit.state.targets))
+    return found if found.rms <= _AS_GOOD * fit.rms else fit
 
 
 # ── What remains of the tip's error
@@ -268,6 +309,13 @@ class Remaining:
     def by_noise(self) -> float:
         """Part of it that noise leaves [m]; the other part is what the measurements cannot see."""
         return float(np.sqrt(self.squares(self.q)[1].mean()))
+
+    @property
+    def is_unseen(self) -> bool:
+        """True if poses or kinds of the readings, not their noise, leave a large part of the error."""
+        if self.rms > max(_UNSEEN * self.by_noise, _LEAST):
+            return True
+        return self.rms > max(_LITTLE * self.by_file, _NOISE_OF_TIP * self.fit.noise)
 
     @cached_property
     def worst(self) -> float:

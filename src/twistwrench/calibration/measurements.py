@@ -31,6 +31,8 @@ ReadingKind = Literal["pose", "position", "distance", "pair", "point", "plane", 
 """Kinds of readings."""
 KINDS: tuple[ReadingKind, ...] = get_args(ReadingKind)
 TOUCHES = ("point", "plane", "sphere")
+LENGTHS_MEASURED = ("pose", "position", "distance", "pair")
+"""Kinds whose readings are lengths."""
 LEAST = 3
 """Smallest number of configurations."""
 LARGEST = 1e6

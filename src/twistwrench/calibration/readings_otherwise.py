@@ -18,9 +18,10 @@ from ..core.typing import Array
 from ..formats.urdf import rpy_of_rotation
 from ..mechanics.lie import quaternion, se3, so3
 from .fit import CalibrationFit, CalibrationProblem
-from .groups import Remaining
+from .groups import fitted_in_groups
 from .held_out import cross_validated
-from .measurements import Measurements, rotations_from_roll
+from .instrument import Offered
+from .measurements import LENGTHS_MEASURED, Measurements, rotations_from_roll
 from .result_view import millimetres
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ _LEVER = 0.3
 _BEST = 3
 _NOTHING_FITS = 10e-3
 """Misfit [m] of all readings above which the robot itself is doubted."""
-_SCALE_SIZE, _SCALE_DEVIATIONS = 5e-3, 3.0
 _GAIN = 0.8
 """Held-out error with sag or gears over the error without, below which they are offered."""
 _ANGLE_ENTRIES = 3
@@ -60,19 +60,25 @@ class Alternative(NamedTuple):
     words: str = ""
 
 
+def computed_doubts(found: CalibratedRobot) -> list[Doubt]:
+    """Doubt of readings that are the file's own kinematics."""
+    if found.before < _EXACT and found.measures_tip:
+        return [doubt("calibration-own-kinematics", before=number(1e6 * found.before, 2))]
+    return []
+
+
 def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
     """Doubts of readings that fit much better if taken otherwise; of readings that no alternative explains."""
     fit = found.fit
-    if found.before < _EXACT and all(m.kind in ("pose", "position") for m in fit.problem.measured):
-        return [doubt("calibration-own-kinematics", before=number(1e6 * found.before, 2))]
     turn = max((float(np.sqrt(np.mean(t**2))) for t in fit.turns if t.size), default=0.0)
     many = len(fit.outliers) > _MANY_OUTLIERS * sum(m.count for m in fit.problem.measured)
-    explained = fit.rms < _SHARE * found.before or found.needs_nothing
-    is_large = _has_large_zero(found)
-    if fit.rms < _LARGE and turn < _TURNED and explained and not many and not is_large:
+    improved = fit.rms < _SHARE * found.before or found.needs_nothing
+    explained = fit.rms < _LARGE and turn < _TURNED and improved and not many
+    if explained and not _has_large_zero(found):
         return []
-    plain = found.before if is_large else _misfit(replace(fit.problem, keep_outliers=True).fitted())
-    best = _best(fit.problem, plain)
+    problem = replace(fit.problem, independent=None)
+    plain = _misfit(found.plain if explained else replace(problem, keep_outliers=True).fitted())
+    best = _of_convention(problem, plain) if explained else _best(problem, plain)
     if best is not None:
         one, misfit = best
         return [
@@ -81,15 +87,22 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
                 found={"value": one.value, "unit": one.unit},
             )
         ]  # fmt: skip
-    if plain > _NOTHING_FITS:
+    if plain > _NOTHING_FITS and not explained:
         return [doubt("calibration-wrong-robot", misfit=millimetres(plain), found={"value": plain, "unit": "m"})]
     return []
 
 
 def _has_large_zero(found: CalibratedRobot) -> bool:
     """True if the fit has moved a zero by more than a calibration does: by a convention of the joint."""
-    chain, twists = found.fit.problem.chain, found.fit.state.corrections.twists
+    chain, twists = found.fit.problem.chain, found.fit.state.corrections.displacements
     return any(own < _ANGLE_ENTRIES and abs(x[own]) > _LARGE_ZERO for own, x in zip(chain.own, twists, strict=True))
+
+
+def _of_convention(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
+    """Alternative with which the file is nearly right, where the fit has moved a zero all the way."""
+    tried = [(_tried(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
+    misfit, _, one = min(tried, key=lambda entry: entry[:2])
+    return (one, misfit) if misfit < _SHARE * plain else None
 
 
 def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
@@ -130,7 +143,7 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
     chain, kinds = problem.chain, {m.kind for m in problem.measured}
     joints, columns = chain.joints, chain.columns
     turning = [k for k, turns in zip(columns, chain.turning, strict=True) if turns]
-    if kinds & {"pose", "position", "distance", "pair"}:
+    if kinds & set(LENGTHS_MEASURED):
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches")):
             yield Alternative("unit", (), partial(_scaled, factor=factor), factor, "", unit)
     for factor, words in ((math.radians(1.0), "degrees"), (math.degrees(1.0), "rad")):
@@ -225,37 +238,10 @@ _ANGLES: dict[str, Callable[[Array], Array]] = {
 """Orientations read by other conventions."""
 
 
-# ── Scale, sag and gears
+# ── Sag and gears
 
 
-def scale_doubts(found: CalibratedRobot) -> Iterator[Doubt]:
-    """Scale of the readings against the file's lengths, which are held at their accuracy."""
-    fit = found.fit
-    if any(m.kind not in ("pose", "position", "distance", "pair") for m in fit.problem.measured):
-        return
-    A, y = fit.weighted
-    parts = []
-    for m, W in zip(fit.problem.measured, fit.weights, strict=True):
-        column = np.zeros(W.shape)
-        column[:, m.angle_rows :] = -(m.points if len(m.points) else m.sizes[:, None])
-        parts.append((column * W).ravel())
-    column = np.concatenate(parts)
-    p = len(fit.problem.chain.parameters)
-    wide = Remaining(fit, found.reference, found.file_accuracy).wide
-    prior = np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]
-    B = np.concatenate([np.c_[A, column], prior])
-    at = np.concatenate([fit.problem.chain.values(fit.state.corrections), np.zeros(len(wide) - p)])
-    x = np.linalg.lstsq(B, -np.concatenate([y, at / wide]), rcond=None)[0]
-    deviation = float(np.sqrt(np.linalg.inv(B.T @ B)[-1, -1]))
-    scale = float(1.0 / (1.0 + x[-1]))
-    if abs(x[-1]) > max(_SCALE_DEVIATIONS * deviation, _SCALE_SIZE):
-        yield doubt(
-            "calibration-scale", scale=f"{number(scale, 4)} ± {number(2.0 * deviation, 1)}",
-            found={"value": scale, "interval": (scale - 2.0 * deviation, scale + 2.0 * deviation)},
-        )  # fmt: skip
-
-
-def effect_doubts(found: CalibratedRobot) -> Iterator[Doubt]:
+def effect_doubts(found: CalibratedRobot) -> Iterator[Offered]:
     """Sag and gear errors that lower the held-out error by a fifth."""
     problem, chain = found.fit.problem, found.fit.problem.chain
     rows = sum(int((W[:, -1] > 0).sum()) * W.shape[1] for W in found.fit.weights)
@@ -263,17 +249,18 @@ def effect_doubts(found: CalibratedRobot) -> Iterator[Doubt]:
     for effect in ("sag", "gears"):
         if effect in chain.assume or rows < 2 * (found.rank + len(chain.joints)):
             continue
-        with_effect = replace(problem, chain=replace(chain, assume=(*chain.assume, effect)))
+        with_effect = replace(problem, chain=replace(chain, assume=(*chain.assume, effect)), independent=None)
         try:
-            fit = with_effect.fitted()
+            fit = fitted_in_groups(with_effect.fitted())
         except (TwistWrenchError, np.linalg.LinAlgError):
             continue
         rms = cross_validated(fit, int(found.settings["seed"])).rms
         if rms < _GAIN * plain:
-            yield doubt(
+            named = doubt(
                 f"calibration-{effect}",
                 plain=millimetres(plain),
                 rms=millimetres(rms),
                 found={"value": rms, "unit": "m"},
             )
+            yield Offered(rms / plain, named)
             return

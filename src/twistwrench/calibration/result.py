@@ -24,6 +24,7 @@ from ..robot import Robot
 from .fit import CalibrationFit
 from .groups import ParameterGroup, ParameterGroups, Remaining
 from .held_out import HeldOutError
+from .targets import rigid_motion
 
 if TYPE_CHECKING:
     from ..core.answers.page import Setting
@@ -57,10 +58,8 @@ class CalibratedRobot(Answer):
     """Robot as its file has it."""
     fit: CalibrationFit
     """Solution with its linearisation."""
-    before: float
-    """Error [m] (rms) with the file as it is; target and tip fitted."""
-    errors_before: Array
-    """(readings,) sizes [m] of the residuals with the file as it is."""
+    plain: CalibrationFit
+    """Fit of targets and tip alone, with the file as it is."""
     held_out: HeldOutError
     """Error of readings that were not used."""
     doubts: tuple[Doubt, ...]
@@ -143,7 +142,7 @@ class CalibratedRobot(Answer):
     def _of(self, word: str) -> dict[str, tuple[float, float]]:
         """Value and half width of each joint's parameter that leads a group."""
         found = {g.name.rpartition(".")[0]: g for g in self._listed if g.name.endswith(f".{word}")}
-        return {joint: (g.value, g.half_width()) for joint, g in found.items() if not g.turns_with_the_tip}
+        return {joint: (g.value, g.half_width()) for joint, g in found.items()}
 
     @property
     def zeros(self) -> dict[str, tuple[float, float]]:
@@ -183,7 +182,32 @@ class CalibratedRobot(Answer):
         """(m, r) residuals of each measurement [rad, m]."""
         return list(self.fit.equations.residuals)
 
-    # ── What remains
+    # ── What the file and the readings leave
+
+    @property
+    def measures_tip(self) -> bool:
+        """True if all readings are places of the tip; False if some are distances or touches."""
+        return all(len(m.points) for m in self.fit.problem.measured)
+
+    @cached_property
+    def errors_before(self) -> Array:
+        """(readings,) sizes [m] of the residuals with the file as it is."""
+        return np.concatenate(self.plain.errors)
+
+    @cached_property
+    def before(self) -> float:
+        """Error [m] (rms) of the readings with the file as it is; target and tip fitted."""
+        kept = np.concatenate([W[:, -1] > 0 for W in self.fit.weights])
+        return float(np.sqrt(np.mean(self.errors_before[kept] ** 2)))
+
+    @cached_property
+    def remaining_before(self) -> float:
+        """Predicted error of the tip [m] (rms) with the file as it is: change by the calibration, and what remains."""
+        chain = self.fit.problem.chain
+        after, before = (chain.tips(self.reference, fit.state.corrections)[:, :3, 3] for fit in (self.fit, self.plain))
+        X = rigid_motion(before, after)
+        moved = ((after - before @ X[:3, :3].T - X[:3, 3]) ** 2).sum(axis=1).mean()
+        return float(np.hypot(np.sqrt(moved), self.remaining.rms))
 
     @cached_property
     def remaining(self) -> Remaining:
@@ -211,8 +235,9 @@ class CalibratedRobot(Answer):
 
     @property
     def needs_nothing(self) -> bool:
-        """True if the file is already as right as the measurements can show."""
-        return self.before <= 2.0 * self.floor
+        """True if the file is already as right as the measurements can show, and these show all that moves the tip."""
+        is_tested = not self.remaining.is_unseen and self.remaining.rms <= self.remaining.by_file / 3.0
+        return is_tested and max(self.before, self.remaining_before) <= 2.0 * self.floor
 
     # ── The answer on every surface
 
@@ -237,12 +262,14 @@ class CalibratedRobot(Answer):
         -------
         facts : {name: text}
         """
-        from .result_view import millimetres
+        from .result_view import millimetres, noun_of_readings
 
+        of = "" if self.measures_tip else f" of {noun_of_readings(self)}"
         return {
-            "held out": millimetres(self.held_out.rms),
-            "before": millimetres(self.before),
+            f"held out{of}": millimetres(self.held_out.rms),
+            f"before{of}": millimetres(self.before),
             "remaining": millimetres(self.remaining.rms),
+            "remaining before": millimetres(self.remaining_before),
             "rank": f"{self.rank} of {self.theory}",
         }
 
@@ -289,6 +316,7 @@ class CalibratedRobot(Answer):
                 "rms": self.held_out.rms, "max": self.held_out.max, "poses": self.held_out.poses, "angle": self.held_out.angle,
             },
             "remaining": {"rms": self.remaining.rms, "max": self.remaining.worst},
+            "remaining_before": self.remaining_before,
             "rank": self.rank,
             "theory": self.theory,
             "groups": groups,
@@ -321,13 +349,12 @@ class CalibratedRobot(Answer):
         RobotFileError
             The written text does not give the same poses to 1e-9 m.
         """
-        from .result_view import millimetres
+        from .result_view import figures
         from .write import write_geometry
 
         if self.verdict.word is Word.LOOK_AGAIN:
             raise ValueRangeError(f"nothing is written after {self.verdict}. Correct the measurements.")
-        said = f"tip right to {millimetres(self.held_out.rms)} (rms, held out), {millimetres(self.before)} before"
-        return write_geometry(self.original, self.robot, self.fit.problem.chain.frame, path, said)
+        return write_geometry(self.original, self.robot, self.fit.problem.chain.frame, path, figures(self))
 
     def to_csv(self, path: str | Path) -> Path:
         """Write a row for each reading: number, error [m] (and [rad] of poses), and whether it was used.

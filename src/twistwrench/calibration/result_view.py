@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from ..core.answers.blocks import Block, Headline, Level, Line, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import estimate, number, quantity
 from ..core.verdict import Word
 from .groups import ParameterGroup
+from .measurements import TOUCHES
 from .result import CalibratedRobot
 
 _MILLI = 1e3
 _MOST = 12
+_ROUNDING = 1e-6
+"""Predicted error of the tip [m] that does not matter."""
 
 
 def millimetres(value: float) -> str:
@@ -27,7 +30,7 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     yield ""
     frame = found.fit.problem.chain.frame
     yield Line((found.robot_name, Style.STRONG), f"  ·  {found.subject.partition(' · ')[2]}, at {frame}")
-    yield _errors(found)
+    yield from _errors(found)
     yield from _groups(found)
     noise = millimetres(found.fit.deviations[0][0])
     if angle := found.fit.deviations[0][1]:
@@ -42,21 +45,49 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     yield from remarks([*notes, *(note for m in found.fit.problem.measured for note in m.notes)])
 
 
+def noun_of_readings(found: CalibratedRobot) -> str:
+    """Name of all readings: measured places, distances, touches, or readings."""
+    kinds = {str(m.kind) for m in found.fit.problem.measured}
+    if found.measures_tip:
+        return "measured places"
+    if kinds <= {"distance", "pair"}:
+        return "distances"
+    return "touches" if kinds <= set(TOUCHES) else "readings"
+
+
+def figures(found: CalibratedRobot) -> str:
+    """Error of the tip before and after: measured, or predicted beside that of the readings.
+
+    Readings that are not places of the tip, and places at similar poses, do not show its error over the reach.
+    """
+    held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
+    if found.measures_tip and found.remaining.rms <= max(found.held_out.rms, _ROUNDING):
+        return f"the tip is right to {held_out} (rms, held out), {before} before"
+    remaining, remaining_before = millimetres(found.remaining.rms), millimetres(found.remaining_before)
+    return (
+        f"the tip is right to {remaining} (rms, predicted), {remaining_before} before; "
+        f"{noun_of_readings(found)} to {held_out} (held out), {before} before"
+    )
+
+
 def _headline(found: CalibratedRobot) -> Headline:
     """Word and reasons; below it the figures."""
-    figures = (
-        f"the tip is right to {millimetres(found.held_out.rms)} (rms, held out), {millimetres(found.before)} before"
-    )
     if found.verdict.word is Word.OK:
         if found.needs_nothing:
-            return Headline(
-                Word.OK, f"the file is already right to {millimetres(found.before)} (rms); nothing needs to be written."
-            )
-        return Headline(Word.OK, f"{figures}{_largest(found)}.")
+            right = millimetres(max(found.remaining_before, found.before if found.measures_tip else 0.0))
+            return Headline(Word.OK, f"the file is already right to {right} (rms); nothing needs to be written.")
+        return Headline(Word.OK, f"{figures(found)}{_largest(found)}.")
     first, *others = found.verdict.reasons
-    left = f"Held out: {millimetres(found.held_out.rms)} rms, {millimetres(found.before)} before; "
-    left += f"predicted to remain: {millimetres(found.remaining.rms)}{_largest(found)}."
-    return Headline(found.verdict.word, first, reasons=others, further=[Line(left)])
+    held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
+    remaining = millimetres(found.remaining.rms)
+    if found.measures_tip:
+        left = f"Held out: {held_out} rms, {before} before; predicted to remain: {remaining}"
+    else:
+        left = (
+            f"{noun_of_readings(found).capitalize()} held out: {held_out} rms, {before} before; predicted to remain at "
+        )
+        left += f"the tip: {remaining}, {millimetres(found.remaining_before)} before"
+    return Headline(found.verdict.word, first, reasons=others, further=[Line(f"{left}{_largest(found)}.")])
 
 
 def _largest(found: CalibratedRobot) -> str:
@@ -70,21 +101,33 @@ def _largest(found: CalibratedRobot) -> str:
     return f"; largest: zero of {joint} off by {' ± '.join(estimate(value, half))}{unit}"
 
 
-def _errors(found: CalibratedRobot) -> Table:
-    """Errors before and after."""
-    rms = [found.before, found.held_out.rms, found.remaining.rms]
-    most = [None, found.held_out.max, found.remaining.worst]
-    names = ["before, with the file", "after, held out", "predicted to remain"]
-    counts = [sum(m.count for m in found.fit.problem.measured), found.held_out.poses, len(found.reference)]
+def _errors(found: CalibratedRobot) -> Iterator[Table]:
+    """Errors before and after: one table of the tip; two if the readings are not its places."""
+    measured = [
+        ("before, with the file", found.before, None, sum(m.count for m in found.fit.problem.measured)),
+        ("after, held out", found.held_out.rms, found.held_out.max, found.held_out.poses),
+    ]
+    remaining = ("predicted to remain", found.remaining.rms, found.remaining.worst, len(found.reference))
+    if found.measures_tip:
+        yield _error_table("Error of the tip", [*measured, remaining])
+        return
+    yield _error_table(f"Error of the {noun_of_readings(found)}", measured)
+    before = ("predicted, with the file", found.remaining_before, None, len(found.reference))
+    yield _error_table("Error of the tip", [before, remaining])
+
+
+def _error_table(title: str, rows: Sequence[tuple[str, float, float | None, int]]) -> Table:
+    """Rows of a name, rms, largest [m] and number of poses."""
 
     def shown(value: float | None) -> str:
         return number(None if value is None else _MILLI * value, 3, decimals=3)
 
+    names, rms, largest, counts = zip(*rows, strict=True)
     return Table(
-        "Error of the tip",
+        title,
         words("", names, fold=False),
         numbers("rms", rms, shown, "mm"),
-        numbers("largest", most, shown, "mm"),
+        numbers("largest", largest, shown, "mm"),
         numbers("poses", counts),
     )
 

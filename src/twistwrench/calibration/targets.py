@@ -66,6 +66,18 @@ class MeasuredTarget(ABC):
 # ── Frames: poses and positions
 
 
+def _nearest_rotation(M: Array) -> Array:
+    """Rotation R with the largest trace of R' M."""
+    U, _, V = np.linalg.svd(M)
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V)
+
+
+def rigid_motion(points: Array, places: Array) -> Array:
+    """Pose (4, 4) that brings points (n, 3) nearest to places (n, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
+    R = _nearest_rotation((places - places.mean(0)).T @ (points - points.mean(0)))
+    return np.asarray(se3.pose(R, (places - points @ R.T).mean(axis=0)))
+
+
 @dataclass(frozen=True, eq=False)
 class FrameTarget(MeasuredTarget):
     """Tracker or camera with the pose X of the base in its frame."""
@@ -78,10 +90,9 @@ class FrameTarget(MeasuredTarget):
     def from_tips(cls, given: Measurements, T: Array) -> FrameTarget:
         """Frame for poses T of the tip: by rotations, or by points (Kabsch)."""
         p, y = T[:, :3, 3], given.points
-        turned = given.rotations @ np.swapaxes(T[:, :3, :3], 1, 2) if given.kind == "pose" else None
-        M = (y - y.mean(0)).T @ (p - p.mean(0)) if turned is None else turned.sum(axis=0)
-        U, _, V = np.linalg.svd(M)
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+        if given.kind == "position":
+            return cls(given, rigid_motion(p, y))
+        R = _nearest_rotation((given.rotations @ np.swapaxes(T[:, :3, :3], 1, 2)).sum(axis=0))
         return cls(given, np.asarray(se3.pose(R, (y - p @ R.T).mean(axis=0))))
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
