@@ -78,7 +78,21 @@ class IndependentParameters:
     """(k, p) factors of the chain's parameters in the group of each."""
 
     def prior(self, wide: Array) -> Array:
-        """Rows L⁻¹ (k, p) with L L' = G diag(wide²) G': the groups' prior, if that of all parameters is ``wide``."""
+        """Prior of the groups from that of all parameters: L⁻¹ with L L' = G diag(wide²) G'.
+
+        Parameters
+        ----------
+        wide : (p,) array, standard deviations of the parameters
+
+        Returns
+        -------
+        rows : (k, p) array, to be multiplied by the parameters
+
+        Examples
+        --------
+        >>> IndependentParameters((1,), np.array([[0.75, 1.0]])).prior(np.array([4.0, 4.0]))
+        array([[0. , 0.2]])
+        """
         S = self.terms * wide
         rows = np.zeros(self.terms.shape)
         rows[:, self.columns[: len(rows)]] = np.linalg.inv(np.linalg.cholesky(S @ S.T))

@@ -38,7 +38,7 @@ _LEVER = 0.3
 """Length [m] by which angles count in the misfit."""
 _BEST = 3
 _NOTHING_FITS = 10e-3
-"""Misfit [m] of all readings above which the robot itself is doubted."""
+"""Misfit [m] of all readings above which the robot itself is doubted, and an alternative explains nothing."""
 _GAIN = 0.8
 """Held-out error with sag or gears over the error without, below which they are offered."""
 _ANGLE_ENTRIES = 3
@@ -111,7 +111,7 @@ def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float
     best = sorted(first, key=lambda entry: entry[:2])[:_BEST]
     full = [_tried(problem, one, frames_only=False) for _, _, one in best]
     alike = [k for k, misfit in enumerate(full) if misfit <= _ALIKE * min(full)]
-    if not min(full) < _HALF * plain:
+    if not min(full) < min(_HALF * plain, _NOTHING_FITS):
         return None
     usual = [
         k for k in alike if best[k][0] <= _ALIKE * best[alike[0]][0]
