@@ -34,6 +34,13 @@ def _places(m: Measurements, points: np.ndarray) -> Measurements:
     return replace(m, poses=np.asarray(tw.se3.pose(m.rotations, points)))
 
 
+def _mirrored(m: Measurements) -> Measurements:
+    M = np.diag([1.0, -1.0, 1.0])
+    if m.poses is None:
+        return _places(m, m.points @ M)
+    return replace(m, poses=np.asarray(tw.se3.pose(M @ m.rotations @ M, m.points @ M)))
+
+
 def _from(m: Measurements, later: Measurements, share: float) -> Measurements:
     """Readings of ``m``, those of ``later`` from a share of the rows on."""
     late = np.arange(len(m)) >= int(share * len(m))
@@ -61,7 +68,7 @@ TUNED: Mapping[str, tuple[str, Fault]] = {
     "exchanged": ("exchanged", lambda _, m: _joints(m, m.q[:, [0, 2, 1, *range(3, m.q.shape[1])]])),
     "sign": ("sign", lambda _, m: _times(m, 3, -1.0)),
     "zero": ("zero", lambda _, m: _plus(m, 2, np.pi / 2)),
-    "left-handed": ("left-handed", lambda _, m: _places(m, m.points * [1, -1, 1])),
+    "left-handed": ("left-handed", lambda _, m: _mirrored(m)),
     "row-shift": ("row-shift", lambda _, m: _late(m, 1)),
     "scale": ("scale", lambda _, m: _places(m, 1.02 * m.points)),
 }

@@ -42,7 +42,7 @@ class CalibratedRobot(Answer):
     >>> import tempfile, twistwrench as tw
     >>> found = tw.calibration.calibrate("ur5", "demo")
     >>> found
-    OK: the tip is right to 0.098 mm (rms, held out), 3.34 mm before; largest: zero of elbow_joint off by -0.2394 ± 0.0040°.
+    OK: the tip is right to 0.098 mm (rms, held out), 3.34 mm before; largest: zero of elbow_joint off by -0.2393 ± 0.0040°.
     >>> found.rank, found.groups[0], found.robot.nq, len(found.outliers), found.facts()["held out"]
     (27, 'tip.x - 0.0299 wrist_3_joint.zero', 6, 0, '0.098 mm')
     >>> found.interval().shape, found.remaining_at(np.zeros((2, 6))).shape, found.tables["Groups"].columns[0][0]
