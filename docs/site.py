@@ -50,8 +50,8 @@ _GROUPS: dict[str, tuple[str, str, str]] = {
     ),
     "Dynamics": (
         "inverse_dynamics forward_dynamics mass_matrix bias_forces coriolis_forces coriolis_matrix christoffel gravity_forces "
-        "friction_forces drive_torques motor_loads power_balance explain regressor kinetic_energy potential_energy momentum "
-        "center_of_mass com_jacobian task_inertia task_bias closed_form",
+        "friction_forces drive_torques motor_loads power_balance explain newton_euler regressor kinetic_energy "
+        "potential_energy momentum center_of_mass com_jacobian task_inertia task_bias closed_form",
         "set_threads get_threads",
         "RigidBody pointwise",
     ),

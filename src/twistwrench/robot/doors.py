@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from ..mechanics.algorithms.constraints import ConstrainedDerivatives, ConstrainedMotion, ConstrainedTorques
     from ..mechanics.lie.twist_wrench import Wrench
+    from ..modern_robotics.newton_euler import NewtonEuler
     from ..simulation import Event, JointStops, Plane, Rollout, SimulationBatch, SimulationResult
     from ..simulation.closed import ClosedRollout, ClosedSimulation
     from ..simulation.torque_laws import TorqueLaw
@@ -118,6 +119,40 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         from ..statics.clearance import clearance_of
 
         return clearance_of(cast("Robot", self), q, exact, srdf)
+
+    def newton_euler(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> NewtonEuler:
+        """Inverse dynamics step by step: twist, acceleration and wrench of each body. MR section 8.3.
+
+        It is the recursion as the book writes it, for one state and for reading; :meth:`.Robot.inverse_dynamics` computes the
+        same torques for any batch.
+
+        Returns
+        -------
+        steps : NewtonEuler, with ``V``, ``dV``, ``F``, ``tau``; it prints as tables
+
+        Raises
+        ------
+        ConstraintError
+            The robot has constraints, whose forces the recursion does not contain.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().newton_euler([0, 0], [0, 0], [0, 0]).tau.round(2).tolist()
+        [29.43, 9.81]
+        """
+        from ..modern_robotics.newton_euler import newton_euler
+
+        wrenches = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        return newton_euler(cast("Robot", self), q, dq, ddq, **wrenches)
 
     def _clearance_search(self) -> Callable[[Array], Clearance]:
         """Clearance of configurations, for inverse kinematics."""
