@@ -29,6 +29,7 @@ OUTPUTS = runpy.run_path(str(ROOT / "docs" / "outputs.py"))
 WANTS = {
     "assistant.md": ("jax",),
     "bridges.md": ("jax", "casadi"),
+    "mpc.md": ("casadi",),
     "coming-from.md": ("pinocchio", "mujoco", "modern_robotics"),
 }
 """Other packages that a page is about."""
