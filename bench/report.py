@@ -22,7 +22,7 @@ def write(results: dict[str, Any]) -> str:
         part(results)
         for part in (sections.derivatives, sections.single, sections.one_call, sections.fresh, limits.limits)
     ]
-    parts += [part(results) for part in (sections.inverse_kinematics, sections.long_chain)]
+    parts += [part(results) for part in (sections.generated, sections.inverse_kinematics, sections.long_chain)]
     parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _threads, sections.rollouts)]
     parts += [sections.simulations(results), sections.closed_loops(results)]
     parts += [part(results) for part in (sections.compiling, _kernels, _start)]
