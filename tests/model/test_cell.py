@@ -115,6 +115,15 @@ def test_the_command_is_the_function(rail, tmp_path):
     assert tw.load(path).joint_names == cell.robot.joint_names
     again = CliRunner().invoke(main, ["join", str(path), *parts])
     assert again.exit_code == 2 and "is there already" in again.output
+    other = CliRunner().invoke(main, ["join", str(tmp_path / "cell.txt"), *parts])
+    assert other.exit_code == 2 and "does not name a format" in other.output and "DONE" not in other.output
+
+
+def test_degrees_apply_to_the_angles_of_the_command(tmp_path):
+    one, other = tmp_path / "one.urdf", tmp_path / "other.urdf"
+    for path, *arguments in ((one, "ur5@floor+0,0,0,0,90,0", "--degrees"), (other, "ur5@floor+0,0,0,0,90deg,0")):
+        assert CliRunner().invoke(main, ["join", str(path), *arguments]).exit_code == 0
+    close(*(tw.load(path).gravity_forces(np.ones(6)) for path in (one, other)))
 
 
 @pytest.mark.parametrize(
@@ -127,6 +136,7 @@ def test_the_command_is_the_function(rail, tmp_path):
         (("ur5", "planar_2r@tool0+1,2:h_"), tw.ValueRangeError, "has 2 numbers"),
         (("ur5", "planar_2r@tool0+1,2,x:h_"), tw.ValueRangeError, "expected one number"),
         (("ur5", "planar_2r@tool0+1,2,nan:h_"), tw.ValueRangeError, "expected one number"),
+        (("ur5", "planar_2r@tool0+0,0,0,0,0,90:h_"), tw.ValueRangeError, "write 90deg"),
         (("ur5", 3), tw.ValueRangeError, "a part is 3"),
         (("panda@floor:a_", "ur5@floor:b_", "planar_2r"), tw.FrameError, "several tips"),
         (("no_such_robot",), tw.NotFoundError, "no_such_robot"),

@@ -13,7 +13,7 @@ from ..core.errors import ValueRangeError
 from ..motion.load_case import LoadCase, payloads_of
 from ..robot import Robot
 from ..robot.export.written import Saved, Written
-from ..robot.load import save
+from ..robot.load import save, writer_of
 from ..robots.cell import RobotCell, join
 from .main import note, option
 from .parameters import Question, Spelling
@@ -159,6 +159,7 @@ def join_command(
     angles in rad, or as 30deg. PREFIX is put before the names of the part.
     """
     outputs.check(overwrite=overwrite, also={"OUT": path})
+    writer_of(path)
     cell = join(*parts, **{"name": Path(path).stem, **asked})
     outputs.add(OutputFile("OUT", "", lambda found, file: found.write(file, overwrite=overwrite)), path)
     return cell

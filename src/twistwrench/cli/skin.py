@@ -328,8 +328,8 @@ class Call(Generic[A]):
             inputs |= robot.files
             if log is not None and log.trajectory is not None:
                 inputs = {"MOTION": log.path(robot), **inputs}
-            if self._asks("degrees") and robot.degrees:
-                values["degrees"] = True
+        if self._asks("degrees") and given["degrees"]:
+            values["degrees"] = True
         outputs = self._outputs(given, inputs)
         asked = {each: value for each, value in values.items() if each not in self.wanted}
         defaults = {name: value for question in self.questions for name, value in question.defaults.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
@@ -21,6 +21,7 @@ from .robot import Robot
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
+    from ..formats.writers import RobotDocument
     from ..mechanics.model.model import Model
     from .export.written import Saved
 
@@ -390,23 +391,31 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: boo
     'tool0'
     """
     from ..core.files import check_outputs, refuse_existing, replacing
-    from ..formats.writers import SUFFIXES, WRITERS
     from .export.written import Saved
 
     require_robot(robot, "save")
+    path = as_path(path)
+    write = writer_of(path, robot.name)
+    check_outputs({"the file": path}, {})
+    refuse_existing(path, overwrite=overwrite)
+    written = write(robot.model)
+    with replacing(path) as scratch:
+        scratch.write_text(written.text, encoding="utf-8", newline="\n")
+    return Saved([*written.lost, *_tip_lost(robot, path)], path, robot.name, strict=strict)
+
+
+def writer_of(path: str | Path, name: str = "robot") -> Callable[[Model], RobotDocument]:
+    """Writer of the format that the ending of a path names; raises ValueRangeError for another ending."""
+    from ..formats.writers import SUFFIXES, WRITERS
+
     path = as_path(path)
     form = SUFFIXES.get(path.suffix.lower())
     if form is None:
         raise ValueRangeError(
             f"cannot write {path.name!r}: its ending does not name a format. Choose one of {', '.join(SUFFIXES)}, "
-            f"for example {robot.name}{_ENDINGS.get(path.name.lower(), '.urdf')}."
+            f"for example {name}{_ENDINGS.get(path.name.lower(), '.urdf')}."
         )
-    check_outputs({"the file": path}, {})
-    refuse_existing(path, overwrite=overwrite)
-    written = WRITERS[form](robot.model)
-    with replacing(path) as scratch:
-        scratch.write_text(written.text, encoding="utf-8", newline="\n")
-    return Saved([*written.lost, *_tip_lost(robot, path)], path, robot.name, strict=strict)
+    return WRITERS[form]
 
 
 def _tip_lost(robot: Robot, path: Path) -> list[str]:

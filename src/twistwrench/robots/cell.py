@@ -151,7 +151,7 @@ class RobotCell(Answer):
     @property
     def brief(self) -> str:
         """Number of parts and joints."""
-        return f"{len(self.parts)} parts, {self.robot.nv} joints"
+        return f"{len(self.parts)} parts, {_joints(self.robot.model)} joints"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict with bodies, joints, mass and tip, and the parts.
@@ -164,7 +164,8 @@ class RobotCell(Answer):
 
         model = self.robot.model
         tip = "no single tip" if model.tip is None else f"the tip {model.tip}"
-        counts = f"{len(model.bodies)} moving bodies, {model.nv} joints, {number(model.moving_mass)} kg that move"
+        base = "" if _joints(model) == len(model.leaders) else "a floating base, "
+        counts = f"{len(model.bodies)} moving bodies, {_joints(model)} joints, {base}{number(model.moving_mass)} kg that move"
         content = f"{self.robot.name} has {counts}, and {tip}."
         if self.doubts:
             yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=[Line(content)])
@@ -177,7 +178,7 @@ class RobotCell(Answer):
             words("part", [part.robot.name for part in self.parts]),
             words("stands at", [frame or "origin" for frame in self.frames]),
             words("prefix", [part.prefix for part in self.parts]),
-            numbers("joints", [float(part.robot.nv) for part in self.parts]),
+            numbers("joints", [_joints(part.robot.model) for part in self.parts]),
             numbers("mass", masses, unit="kg"),
         )
 
@@ -301,6 +302,11 @@ def _tip_of(cell: Robot, part: PlacedRobot) -> str:
     return cell.tip
 
 
+def _joints(model: Model) -> int:
+    """Number of joints that are driven: not that of a floating base."""
+    return sum(body.joint.driven for body in model.leaders)
+
+
 def _tips_beside(model: Model, tip: str) -> list[str]:
     """Other tips of the same body whose pose differs."""
     own = model.all_frames[tip]
@@ -319,11 +325,19 @@ def _pose(text: str, part: str, *, degrees: bool) -> Array:
         raise ValueRangeError(f"the pose of {part!r} has {len(values)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw.")
     unit = math.radians(1.0) if degrees else 1.0
     xyz = [_number(value, part) for value in values[:3]]
-    rpy = [
-        math.radians(_number(value[:-3], part)) if value.strip().endswith("deg") else unit * _number(value, part)
-        for value in map(str.strip, values[3:] or ("0", "0", "0"))
-    ]
+    rpy = [_angle(value.strip(), part, unit) for value in values[3:] or ("0", "0", "0")]
     return se3.pose(rotation_of_rpy(rpy), xyz)
+
+
+def _angle(text: str, part: str, unit: float) -> float:
+    """Angle [rad] of a text, with or without ``deg``."""
+    if text.endswith("deg"):
+        return math.radians(_number(text.removesuffix("deg"), part))
+    angle = unit * _number(text, part)
+    if abs(angle) > math.tau:
+        turns = number(angle / math.tau, 3)
+        raise ValueRangeError(f"the part {part!r} is turned by {text} rad, {turns} turns. For degrees write {text}deg.")
+    return angle
 
 
 def _number(text: str, part: str) -> float:
