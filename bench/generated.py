@@ -1,7 +1,8 @@
 """Generated C beside ours: the recursions on Pinocchio's model in CasADi's symbols, compiled by gcc.
 
 CasADi writes straight-line C for a robot, as its users export it for controllers. It is compiled as it is and called state by
-state; and once more with its inputs and results in blocks of 64, so that gcc computes several states side by side. Beside them stand our batch, and our own C of ``export_c``, called state by state.
+state; and once more with its inputs and results in blocks of 64, so that gcc computes several states side by side. Beside
+them stand our batch, and our own C of ``export_c``, called state by state.
 """
 
 import ctypes
