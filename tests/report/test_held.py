@@ -8,42 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
+from standing_robots import WHEELS, cart_text, turning
 
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
-
-WHEELS = ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
-
-
-def cart_text():
-    """A cart of 30 kg on four wheels of 10 cm, with an arm of two links."""
-    at = {"fl": (0.3, 0.25), "fr": (0.3, -0.25), "rl": (-0.3, 0.25), "rr": (-0.3, -0.25)}
-    wheels = "".join(
-        f'<link name="wheel_{n}"><collision><geometry><cylinder radius="0.1" length="0.04"/></geometry></collision></link>'
-        f'<joint name="to_{n}" type="fixed"><parent link="cart"/><child link="wheel_{n}"/>'
-        f'<origin xyz="{x} {y} -0.1" rpy="1.5707963267948966 0 0"/></joint>'
-        for n, (x, y) in at.items()
-    )
-
-    def link(name, mass, x):
-        return (
-            f'<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/><inertia ixx="0.1" ixy="0" ixz="0" '
-            'iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
-        )
-
-    def joint(name, parent, child, place, axis):
-        return (
-            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{place}"/>'
-            f'<axis xyz="{axis}"/><limit lower="-4" upper="4" effort="300" velocity="9"/></joint>'
-        )
-
-    arm = (
-        link("upper", 5, 0.3) + joint("pan", "cart", "upper", "0 0 0.5", "0 0 1")
-        + link("fore", 4, 0.3) + joint("elbow", "upper", "fore", "0.6 0 0", "0 1 0")
-    )  # fmt: skip
-    tool = '<link name="tool"/><joint name="to_tool" type="fixed"><parent link="fore"/><child link="tool"/><origin xyz="0.6 0 0"/></joint>'
-    return f'<robot name="cart">{link("cart", 30, 0)}{wheels}{arm}{tool}</robot>'
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +20,6 @@ def cart(tmp_path_factory):
     path = tmp_path_factory.mktemp("cart") / "cart.urdf"
     path.write_text(cart_text())
     return tw.load(path)
-
-
-def turning(robot, angle=0.8, rows=61):
-    """The arm turns about the vertical, from rest to rest."""
-    t = np.linspace(0, 1, rows)
-    s, ds, dds = t - np.sin(2 * np.pi * t) / (2 * np.pi), 1 - np.cos(2 * np.pi * t), 2 * np.pi * np.sin(2 * np.pi * t)
-    q, dq, ddq = (np.column_stack([angle * x, 0 * x]) for x in (s, ds, dds))
-    return tw.Motion(t, q, dq, ddq, robot=robot, in_seconds=True)
 
 
 # ── Wheels ──
@@ -123,6 +84,37 @@ def test_the_columns_of_the_table_add_up(cart, tmp_path):
     assert {"friction_needed", "zmp.x [m]", "zmp.y [m]"} <= rows[0].keys()
 
 
+def test_the_friction_that_is_stated_suffices_and_is_less_than_a_tenth_too_much(cart):
+    """Two significant digits, rounded up; without friction is said only where none is needed."""
+    for angle in (0.003, 0.03, 0.3, 1.2):
+        answer = tw.check(cart, turning(cart, angle), wheels=WHEELS, contact_friction=0.9)
+        stated = float(answer.headline.partition("needs friction ")[2].split()[0])
+        least = answer.support.friction.max()
+        assert least <= stated <= max(1.1 * least, least + 0.001), angle
+        again = tw.check(cart, turning(cart, angle), wheels=WHEELS, contact_friction=stated)
+        assert again.headline.startswith("OK: stands. It needs friction ") or "joint" in again.headline
+    still = tw.check(cart, turning(cart, 0.0), wheels=WHEELS, contact_friction=0.9)
+    assert still.headline.startswith("OK: stands. It needs no friction (given 0.9)")
+    assert tw.check(cart, turning(cart, 0.0), wheels=WHEELS).headline.startswith("OK: stands, without any friction")
+
+
+def test_a_margin_without_a_coefficient_names_the_friction_that_it_assumes(cart):
+    tipping = tw.check(cart, turning(cart, 6.0), wheels=WHEELS)
+    assert tipping.headline.startswith("OVER LIMIT: tips over ")
+    assert "× this speed on ground of friction 0.3" in tipping.headline
+    speed = float(tipping.headline.partition("It stands up to ")[2].split()[0])
+    given = tw.check(cart, turning(cart, 6.0), wheels=WHEELS, contact_friction=0.3)
+    assert_allclose(given.support.speed.min(), speed, rtol=0.01)
+    assert "With 0.3 it holds up to" in tw.check(cart, turning(cart, 0.5), wheels=WHEELS).headline
+
+
+def test_casters_roll_away_in_a_motion_and_stand_at_rest(cart):
+    answer = tw.check(cart, turning(cart), casters=WHEELS)
+    assert answer.headline.startswith("OVER LIMIT: slips at ")
+    assert "At rest it stands in this pose" in answer.headline and "at rest either" not in answer.headline
+    assert tw.check(cart, at={"pan": 0.0}, casters=WHEELS).headline.startswith("OK: stands, without any friction")
+
+
 # ── Mounting ──
 
 
@@ -136,6 +128,39 @@ def test_the_wrench_on_the_foundation_is_that_of_statics_and_its_bolts_add_up_to
     preloaded = tw.check("ur5", "demo", mounting="base_link", bolts=table)
     assert_allclose(preloaded.bolt_loads[..., 0].mean(), 5000 + preloaded.mounting.wrench[:, 5].mean() / 4)
     assert "On the foundation at base_link: force up to " in str(preloaded)
+
+
+def bolt_file(path, unit, preload, factor=1.0, force="N"):
+    rows = "\n".join(f"{factor * x},{factor * y},{preload}" for x in (-0.06, 0.06) for y in (-0.06, 0.06))
+    path.write_text(f"x [{unit}],y [{unit}],preload [{force}]\n{rows}")
+    return path
+
+
+def test_units_of_a_table_of_bolts_are_those_of_its_header(tmp_path):
+    metres, millimetres = (
+        tw.check("ur5", "demo", mounting=True, bolts=bolt_file(tmp_path / f"{k}.csv", *asked))
+        for k, asked in enumerate((("m", 5000), ("mm", 5, 1000, "kN")))
+    )
+    assert_allclose(millimetres.bolt_loads, metres.bolt_loads, rtol=1e-12)
+    with pytest.raises(tw.TwistWrenchError, match="furlong"):
+        tw.check("ur5", "demo", mounting=True, bolts=bolt_file(tmp_path / "odd.csv", "furlong", 5))
+    bare = tmp_path / "bare.csv"
+    bare.write_text("x,y\n60,60\n-60,60\n60,-60\n-60,-60")
+    for given in (bare, "6x200"):
+        with pytest.raises(tw.ValueRangeError, match="in metres: if these are millimetres"):
+            tw.check("ur5", "demo", mounting=True, bolts=given)
+    with pytest.raises(tw.ValueRangeError, match="preload of bolt 1 is -5 N"):
+        tw.check("ur5", "demo", mounting=True, bolts=bolt_file(tmp_path / "minus.csv", "m", -5))
+
+
+def test_a_bolt_opens_where_the_robot_pulls_it_with_more_than_its_preload(tmp_path):
+    free = tw.check("ur5", "demo", payload=5, mounting=True, bolts=bolt_file(tmp_path / "none.csv", "m", 1e6))
+    pull = (free.bolt_loads[..., 0] - 1e6).max()
+    for share, opens in ((1.01, False), (0.99, True)):
+        file = bolt_file(tmp_path / f"{share}.csv", "m", share * pull)
+        answer = tw.check("ur5", "demo", payload=5, mounting=True, bolts=file)
+        assert answer.headline.startswith("OVER LIMIT: the joint opens at bolt ") == opens
+        assert_allclose(max(answer.tables["Bolts, by the robot alone"].to_dict()["largest pull"]), pull, rtol=1e-6)
 
 
 def test_a_push_on_the_tool_is_on_the_foundation_too():
@@ -208,6 +233,20 @@ def test_a_cup_that_holds_from_above_pulls_with_the_weight():
         assert falls.headline.startswith(
             "OVER LIMIT: the load comes off the cup at t = 0.000 s: it needs 29.5 N, given 20 N"
         )
+
+
+def test_a_cup_is_pulled_off_where_no_friction_would_help_and_slips_where_it_would():
+    """Turned by an angle from hanging below the cup, the load of weight W pulls with W cos and slides with W sin."""
+    robot, weight = tw.robots.ur5(), 3 * 9.81
+    for angle in np.radians([0, 20, 40, 70, 88]):
+        q = np.array([0.0, -np.pi / 2, np.pi / 2, -np.pi / 2, -np.pi / 2, 0.0])
+        R = np.asarray(robot.forward_kinematics(q))[:3, :3]
+        lean = R @ [np.sin(angle), 0, np.cos(angle)]  # direction of gravity: out of the cup, and to its side
+        turned = robot.with_gravity(9.81 * lean)
+        motion = tw.Motion(np.linspace(0, 1, 8), np.tile(q, (8, 1)), np.zeros((8, 6)), np.zeros((8, 6)), robot=turned)
+        answer = tw.check(turned, motion, payload=3, cup="20,0.5")
+        off = weight * np.cos(angle) > 20
+        assert ("the load comes off the cup" if off else "the load slips on the cup") in answer.headline, angle
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from robot_files import FILES, NONE
 from scipy.optimize import linprog
+from standing_robots import LEGS, dog
 
 import twistwrench as tw
 from twistwrench import statics
@@ -44,38 +45,6 @@ def standing(robot):
 def at_rest(robot, rows=8):
     q, none = np.tile(standing(robot), (rows, 1)), np.zeros((rows, robot.nv))
     return tw.Motion(np.linspace(0, 1, rows), q, none, none, robot=robot)
-
-
-LEGS = ("FL", "FR", "RL", "RR")
-
-
-def dog(acceleration=0.0, rows=41, period=0.4):
-    """The bundled quadruped with its base, which sways sideways while its feet stand, in whole periods of a sine."""
-    robot = tw.robots.quadruped()
-    angles = {f"{leg}_{k}_joint": a for leg in LEGS for k, a in (("thigh", 0.8), ("calf", -1.6))}
-    t, rate = np.linspace(0, period, rows), 2 * np.pi / period
-    q = np.repeat(robot.coordinates(**angles)[None], rows, axis=0)
-    feet = [f"{leg}_foot" for leg in LEGS]
-
-    def places(q):
-        return np.concatenate([np.asarray(robot.forward_kinematics(q, foot))[:, :3, 3] for foot in feet], axis=1)
-
-    def maps(q):
-        return np.concatenate([np.asarray(robot.jacobian(q, foot, "world_aligned"))[:, 3:] for foot in feet], axis=1)
-
-    stand, dq, ddq = places(q), *np.zeros((2, rows, robot.nv))
-    q[:, 5] = -acceleration / rate**2 * np.sin(rate * t)
-    for _ in range(8):
-        q[:, 7:] -= np.linalg.solve(maps(q)[:, :, 6:], (places(q) - stand)[..., None])[..., 0]
-    J = maps(q)
-    for x, wave in ((dq, -acceleration / rate * np.cos(rate * t)), (ddq, acceleration * np.sin(rate * t))):
-        x[:, 4] = wave
-        drift = np.einsum("nij,nj->ni", J, x)
-        if x is ddq:
-            h = 1e-6
-            drift += np.einsum("nij,nj->ni", maps(robot.add(q, h * dq)) - maps(robot.add(q, -h * dq)), dq) / (2 * h)
-        x[:, 6:] = -np.linalg.solve(J[:, :, 6:], drift[..., None])[..., 0]
-    return robot, tw.Motion(t, q, dq, ddq, robot=robot, in_seconds=True)
 
 
 # ── Torques ──
@@ -216,11 +185,12 @@ def test_a_robot_that_tips_or_slips_is_over_its_limit_with_the_place_and_the_rem
     assert ", given 0.3. It stands up to 0.8" in slipping.headline
 
 
-def least_largest_share(robot, motion, row, friction, edges=64):
+def least_largest_share(robot, motion, row, friction, edges=64, limits=None):
     """Least possible largest share of a torque limit over forces in pyramids inside the cones: a linear programme."""
     q, feet = motion.q[row], [f"{leg}_foot" for leg in LEGS]
     J = np.concatenate([np.asarray(robot.jacobian(q, foot, "world_aligned"))[3:] for foot in feet])
-    tau, limits = robot.inverse_dynamics(q, motion.dq[row], motion.ddq[row]), robot.limits.effort
+    tau = robot.inverse_dynamics(q, motion.dq[row], motion.ddq[row])
+    limits = robot.limits.effort if limits is None else limits
     turn = 2 * np.pi * np.arange(edges) / edges
     cone = np.stack([np.cos(turn), np.sin(turn), -friction * np.cos(np.pi / edges) * np.ones(edges)], axis=1)
     rows = [np.c_[np.kron(np.eye(4), cone), np.zeros(4 * edges)]]
@@ -243,7 +213,131 @@ def test_torques_beyond_their_limits_are_over_though_the_robot_stands():
     least = least_largest_share(robot.with_payload(tw.SpatialInertia.from_com(150.0), "trunk"), motion, 0, 0.6)
     (worst,) = {round(joint.share, 3) for joint in weak.joints if joint.joint.endswith(("hip_joint", "calf_joint"))}
     assert weak.headline.startswith("OVER LIMIT: ") and abs(worst - least) < 2e-3  # all hips and calves share the load
-    assert "Stands. It needs friction 0 (given 0.6)" in str(weak)
+    assert "Stands with the friction given, 0.6." in str(weak)
+
+
+def test_friction_that_torque_limits_need_is_stated():
+    """A weak leg is relieved by forces across the floor: the least coefficient is that of a linear programme."""
+    robot, motion = dog()
+    smooth = tw.check(robot, motion, feet="auto", contact_friction=0.0)
+    weak = {"FL_thigh_joint": 0.7 * abs(smooth.joints["FL_thigh_joint"].peak)}
+    answer = tw.check(robot, motion, feet="auto", contact_friction=0.6, limits=weak)
+    low, high = 0.0, 0.6
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        share = least_largest_share(robot, motion, 0, middle, limits=answer.limits.effort)
+        low, high = (low, middle) if share <= 1 else (middle, high)
+    assert_allclose(answer.support.friction[0], high, atol=2e-3)
+    stated = float(answer.headline.partition("needs friction ")[2].split()[0])
+    assert high - 2e-3 <= stated <= 1.1 * high + 2e-3
+    none = tw.check(robot, motion, feet="auto", limits=weak)
+    assert "without any friction" not in none.headline
+
+
+# ── Feet that carry: flight, a foot that slides, points, and noise ──
+
+
+def test_a_robot_in_the_air_needs_nothing_from_the_ground_and_one_that_hovers_is_unsure():
+    robot, still = dog(rows=21)
+    fall = still.q.copy()
+    t = still.time
+    fall[:, 6] += 0.5 - 0.5 * 9.81 * t**2
+    dq, ddq = np.zeros((21, 18)), np.zeros((21, 18))
+    dq[:, 5], ddq[:, 5] = -9.81 * t, -9.81
+    asked = {"feet": "auto", "contact_friction": 0.6}
+    columns = np.zeros((21, 4))
+
+    def flown(q, dq, ddq):
+        file = tw.Motion(t, q, dq, ddq, robot=robot, in_seconds=True)
+        return tw.check(robot, file, **asked)
+
+    assert not columns.any()
+    free = flown(fall, dq, ddq)
+    assert not free.support.in_contact[5:].any()
+    assert "no foot is down" not in str(free.verdict)
+    hovering = still.q.copy()
+    hovering[:, 6] += 0.5
+    moving = np.zeros((21, 18))
+    moving[:, 3] = 0.3  # all feet move with the trunk
+    hovering[:, 4] += 0.3 * t
+    hovers = flown(hovering, moving, np.zeros((21, 18)))
+    assert hovers.verdict.word == "UNSURE"
+    assert "slides at 0.3 m/s" in hovers.headline  # the lowest height of the log is taken for the floor
+
+
+def test_a_robot_on_points_is_no_equilibrium_and_is_printed_so():
+    robot, motion = dog()
+    answer = tw.check(robot, motion, feet=["FL_foot", "RR_foot"], contact_friction=0.6)
+    assert answer.headline.startswith("UNSURE: feet are points, so it can only balance")
+    assert "feet='LxW@FL_foot'" in answer.headline.replace('"', "'") or "feet=LxW@FL_foot" in answer.headline
+    if not answer.support.holds.any():
+        assert "Forces of the ground" not in answer.tables
+        assert f"NO EQUILIBRIUM: at {len(motion.time)} of {len(motion.time)} instants" in str(answer)
+    assert "NO EQUILIBRIUM" not in str(tw.check(robot, motion, feet="auto", contact_friction=0.6))
+
+
+def noisy(acceleration, noise, tmp_path, seed=1):
+    """Log of positions at 1 kHz with noise, of the dog that sways."""
+    robot, motion = dog(acceleration, rows=401)
+    rng = np.random.default_rng(seed)
+    q = motion.q + noise * rng.standard_normal(motion.q.shape)
+    file = tmp_path / f"{acceleration}_{noise}.csv"
+    tw.Motion(motion.time, q, robot=robot, in_seconds=True).to_csv(file)
+    head, *rows = file.read_text().splitlines()
+    keep = [k for k, name in enumerate(head.split(",")) if not name.endswith((".vel", ".acc")) and "acc" not in name]
+    file.write_text("\n".join(",".join(np.array(row.split(","))[keep]) for row in [head, *rows]))
+    return robot, file
+
+
+@pytest.mark.parametrize(("acceleration", "word"), [(2.0, "OK"), (8.0, "OVER LIMIT")])
+def test_noise_within_the_margin_changes_no_first_word_and_widens_its_interval(acceleration, word, tmp_path):
+    words = []
+    for noise in (1e-7, 2e-5):
+        robot, file = noisy(acceleration, noise, tmp_path)
+        answer = tw.check(robot, file, feet="auto", contact_friction=0.6)
+        words.append(answer.verdict.word)
+    assert words == [word, word]
+
+
+def test_within_the_noise_a_robot_that_would_slip_is_unsure(tmp_path):
+    for acceleration in (2.85, 3.0):  # slips at 0.3 g = 2.943 m/s²
+        robot, file = noisy(acceleration, 1e-4, tmp_path)
+        answer = tw.check(robot, file, feet="auto", contact_friction=0.3)
+        assert answer.verdict.word == "UNSURE", answer.headline
+        assert "noise of the log" in str(answer.verdict)
+
+
+# ── At rest ──
+
+
+def test_a_robot_at_rest_is_asked_without_a_motion(tmp_path):
+    robot = tw.robots.quadruped()
+    at = {f"{leg}_{k}_joint": a for leg in LEGS for k, a in (("thigh", 0.8), ("calf", -1.6))}
+    answer = tw.check(robot, at=at, feet="auto", contact_friction=0.6)
+    _, motion = dog()
+    assert answer.headline.startswith("OK: stands. It needs no friction (given 0.6)")
+    assert_allclose(
+        np.abs(answer.peaks), np.abs(tw.check(robot, motion, feet="auto", contact_friction=0.6).peaks), atol=1e-6
+    )
+    assert_allclose(answer.motion.q[0, :7], [1, 0, 0, 0, 0, 0, answer.motion.q[0, 6]], atol=1e-9)
+    arm = tw.check("ur5", at={"shoulder_lift_joint": -0.6})
+    assert_allclose(arm.torques()[0], tw.robots.ur5().gravity_forces(arm.motion.q[0]), atol=1e-9)
+    with pytest.raises(tw.ValueRangeError, match="no motion is given"):
+        tw.check("ur5")
+    with pytest.raises(tw.ValueRangeError, match="a motion is given too"):
+        tw.check("ur5", "demo", at={"elbow_joint": 0.1})
+
+
+@pytest.mark.parametrize("options", [[], ["--at", "FL_calf_joint=-1.6"]])
+def test_the_shortest_command_asks_for_standing_at_rest(options):
+    done = CliRunner().invoke(main, ["torques", "quadruped", "--feet", "auto", *options])
+    assert "stands" in done.output.lower() or "tips" in done.output, done.output
+    help_text = CliRunner().invoke(main, ["torques", "--help"]).output
+    assert "--at" in help_text and "[MOTION]" in help_text
+    bare = CliRunner().invoke(main, ["torques", "ur5"])
+    assert bare.exit_code == 2 and "--at" in bare.output
+    unused = CliRunner().invoke(main, ["torques", "quadruped", "--feet", "auto", "--rate", "100"])
+    assert unused.exit_code == 2 and "--rate" in unused.output
 
 
 # ── Bad input ──
@@ -276,6 +370,21 @@ def test_feet_of_a_robot_whose_base_is_fixed_or_planar_are_refused():
     still = tw.Motion(np.linspace(0, 1, 8), np.zeros((8, 6)), np.zeros((8, 6)), np.zeros((8, 6)), robot=arm)
     with pytest.raises(tw.ValueRangeError, match="no legs are found"):
         tw.check(arm, still, feet="auto")
+
+
+def test_a_planar_base_carries_no_feet(tmp_path):
+    """Its file holds the height and the tilt of the base, which the ground would have to carry."""
+    inertial = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("floor", "cart", "arm"))
+    path = tmp_path / "planar.urdf"
+    path.write_text(
+        f'<robot name="planar">{links}<joint name="drives" type="planar"><parent link="floor"/><child link="cart"/>'
+        '<axis xyz="0 0 1"/></joint><joint name="turns" type="continuous"><parent link="cart"/><child link="arm"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'
+    )
+    robot = tw.load(path)
+    with pytest.raises(tw.ValueRangeError, match=r"planar joint 'drives' alone\. Lock that joint"):
+        tw.check(robot, at={"turns": 0.1}, wheels="cart")
 
 
 def test_the_command_asks_the_same_question(tmp_path):

@@ -98,7 +98,7 @@ class Kind:
 
 
 def _vector(text: str, flag: str) -> list[float]:
-    return parse_numbers(text, flag, "x,y,z in metres, for example 0,0,0.1", 3)
+    return parse_numbers(text, flag, "x,y,z, for example 0,0,0.1", 3)
 
 
 def several(texts: Sequence[str], _flag: str) -> list[str] | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ..core.errors import ValueRangeError
-from ..core.text import words_of_the_shell
+from ..core.text import listed, words_of_the_shell
 from ..reports.check import check
 from ..reports.checked_motions import CheckedMotion, CheckedMotions, checked_motions, expanded_paths
 from ..reports.torque_report import TorqueReport
@@ -18,7 +18,7 @@ from .shared import LogOptions, RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
 
-_PLOTS = ("torques", "causes", "power", "phase", "motors")
+_PLOTS = ("torques", "causes", "power", "phase", "motors", "support", "mounting", "grip")
 _OF_JOINTS = {"causes", "phase"}
 Checked: TypeAlias = TorqueReport | CheckedMotions
 
@@ -72,8 +72,10 @@ def _require_rerun() -> None:
         ),
     ),
     report=True,
+    needs_motion=False,
     examples=(
         "torques ur5 demo --payload 10 --why",
+        "torques quadruped --feet auto --at home",
         "torques ur5 demo --payload 5 --csv torques.csv --plot torques.png",
     ),
 )
@@ -90,8 +92,13 @@ def torques_command(
 ) -> Checked:
     """Compute the torques of a motion, compare them with the limits, and split them by cause.
 
+    Without MOTION, the robot is at rest in the configuration of --at, or stands on its --feet.
+
     The first word is the verdict. Exit code: 0 for OK; 1 for OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN.
     """
+    if log.trajectory is None:
+        _check_picture(outputs, robot, kind, joints)
+        return _with_picture(_at_rest(robot, log, {**asked, "why": why}), outputs, kind, joints)
     path = log.path(robot)
     typed = log.trajectory or ""
     paths = expanded_paths(typed if path == Path(typed) else path)
@@ -107,10 +114,25 @@ def torques_command(
     _check_picture(outputs, robot, kind, joints)
     with progress_bar(path.name) as progress:
         report = answer_of(robot, log, {**asked, "why": why}, path, progress=progress)
+    return _with_picture(report, outputs, kind, joints)
+
+
+def _with_picture(
+    report: TorqueReport, outputs: Outputs[Checked], kind: str | None, joints: Sequence[str]
+) -> TorqueReport:
+    """The report; its picture will be of this kind."""
     if kind == "motors" and not report.motors:
         raise ValueRangeError("--kind motors: the actuator file describes no motor.")
     outputs.written_by("--plot", lambda answer, to: _plot(_of_one(answer), kind, to, joints))
     return report
+
+
+def _at_rest(robot: RobotOptions, log: LogOptions, asked: Asked) -> TorqueReport:
+    """Answer on a robot at rest, without the file of a motion."""
+    if log.given:
+        flags = listed(f"--{name.replace('_', '-')}" for name in log.given)
+        raise ValueRangeError(f"{flags}: of the file of a motion, and there is none. Name it after the robot.")
+    return check(robot.load(), None, **asked)
 
 
 def _check_picture(outputs: Outputs[Checked], robot: RobotOptions, kind: str | None, joints: Sequence[str]) -> None:

@@ -30,6 +30,23 @@ def checked_strength(gravity: float) -> float:
     return gravity
 
 
+def vertical_axis(gravity: ArrayLike) -> Array:
+    """Axis of the world (3,) that is vertical in a file: z, or another one that is nearest to gravity's line if z is far.
+
+    Floors and soles are level along it. Gravity that leans from it, by up to 60 degrees from z, is that of a slope.
+
+    >>> [vertical_axis(g).tolist() for g in ([0, 0, -9.81], [0, -9.81, 0], [7.6, 0, -6.2], [0, 0, 9.81])]
+    [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
+    """
+    size = np.abs(np.asarray(gravity, float))
+    steep = size[2] < _STEEPEST * np.linalg.norm(size)
+    return np.eye(3)[int(size.argmax()) if steep else 2]
+
+
+_STEEPEST = 0.5
+"""Cosine of the angle from z up to which gravity is that of a slope in a file whose z axis is vertical."""
+
+
 def gravity_vector(g: ArrayLike) -> Array:
     """Gravity as a read-only array of finite numbers.
 

@@ -164,7 +164,7 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     if 2 * large.sum() >= driven.sum() and model.moving_mass < _LIGHT:
         return (
             f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
-            f"{number(model.moving_mass)} kg, which stand for no limit"
+            f"{number(model.moving_mass + model.base_inertia.mass)} kg, which stand for no limit"
         )
     chain = arm_entries(model)
     if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from ..core.arguments import refuse_unused_srdf
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.text import listed
-from ..core.typing import Array, Metres, WrenchesGiven
+from ..core.typing import Array, Metres, Vector, WrenchesGiven
 from ..motion import limits_file
+from ..motion.coordinates import ConfigurationGiven
 from ..motion.differentiation import Differentiation
 from ..motion.load_case import LoadsGiven, payloads_of
 from ..motion.motion import Motion
@@ -57,6 +58,7 @@ class CheckOptions(TypedDict, total=False):
     wheels: FramesGiven | None
     casters: FramesGiven | None
     contact_friction: FrictionGiven | None
+    contact_normal: ArrayLike | None
     in_contact: ContactGiven
     mounting: FrameOrTrue | None
     bolts: BoltsGiven | None
@@ -76,8 +78,9 @@ class CheckOptions(TypedDict, total=False):
 
 def check(
     robot: Robot | str | Path,
-    motion: Any,
+    motion: Any = None,
     *,
+    at: ConfigurationGiven = None,
     payload: LoadsGiven = (),
     wrench_on_robot: WrenchesGiven | None = None,
     limits: limits_file.Given = None,
@@ -89,6 +92,7 @@ def check(
     wheels: FramesGiven | None = None,
     casters: FramesGiven | None = None,
     contact_friction: FrictionGiven | None = None,
+    contact_normal: Vector | None = None,
     in_contact: ContactGiven = "auto",
     mounting: FrameOrTrue | None = None,
     bolts: BoltsGiven | None = None,
@@ -112,6 +116,10 @@ def check(
     ----------
     robot : Robot, path of a robot file, or name of a known robot
     motion : path of a log or plan, Motion, anything with ``.motion``, DataFrame, or "demo" for a bundled robot
+        None: the robot is at rest ``at`` a configuration, by default neutral if feet or wheels carry it.
+    at : (nq,) array, {joint: position}, name of a configuration, or texts of these, optional [rad, m]
+        Configuration of a robot at rest, in place of a motion: all coordinates, a configuration of the file by its name,
+        or the position of a joint, the others at zero.
     payload : float [kg], "kg,x,y,z@frame", SpatialInertia in the axes of its frame, {frame: one of these}, or a list
         Mass attached to the robot's tip, or to a named frame, with its centre of mass there [kg, m].
     wrench_on_robot : {frame: (6,) array}, optional
@@ -133,6 +141,8 @@ def check(
         Casters on the ground, which carry normal forces only; the base is then free.
     contact_friction : float or {frame: float}, optional
         Coulomb coefficient of the ground; without it, what the motion needs is stated.
+    contact_normal : (3,) array_like, optional
+        Direction away from the ground, in the frame of the base's pose; default: the world's vertical axis.
     in_contact : "auto" or "log"
         Feet that carry: those that are low and slow, or by columns FRAME.contact of the log, 0 or 1, or a force above 20 N.
     mounting : frame, or True for the root, optional
@@ -179,17 +189,16 @@ def check(
     """
     robot, named = robot_of(robot, actuators, lock)
     question = SupportQuestion(
-        feet=feet, wheels=wheels, casters=casters, contact_friction=contact_friction, in_contact=in_contact,
-        mounting=mounting, bolts=bolts, grip=grip, cup=cup,
+        feet=feet, wheels=wheels, casters=casters, contact_friction=contact_friction,
+        contact_normal=contact_normal, in_contact=in_contact, mounting=mounting, bolts=bolts, grip=grip, cup=cup,
     )  # fmt: skip
     reading: dict[str, Any] = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode}
     robot = question.robot_of(robot, motion, named, reading)
+    motion = question.motion_of(robot, motion, at, degrees=degrees)
     log = log_of(motion, robot, named=named, degrees=degrees, plan=plan, locked=tuple(lock or ()), **reading)
-    in_degrees, loads = (
-        log.columns.in_degrees,
-        {"payloads": payloads_of(payload), "wrenches": _wrenches(wrench_on_robot)},
-    )
-    case, log = question.case(robot, log, {**loads, "friction": friction})
+    in_degrees = log.columns.in_degrees
+    loads = {"payloads": payloads_of(payload), "wrenches": _wrenches(wrench_on_robot), "friction": friction}
+    case, log = question.case(robot, log, loads)
     robot = case.robot
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
     steps = Steps(progress, (_PLANNING_AND_SMOOTHING if smooth else _PLANNING, 1.0))

@@ -91,6 +91,8 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     )
     if report.held.grip is not None:
         own = report.held.grip.verdict.joined(own)
+    if report.held.mounting is not None:
+        own = report.held.mounting.verdict.joined(own)
     if report.held.support is not None:
         own = support_verdict(report.held.support).joined(own)
     return own if report.clearance is None else own.joined(report.clearance.verdict)

@@ -35,7 +35,7 @@ from ..robot.explanation import NEGLIGIBLE_PART
 from .log_quality import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
-from .support.view import contact_table
+from .support.view import contact_tables, imbalance
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from .torque_verdict import KINDS, notes_of
 
@@ -93,10 +93,12 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
     yield verdict_view(report)
     yield ""
     yield _heading(report)
+    if report.held.support is not None:
+        yield from imbalance(report.held.support)
     yield _peaks(report)
     yield _causes(report)
     if report.held.support is not None:
-        yield contact_table(report.held.support)
+        yield from contact_tables(report.held.support)
     if report.held.mounting is not None:
         yield from report.held.mounting.blocks()
     if report.held.grip is not None:

@@ -52,6 +52,10 @@ class Cones:
     friction: Array
     """(c,), or (N, c) if each row has its own."""
 
+    def of(self, rows: Any) -> Cones:
+        """Cones of some of the rows."""
+        return self if self.friction.ndim == 1 else Cones(self.normals, self.friction[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class ForceBounds:
@@ -293,7 +297,7 @@ def least_norm_in_cones(
     y[:, :m] = (np.linalg.pinv(A[:, :m] @ A[:, :m].swapaxes(1, 2), hermitian=True) @ target[:, :m, None])[..., 0]
     forces, found, live = np.zeros((N, c, 3)), np.zeros(N, bool), np.arange(N)
     for _ in range(_NEWTON):
-        f, slope = _projection(cones, (A[live].swapaxes(1, 2) @ y[live][..., None]).reshape(len(live), c, 3))
+        f, slope = _projection(cones.of(live), (A[live].swapaxes(1, 2) @ y[live][..., None]).reshape(len(live), c, 3))
         forces[live] = f
         left = target[live] - (A[live] @ f.reshape(len(live), 3 * c, 1))[..., 0]
         slack = one_sided & (y[live] <= 0.0) & (left <= 0.0)
@@ -310,7 +314,7 @@ def least_norm_in_cones(
         damping = np.maximum(_DAMPING * np.minimum(rest, 1.0), 1e-12) * (1.0 + np.trace(H, axis1=1, axis2=2))
         H += damping[:, None, None] * np.eye(H.shape[1])
         step = np.linalg.solve(H, left[..., None])[..., 0]
-        y[live] = _searched(cones, A[live], target[live], y[live], step, left, one_sided)
+        y[live] = _searched(cones.of(live), A[live], target[live], y[live], step, left, one_sided)
     return forces * size[..., None] * active[..., None], found
 
 
@@ -342,7 +346,7 @@ def _projection(cones: Cones, f: Array) -> tuple[Array, Array]:
     inside = ((slide <= friction * along) & (along >= 0))[..., None]  # without friction both sides are zero
     polar = (along <= -friction * slide)[..., None]
     u = across / np.maximum(slide, 1e-300)[..., None]
-    edge = (n + friction[:, None] * u) / np.sqrt(1.0 + friction**2)[:, None]
+    edge = (n + friction[..., None] * u) / np.sqrt(1.0 + friction**2)[..., None]
     along_edge = (f * edge).sum(axis=-1)[..., None]
     nearest = np.where(inside, f, np.where(polar, 0.0, along_edge * edge))
     turns = np.eye(3) - n[:, :, None] * n[:, None, :] - u[..., :, None] * u[..., None, :]

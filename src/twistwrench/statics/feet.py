@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from ..core.gravity import GRAVITY
+from ..core.gravity import vertical_axis
 from ..core.numbers import seconds, vector
 from ..core.text import listed
 from ..core.typing import Array
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 _FOOT_WORDS = "foot", "sole", "ankle", "wheel", "toe"
 """Words in the names of frames at which a leg stands."""
+_SENSOR_WORDS = "bumper", "sensor", "fsr", "tactel", "imu", "camera"
+"""Words in the names of frames that a leg carries, and does not stand on."""
 _SAME_HEIGHT = 0.01
 """Height above the lowest frame of a leg within which a frame named as a foot is preferred [m]."""
 _SOLE = 0.005
@@ -50,9 +52,8 @@ _LEANING = np.cos(np.radians(45.0))
 
 
 def upward(robot: Robot) -> Array:
-    """Unit vector (3,) against gravity in the base frame; that of the earth without gravity."""
-    gravity = np.asarray(robot.model.gravity if robot.model.gravity.any() else GRAVITY, float)
-    return np.asarray(-gravity / np.linalg.norm(gravity))
+    """Normal (3,) of a level floor in the base frame: the world's vertical axis. Gravity may lean from it, as on a slope."""
+    return vertical_axis(robot.model.gravity)
 
 
 # ── Feet and their soles
@@ -87,10 +88,15 @@ def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
         heights = {name: float(poses[name][:3, 3] @ up) for name in links}
         lowest = min(heights.values())
         near = [name for name in links if heights[name] <= lowest + _SAME_HEIGHT]
-        called = [name for name in near if any(word in name.lower() for word in _FOOT_WORDS)]
+        near = [name for name in near if not _has_word(name, _SENSOR_WORDS)] or near
+        called = [name for name in near if _has_word(name, _FOOT_WORDS)]
         shaped = [name for name in called if name in model.shaped]
         found.append((shaped or called or near)[-1])
     return tuple(dict.fromkeys(found))
+
+
+def _has_word(name: str, words: Sequence[str]) -> bool:
+    return any(word in name.lower() for word in words)
 
 
 def sole(
@@ -101,6 +107,7 @@ def sole(
     at: ArrayLike = (0.0, 0.0, 0.0),
     *,
     q: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
 ) -> tuple[Contact, ...]:
     """Contacts of a foot: corners of its shape's lowest face, of a rectangle, or one point at the frame without a shape.
 
@@ -110,10 +117,11 @@ def sole(
     size : (length, width), optional, rectangle along x and y of the frame [m]; None: from the shape in the robot's file
     at : (3,) array_like, middle of the rectangle, or place of the point, in the frame [m]
     q : (nq,) array_like, optional, configuration that shows which side of the shape is below; None: neutral
+    normal : (3,) array_like, optional, of the ground, in the base frame; None: the world's vertical axis
 
     Returns
     -------
-    contacts : tuple of Contact, with normals against gravity
+    contacts : tuple of Contact, with this normal
 
     Notes
     -----
@@ -129,7 +137,7 @@ def sole(
     """
     _moving_frame(robot, frame)
     middle = arguments.finite(arguments.one(at, "at", 3), "at", 3)
-    normal = upward(robot)
+    normal = upward(robot) if normal is None else normal
     if size is not None:
         length, width = (
             arguments.positive(x, "the size of a sole", "m") for x in arguments.one(size, "size", 2).tolist()
@@ -142,13 +150,14 @@ def sole(
     return tuple(Contact(point, normal, friction, frame, radius=radius) for point in points)
 
 
-def wheel(robot: Robot, frame: str, friction: float) -> Contact:
+def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None = None) -> Contact:
     """Contact of a wheel at its lowest point, however it has turned; at the frame if the file has no shape.
 
     Parameters
     ----------
     frame : str, at the wheel's centre
     friction : float, Coulomb coefficient of the ground; 0 for a caster
+    normal : (3,) array_like, optional, of the ground, in the base frame; None: the world's vertical axis
 
     Returns
     -------
@@ -164,7 +173,8 @@ def wheel(robot: Robot, frame: str, friction: float) -> Contact:
     points, radius = _lowest_face(robot, frame, None)
     up = frame_poses(robot.model, robot.neutral)[frame][:3, :3].T @ upward(robot)
     depth = max((-float(point @ up) for point in points), default=0.0)
-    return Contact((0.0, 0.0, 0.0), upward(robot), friction, frame, radius=max(depth + radius, 0.0))
+    normal = upward(robot) if normal is None else normal
+    return Contact((0.0, 0.0, 0.0), normal, friction, frame, radius=max(depth + radius, 0.0))
 
 
 def _moving_frame(robot: Robot, frame: str) -> None:
@@ -391,23 +401,29 @@ def _times(A: Array, x: Array) -> Array:
 
 
 def base_poses(
-    robot: Robot, time: Array, q: Array, soles: Mapping[str, Array], stance: str | Sequence[str] = "auto"
+    robot: Robot,
+    time: Array,
+    q: Array,
+    soles: Mapping[str, Array],
+    stance: str | Sequence[str] = "auto",
+    normal: Array | None = None,
 ) -> tuple[Array, Array]:
     """Poses (n, 4, 4) of the base of a robot that stands, and the feet (n, k) of bool whose points stay.
 
     ``robot`` has a fixed base; ``soles`` are the corners of each foot in its frame. A flat foot stands alone; feet that are
-    points stand together, at least three of them.
+    points stand together, at least three of them. ``normal`` (3,) is that of the ground; None: the world's vertical axis.
     """
     up, frames = upward(robot), list(soles)
+    ground = up if normal is None else normal
     corners = []
     for frame, points in soles.items():
         T = np.asarray(robot.forward_kinematics(q, frame)).reshape(-1, 4, 4)
         corners.append(points @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
-    start = _level([points[0] for points in corners], up)
+    start = _level([points[0] for points in corners], up, ground)
     chosen = _chosen_feet(stance, frames, len(q))
     if chosen is None and not any(_plane(points[0], up)[1] > _NARROW for points in corners):
-        return _PointFeet(time, corners, up, frames).poses(start)
-    return _flat_foot(time, corners, up, start, chosen)
+        return _PointFeet(time, corners, ground, frames).poses(start)
+    return _flat_foot(time, corners, ground, start, chosen)
 
 
 def _flat_foot(
@@ -541,13 +557,16 @@ def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
         start = last
 
 
-def level_pose(robot: Robot, points: Array) -> Array:
-    """Pose (4, 4) of the base in which the plane of points (k, 3) is level at height 0."""
-    return _level([points], upward(robot))
+def level_pose(robot: Robot, points: Array, normal: Array) -> Array:
+    """Pose (4, 4) of the base in which the plane of points (k, 3) is that of the ground through the origin."""
+    return _level([points], upward(robot), normal)
 
 
-def _level(corners: Sequence[Array], up: Array) -> Array:
-    """Pose of the base in which the feet's plane is level at height 0; the base is upright if only one foot stands."""
+def _level(corners: Sequence[Array], up: Array, ground: Array) -> Array:
+    """Pose of the base in which the feet's plane is that of the ground, through the origin.
+
+    If only one foot stands, the base's own axis ``up`` is along the ground's normal.
+    """
     points = np.concatenate(corners)
     normal, width, distance = _plane(points, up)
     if not (distance <= _LEVEL and width > _NARROW and normal @ up > _LEANING):
@@ -557,8 +576,8 @@ def _level(corners: Sequence[Array], up: Array) -> Array:
         if not (width > _NARROW and normal @ up > _LEANING):
             normal = up
     T = np.eye(4)
-    T[:3, :3] = _turn(normal, up)
-    T[:3, 3] = -(points @ T[:3, :3].T @ up).min() * up
+    T[:3, :3] = _turn(normal, ground)
+    T[:3, 3] = -(points @ T[:3, :3].T @ ground).min() * ground
     return T
 
 

@@ -18,7 +18,7 @@ from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import so3
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot.task_space_methods import require_robot
-from .cone_programme import ConeOptimum, Cones, Sense, cone_programme, least_norm_in_cones, two_sided
+from .cone_programme import ConeOptimum, Cones, ForceBounds, Sense, cone_programme, least_norm_in_cones, two_sided
 from .contacts import Contact, cones_of, contact_maps, contacts_of, tangents
 from .torque_limits import effort_limits, floating_entries
 
@@ -104,7 +104,8 @@ class Support:
         mass = float(self.payload.min(initial=np.inf))
         margins = [f"up to {number(float(self.speed[k]), 3)} × this speed"] if np.isfinite(self.speed[k]) else []
         margins += [f"{number(mass, 3)} kg more"] if np.isfinite(mass) else []
-        return f"holds with friction {number(least, 3)}" + (f", {' or '.join(margins)}" if margins else "")
+        friction = f"with friction {number(least, 3)}" if least > 0 else "without friction"
+        return f"holds {friction}" + (f", {' or '.join(margins)}" if margins else "")
 
 
 def support(
@@ -388,22 +389,50 @@ class _Balance:
         ``forces`` (n, c, 3) and ``least_norm`` (n,) are those without limits, NaN where none balance.
         """
         forces, least_norm = forces.copy(), least_norm.copy()
-        limited = np.isfinite(limits) & (limits > 0)
-        torques = tau - np.einsum("nvck,nck->nv", maps, forces)
-        rows = np.flatnonzero((np.abs(torques) > limits + margin(limits))[:, limited].any(axis=1))
+        rows = np.flatnonzero(exceeding(tau - np.einsum("nvck,nck->nv", maps, forces), limits))
         if not len(rows):
             return forces, least_norm
-        most = np.broadcast_to(limits[limited], (len(rows), limited.sum()))
-        load = np.einsum("nvck,nck->nv", maps[rows], self.preload[rows]) - tau[rows]
-        G, load = maps[rows][:, limited] / most[..., None, None], load[:, limited] / most
-        one, pushes, active = np.ones_like(most), self.bounds.of(rows), self.active[rows]
-        at_least = two_sided(G, load, 0.0 * one, one).joined(pushes)
-        least = cone_programme(self.cones, self.maps[rows], self.b[rows], bounds=at_least, active=active, sense="least")
-        share = np.maximum(least.s * (1.0 + TOLERANCE), 1.0)[:, None]
-        within = two_sided(G, load, share * one, 0.0 * one).joined(pushes)
+        active, limited = self.active[rows], _Limited(self, maps, tau, limits, rows)
+        least = cone_programme(
+            self.cones, self.maps[rows], self.b[rows], bounds=limited.growing, active=active, sense="least"
+        )
+        within = limited.within(np.maximum(least.s * (1.0 + TOLERANCE), 1.0))
         small, least_norm[rows] = least_norm_in_cones(self.cones, self.maps[rows], self.b[rows], active, within)
         forces[rows] = np.where(least_norm[rows, None, None], small, least.forces) + self.preload[rows]
         return forces, least_norm
+
+    def friction_within(self, friction: Array, maps: Array, tau: Array, limits: Array, most: float) -> Array:
+        """Least coefficients (n,) from ``friction`` to ``most`` for which forces keep the torques within limits.
+
+        Rows whose torques are within them at ``friction``, or above them even with ``most``, keep ``friction``.
+        """
+        found, largest = friction.copy(), float(self.cones.friction.max())
+        share = self.cones.friction / largest if largest > 0 else np.ones_like(self.cones.friction)
+        able = np.flatnonzero(np.isfinite(friction) & (friction < most))
+        cones = replace(self.cones, friction=friction[able][:, None] * share)
+        forces, small = least_norm_in_cones(
+            cones, self.maps[able], self.b[able], self.active[able], self.bounds.of(able)
+        )
+        torques = tau[able] - np.einsum("nvck,nck->nv", maps[able], forces + self.preload[able])
+        rows = able[exceeding(torques, limits) | ~small]
+        rows = rows[~self._keeps(rows, friction[rows], share, maps, tau, limits)]
+        rows = rows[self._keeps(rows, np.full(len(rows), most), share, maps, tau, limits)]
+        low, high = friction[rows], np.full(len(rows), most)
+        for _ in range(_HALVINGS if len(rows) else 0):
+            middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))
+            keeps = self._keeps(rows, middle, share, maps, tau, limits)
+            low, high = np.where(keeps, low, middle), np.where(keeps, middle, high)
+        found[rows] = high
+        return found
+
+    def _keeps(self, rows: Array, friction: Array, share: Array, maps: Array, tau: Array, limits: Array) -> Array:
+        """True for rows with forces within cones of these coefficients that keep the torques within limits."""
+        if not len(rows):
+            return np.zeros(0, bool)
+        cones = replace(self.cones, friction=friction[:, None] * share)
+        within = _Limited(self, maps, tau, limits, rows).within(np.full(len(rows), 1.0 + TOLERANCE))
+        found = cone_programme(cones, self.maps[rows], self.b[rows], bounds=within, active=self.active[rows])
+        return ~np.isnan(found.s) & found.settled
 
     def _speeds(self, holds: Array) -> tuple[Array, Array]:
         """Largest and least factors of the speed: the s² that hold are an interval, as the cones are convex."""
@@ -465,6 +494,33 @@ class _Balance:
         leaves = (rise > small) & preloaded & self.active & ~along_cone
         slips, pulls = along_cone.any(axis=1), leaves.any(axis=1)
         return motion, power, np.where(pulls, "pulls off", np.where(slips, "slips", "tips"))
+
+
+def exceeding(torques: Array, limits: Array) -> Array:
+    """True for rows of torques (n, nv) above their limits; False where they are NaN."""
+    return np.asarray(((np.abs(torques) > limits + margin(limits)) & (limits > 0)).any(axis=1))
+
+
+class _Limited:
+    """Torques τ - Σ J_i' f_i of some rows of a balance as shares of their limits, as bounds of the forces."""
+
+    def __init__(self, balance: _Balance, maps: Array, tau: Array, limits: Array, rows: Array) -> None:
+        limited = np.isfinite(limits) & (limits > 0)
+        self.most = np.broadcast_to(limits[limited], (len(rows), limited.sum()))
+        load = np.einsum("nvck,nck->nv", maps[rows], balance.preload[rows]) - tau[rows]
+        self.G, self.load = maps[rows][:, limited] / self.most[..., None, None], load[:, limited] / self.most
+        self.pushes = balance.bounds.of(rows)
+
+    @property
+    def growing(self) -> ForceBounds:
+        """Bounds that grow from zero with the share of the limits."""
+        one = np.ones_like(self.most)
+        return two_sided(self.G, self.load, 0.0 * one, one).joined(self.pushes)
+
+    def within(self, share: Array) -> ForceBounds:
+        """Bounds at shares (n,) of the limits."""
+        one = np.ones_like(self.most)
+        return two_sided(self.G, self.load, share[:, None] * one, 0.0 * one).joined(self.pushes)
 
 
 def _carrying(given: ArrayLike, n: int, c: int) -> Array:
@@ -539,9 +595,7 @@ def contact_forces(
 ) -> ContactForces:
     """Forces of :func:`support` that balance torques (n, nv) without contacts in the rows of the free base."""
     free = floating_entries(robot)
-    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
-    maps, _ = contact_maps(robot, q, contacts)
-    balance = _Balance(contacts, maps[:, free], tau[:, free], None, None, turning, in_contact)
+    maps, balance = _balance_of(robot, q, tau, contacts, in_contact)
     forces, least_norm, holds = balance.forces()
     if limits is not None:
         forces, _ = balance.forces_within(forces, least_norm, maps, tau, np.where(free, np.inf, limits))
@@ -550,6 +604,28 @@ def contact_forces(
         G = G.reshape(len(G), G.shape[1], -1)
         forces[~holds] = (np.linalg.pinv(G) @ balance.load[~holds][..., None]).reshape(-1, len(contacts), 3)
     return ContactForces(forces, maps, holds)
+
+
+def friction_within(
+    robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array, friction: Array, limits: Array,
+    most: float,
+) -> Array:  # fmt: skip
+    """Least coefficients (n,) from ``friction`` to ``most`` that keep the torques within limits (nv,) too.
+
+    ``friction`` (n,) is that of the balance alone; it stays where the limits do not matter, or cannot be kept.
+    """
+    maps, balance = _balance_of(robot, q, tau, contacts, in_contact)
+    return balance.friction_within(friction, maps, tau, np.where(floating_entries(robot), np.inf, limits), most)
+
+
+def _balance_of(
+    robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array
+) -> tuple[Array, _Balance]:
+    """Maps (n, nv, c, 3) of the contacts, and the balance of torques (n, nv) at the free base."""
+    free = floating_entries(robot)
+    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    maps, _ = contact_maps(robot, q, contacts)
+    return maps, _Balance(contacts, maps[:, free], tau[:, free], None, None, turning, in_contact)
 
 
 # ── Zero moment point

@@ -41,6 +41,7 @@ from .pictures import Plot, drawn, robot_picture
 from .plots.calibration import plot_calibration, plot_measuring_poses
 from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.explanation import plot_compensation
+from .plots.holds import plot_mounting, plot_support
 from .plots.motion import plot_phase, plot_power, plot_split
 from .plots.payload import plot_payload
 from .plots.poses import plot_proposal
@@ -180,7 +181,28 @@ def _(answer: TorqueReport) -> Mapping[str, Plot]:
         return lambda path: draw(reported_motion(answer), path)
 
     plots |= {kind: of_motion(draw) for kind, draw in _OF_MOTION.items()}
-    return plots | ({"motors": partial(plot_motors, answer)} if answer.motors else {})
+    if answer.motors:
+        plots["motors"] = partial(plot_motors, answer)
+    return plots | {kind: plot for kind, (_, plot) in _held_plots(answer).items()}
+
+
+def _held_plots(answer: TorqueReport) -> Mapping[str, tuple[str, Plot]]:
+    """Titles and plots of what holds the robot and its payload, by kind."""
+    held, found = answer.held, dict[str, tuple[str, Plot]]()
+    if held.support is not None:
+        ground = held.support
+        draw = partial(plot_support, ground, time=ground.time, robot=ground.robot, q=ground.states.q)
+        found["support"] = "Contact forces, margins and friction cones", draw
+    if held.mounting is not None:
+        load, pattern = held.mounting.load, held.mounting.pattern
+        places = None if pattern is None else pattern.places
+        found["mounting"] = (
+            "Load of the foundation",
+            partial(plot_mounting, load, time=held.mounting.time, bolts=places),
+        )
+    if held.grip is not None:
+        found["grip"] = "Grip of the payload", partial(plot_support, held.grip.support, time=held.grip.time)
+    return found
 
 
 @pictures_of.register
@@ -192,13 +214,15 @@ def _(answer: TorqueReport) -> Iterable[Picture]:
         pictures.append(worst_moment(answer))
     if answer.motors:
         pictures.append(drawn("Motors", partial(plot_motors, answer)))
-    return pictures
+    return pictures + [drawn(title, plot) for title, plot in _held_plots(answer).values()]
 
 
 @viewer_of.register
 def _(answer: TorqueReport) -> Viewer | None:
     if answer.load.robot.model.couplings:  # pages cannot show motors that drive several joints
         return None
+    if answer.rows == 1:  # at rest
+        return _of_size(page.viewer_page(answer.load.with_load, q=answer.motion.q[0], embed=True))
     return _of_size(page.viewer_page(answer.load.robot, motion=reported_motion(answer), embed=True))
 
 

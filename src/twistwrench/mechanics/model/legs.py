@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ...core.gravity import GRAVITY
+from ...core.gravity import GRAVITY, vertical_axis
 from ...core.typing import Array
 from .edit import lock, with_gravity
 from .model import BASE, Model
@@ -111,7 +111,8 @@ def _neutral(model: Model, joint: str) -> Array:
 
 def _base_on_legs(model: Model) -> HangingBase | None:
     stance = _Stance(model)
-    up = -model.gravity / float(np.linalg.norm(model.gravity))
+    up = vertical_axis(model.gravity)
+    up = up if model.gravity @ up <= 0.0 else -up
     legs = stance.lowest(up) or stance.lying(up) or stance.flat(up)
     if not legs:
         return None

@@ -158,7 +158,9 @@ class GripSupport:
         k = int(np.where(rows, self.needed, -1.0).argmax())
         force = self.needed[k]
         holder, verb = ("grip", "slips in") if self.holder.kind == "grip" else ("cup", "comes off")
-        if self.holder.kind == "cup" and str(self.support.how[k]) == "slips":
+        if self.holder.kind == "cup" and math.isfinite(
+            float(self.support.friction[k])
+        ):  # with more friction it would hold
             verb = "slips on"
         need = (
             f"it needs {_up(force)} N, given {number(self.holder.force)} N"

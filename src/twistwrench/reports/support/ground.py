@@ -8,7 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ...core import arguments
 from ...core.arguments import parse_numbers
 from ...core.errors import UnknownNameError, ValueRangeError
 from ...core.text import Argument
@@ -34,7 +36,7 @@ ASSUMED = 0.3
 """Coefficient of friction that dry ground gives; needs up to it are stated as a condition, more is unsure."""
 UNLIMITED = 10.0
 """Coefficient of friction that counts as unlimited."""
-_HEIGHT, _SPEED = 0.01, 0.05
+_HEIGHT, SLOW = 0.01, 0.05
 """Height above the lowest contact [m] and speed [m/s] up to which a contact carries."""
 AUTO = "auto"
 
@@ -64,6 +66,10 @@ class Ground:
     """True if the coefficient of friction is given."""
     automatic: tuple[bool, ...]
     """For each contact True if it carries where it is low and slow, as a foot; False if at every instant, as a wheel."""
+    normal: Array
+    """(3,): normal of the ground in the base frame, along which heights are measured."""
+    normal_given: bool = False
+    """True if the user states the normal; heights of the contacts are then no reason to doubt it."""
     schedule: ContactSchedule | None = None
     """Contacts as the log has them, in place of that rule."""
 
@@ -96,11 +102,16 @@ class Ground:
             return self.schedule.at(s.time)
         if not any(self.automatic):
             return np.ones((len(s), len(self.contacts)), bool)
-        maps, points = contact_maps(robot, s.q, self.contacts)
-        velocities = np.einsum("nvck,nv->nck", maps, s.dq)
-        heights = points @ upward(robot)
+        points, velocities = self.points_and_velocities(robot, s)
+        speeds = np.linalg.norm(velocities, axis=-1)
+        heights = points @ self.normal
         low = heights <= heights.min(axis=1, keepdims=True) + _HEIGHT
-        return np.asarray((low & (np.linalg.norm(velocities, axis=-1) < _SPEED)) | ~np.array(self.automatic))
+        return np.asarray((low & (speeds < SLOW)) | ~np.array(self.automatic))
+
+    def points_and_velocities(self, robot: Robot, s: MotionSamples) -> tuple[Array, Array]:
+        """Points of the contacts in the base frame, and their velocities, (n, c, 3) each."""
+        maps, points = contact_maps(robot, s.q, self.contacts)
+        return points, np.einsum("nvck,nv->nck", maps, s.dq)
 
 
 class GroundGiven(NamedTuple):
@@ -111,6 +122,7 @@ class GroundGiven(NamedTuple):
     casters: FramesGiven = ()
     friction: FrictionGiven | None = None
     in_contact: ContactGiven = "auto"
+    normal: ArrayLike | None = None
 
     @classmethod
     def of(
@@ -120,18 +132,19 @@ class GroundGiven(NamedTuple):
         casters: FramesGiven | None,
         friction: FrictionGiven | None,
         in_contact: ContactGiven = "auto",
+        normal: ArrayLike | None = None,
     ) -> GroundGiven | None:
-        """Feet and wheels; None without any. Raises ValueRangeError if the ground's friction alone is given."""
-        if feet is None and wheels is None and casters is None:
-            if friction is not None:
-                raise ValueRangeError(
-                    "{0} is of the ground, and nothing stands on it. Add {1}, or wheels; friction of the joints is in the "
-                    "robot's file.",
-                    Argument("contact_friction"),
-                    Argument("feet", AUTO),
-                )
-            return None
-        return cls(feet or (), wheels or (), casters or (), friction, in_contact)
+        """Feet and wheels; None without any. Raises ValueRangeError if properties of the ground alone are given."""
+        if feet is not None or wheels is not None or casters is not None:
+            return cls(feet or (), wheels or (), casters or (), friction, in_contact, normal)
+        if friction is not None or normal is not None:
+            raise ValueRangeError(
+                "{0} is of the ground, and nothing stands on it. Add {1}, or wheels; friction of the joints is in the "
+                "robot's file.",
+                Argument("contact_normal" if friction is None else "contact_friction"),
+                Argument("feet", AUTO),
+            )
+        return None
 
 
 def with_base_free(robot: Robot) -> Robot:
@@ -140,12 +153,10 @@ def with_base_free(robot: Robot) -> Robot:
     if free.any():
         if free.sum() < 6:
             joint = next(body.joint for body in robot.model.leaders if not body.joint.driven)
-            raise ValueRangeError(
-                f"feet and wheels carry a free base, and the file of robot {robot.name!r} lets it move by the {joint.kind} "
-                f"joint {joint.name!r} alone. Lock that joint, {{0}}, or give another file.",
-                Argument("lock", {joint.name: 0}),
-            )
+            raise _of_a_plane(robot, joint.name, joint.kind)
         return robot
+    if planar := [body.joint for body in robot.model.leaders if body.parent == BASE and body.joint.nv > 1]:
+        raise _of_a_plane(robot, planar[0].name, planar[0].kind)
     if robot.model.mounted:
         raise ValueRangeError(
             f"feet and wheels carry a free base, and that of robot {robot.name!r} is fixed, by a joint of its file to the "
@@ -154,12 +165,20 @@ def with_base_free(robot: Robot) -> Robot:
     return Robot(with_free_base(robot.model))
 
 
+def _of_a_plane(robot: Robot, joint: str, kind: str) -> ValueRangeError:
+    return ValueRangeError(
+        f"feet and wheels carry a free base, and the file of robot {robot.name!r} lets it move by the {kind} joint {joint!r} "
+        "alone. Lock that joint, {0}, or give another file.",
+        Argument("lock", {joint: 0}),
+    )
+
+
 def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     """Ground of a robot with a free base from the options of a user; ``q`` (nq,) is a configuration in which it stands."""
-    entries = _feet(robot, given.feet)
-    feet = [c for one in entries for c in _contacts(robot, one, q)]
+    entries, normal = _feet(robot, given.feet), _normal(robot, given.normal)
+    feet = [c for one in entries for c in _contacts(robot, one, q, normal)]
     wheels, casters = (
-        [_wheel(robot, frame, mu, name) for frame in ([frames] if isinstance(frames, str) else frames)]
+        [_wheel(robot, frame, mu, name, normal) for frame in ([frames] if isinstance(frames, str) else frames)]
         for frames, mu, name in ((given.wheels, ASSUMED, "wheels"), (given.casters, 0.0, "casters"))
     )
     rubbing = [*feet, *wheels]
@@ -168,7 +187,7 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     automatic = (True,) * len(feet) + (False,) * len(wheels + casters)
     if given.friction is None:
         known = not wheels and all(isinstance(one, Contact) for one in entries)
-        return Ground((*rubbing, *casters), known, automatic)
+        return Ground((*rubbing, *casters), known, automatic, normal, given.normal is not None)
     frames = sorted({str(c.frame) for c in rubbing})
     own = given.friction if isinstance(given.friction, Mapping) else dict.fromkeys(frames, given.friction)
     for frame in own:
@@ -180,12 +199,26 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
             Argument("contact_friction"),
         )
     mu = {frame: _coefficient(value) for frame, value in own.items()}
-    return Ground((*(replace(c, friction=mu[str(c.frame)]) for c in rubbing), *casters), True, automatic)
+    every = (*(replace(c, friction=mu[str(c.frame)]) for c in rubbing), *casters)
+    return Ground(every, True, automatic, normal, given.normal is not None)
 
 
-def _wheel(robot: Robot, frame: str, friction: float, option: str) -> Contact:
+def _normal(robot: Robot, given: ArrayLike | None) -> Array:
+    """Unit normal (3,) of the ground: as given, or the world's vertical axis."""
+    if given is None:
+        return upward(robot)
+    normal = arguments.finite(arguments.one(given, "contact_normal", 3), "contact_normal", 3)
+    size = float(np.linalg.norm(normal))
+    if size == 0:
+        raise ValueRangeError(
+            "{0} has no length. Give the direction away from the ground, such as 0,0,1.", Argument("contact_normal")
+        )
+    return np.asarray(normal / size)
+
+
+def _wheel(robot: Robot, frame: str, friction: float, option: str, normal: Array) -> Contact:
     _check_frame(robot, frame, option)
-    return wheel(robot, frame, friction)
+    return wheel(robot, frame, friction, normal=normal)
 
 
 def _coefficient(value: Any) -> float:
@@ -216,7 +249,7 @@ def _feet(robot: Robot, given: FeetGiven) -> list[str | Contact]:
     return list(found)
 
 
-def _contacts(robot: Robot, foot: str | Contact, q: Array | None) -> tuple[Contact, ...]:
+def _contacts(robot: Robot, foot: str | Contact, q: Array | None, normal: Array) -> tuple[Contact, ...]:
     if isinstance(foot, Contact):
         if foot.frame is None:
             raise ValueRangeError(f"{{0}}: {foot!r} has no frame. Give the link that it is on.", Argument("feet"))
@@ -226,9 +259,9 @@ def _contacts(robot: Robot, foot: str | Contact, q: Array | None) -> tuple[Conta
     if at and frame in robot.model.all_frames:
         numbers = parse_numbers(size.replace("x", ","), "feet", _FORM, 2, 5)
         _check_frame(robot, frame, "feet")
-        return sole(robot, frame, ASSUMED, numbers[:2], numbers[2:] or (0.0, 0.0, 0.0))
+        return sole(robot, frame, ASSUMED, numbers[:2], numbers[2:] or (0.0, 0.0, 0.0), normal=normal)
     _check_frame(robot, foot, "feet")
-    return sole(robot, foot, ASSUMED, q=q)
+    return sole(robot, foot, ASSUMED, q=q, normal=normal)
 
 
 _FORM = "a frame, LENGTHxWIDTH[,x,y,z]@FRAME in metres such as 0.2x0.1@left_ankle, or auto"

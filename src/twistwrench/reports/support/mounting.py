@@ -14,11 +14,13 @@ from ...core import arguments
 from ...core.answers.blocks import Line, Table, numbers, words
 from ...core.arguments import parse_numbers
 from ...core.errors import ValueRangeError
-from ...core.numbers import number, seconds
+from ...core.numbers import TOLERANCE, number, seconds
 from ...core.text import Argument
 from ...core.typing import Array
+from ...core.verdict import Verdict, Word
 from ...mechanics.joints.units import unit_of
 from ...mechanics.lie.labelled import WRENCH
+from ...motion.column_names import split_unit, unit_factor
 from ...motion.readers.csv_reader import CsvFile, table_errors
 from ...statics.reactions import MountingLoad, bolt_circle, mounting_load
 
@@ -32,7 +34,12 @@ BoltsGiven: TypeAlias = "str | Path | ArrayLike"
 """``"6x0.200"``, a CSV file ``x,y[,preload]``, or places (k, 2)."""
 
 _CIRCLE = re.compile(r"(\d+)\s*x\s*([\d.eE+-]+)")
-_FORM = "NUMBERxDIAMETER in metres such as 6x0.200, or a CSV file with the columns x,y[,preload]"
+_FORM = (
+    "NUMBERxDIAMETER in metres such as 6x0.200, or a CSV file with the columns x,y[,preload] in m and N, or with other units "
+    "in brackets, such as x [mm],y [mm],preload [kN]"
+)
+_LARGEST = 10.0
+"""Largest diameter of a bolt circle [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +48,32 @@ class BoltPattern:
 
     places: Array
     """(k, 2) [m]"""
-    preload: Array
-    """(k,) [N]"""
+    preload: Array | None = None
+    """(k,) [N]; None if it is not known."""
+
+    def __post_init__(self) -> None:
+        farthest = float(np.linalg.norm(self.places, axis=1).max(initial=0.0))
+        if farthest > 0.5 * _LARGEST:
+            raise ValueRangeError(
+                f"{{0}}: a bolt is {number(farthest)} m from the middle of the mounting, and a circle of more than "
+                f"{number(_LARGEST)} m is not one of a robot. Places are in metres: if these are millimetres, give a "
+                "thousandth of them, or write x [mm],y [mm] in the header of the file.",
+                Argument("bolts"),
+            )
+        if self.preload is not None and (self.preload < 0).any():
+            raise ValueRangeError(
+                f"{{0}}: the preload of bolt {int(self.preload.argmin()) + 1} is {number(float(self.preload.min()))} N. Give "
+                "the force that presses the joint together, at least 0.",
+                Argument("bolts"),
+            )
 
     @classmethod
     def from_given(cls, given: BoltsGiven) -> BoltPattern:
         """Pattern of a number and a circle, of a file, or of places."""
         if not isinstance(given, str | Path):
-            places = arguments.finite(given, "bolts", 2)
-            return cls(np.atleast_2d(places), np.zeros(len(np.atleast_2d(places))))
+            return cls(np.atleast_2d(arguments.finite(given, "bolts", 2)))
         if isinstance(given, str) and (circle := _CIRCLE.fullmatch(given.strip())):
-            places = bolt_circle(int(circle[1]), parse_numbers(circle[2], "bolts", _FORM, 1)[0])
-            return cls(places, np.zeros(len(places)))
+            return cls(bolt_circle(int(circle[1]), parse_numbers(circle[2], "bolts", _FORM, 1)[0]))
         if not Path(given).is_file():
             raise ValueRangeError(f"{{0}}: {str(given)!r} is not {_FORM}.", Argument("bolts"))
         return cls._from_file(Path(given))
@@ -61,11 +82,16 @@ class BoltPattern:
     def _from_file(cls, path: Path) -> BoltPattern:
         with table_errors(path, "table of bolts", "x,y,preload, then a line for each bolt, such as 0.1,0.1,5000"):
             file = CsvFile.open(path)
-            heads = [cell.partition(" ")[0].partition("[")[0].casefold() for cell in file.header]
-            if heads[:2] != ["x", "y"] or heads[2:] not in ([], ["preload"]):
+            heads = [split_unit(cell) for cell in file.header]
+            names = [name.casefold() for name, _ in heads]
+            if names[:2] != ["x", "y"] or names[2:] not in ([], ["preload"]):
                 raise ValueRangeError(f"{path}: the columns are {', '.join(file.header)}. Give {_FORM}.")
-            table = file.table(tuple(range(len(heads))))
-        return cls(table[:, :2], table[:, 2] if table.shape[1] > 2 else np.zeros(len(table)))
+            factors = [
+                1.0 if unit is None else unit_factor(unit, part, False, f"{path}, column {name!r}")
+                for (name, unit), part in zip(heads, ("q", "q", "tau"), strict=False)
+            ]
+            table = file.table(tuple(range(len(heads)))) * factors
+        return cls(table[:, :2], table[:, 2] if table.shape[1] > 2 else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +108,32 @@ class MotionMounting:
         """(n, k, 2): axial and shear load of each bolt, with its preload; the axial load pulls if above 0 [N]."""
         if self.pattern is None:
             return None
-        found = self.load.bolts(self.pattern.places)
-        found[..., 0] += self.pattern.preload
+        found = self.pulls(self.pattern).copy()
+        found[..., 0] += 0.0 if self.pattern.preload is None else self.pattern.preload
         return found
+
+    def pulls(self, pattern: BoltPattern) -> Array:
+        """(n, k, 2): axial and shear load by the robot alone, without preload [N]."""
+        return self.load.bolts(pattern.places)
+
+    @property
+    def verdict(self) -> Verdict:
+        """OVER LIMIT if the robot pulls at a bolt with more than its preload, so that the joint opens there."""
+        if self.pattern is None or self.pattern.preload is None:
+            return Verdict(Word.OK)
+        pull = self.pulls(self.pattern)[..., 0]
+        beyond = pull - self.pattern.preload
+        row, bolt = np.unravel_index(int(beyond.argmax()), beyond.shape)
+        if beyond[row, bolt] <= TOLERANCE * max(1.0, float(self.pattern.preload[bolt])):
+            return Verdict(Word.OK)
+        others = int((beyond.max(axis=0) > 0).sum()) - 1
+        also = f", and {others} more" if others else ""
+        return Verdict.from_reasons(
+            over=[
+                f"the joint opens at bolt {bolt + 1}{also}: the robot pulls it with {_four(float(pull[row, bolt]))} N at t = "
+                f"{seconds(float(self.time[row]))} s, preload {_four(float(self.pattern.preload[bolt]))} N"
+            ]
+        )
 
     @property
     def line(self) -> str:
@@ -104,24 +153,26 @@ class MotionMounting:
                 numbers("when", [float(self.time[row]) for _, row in largest.values()], seconds, "s"),
             )
         ]
-        if (bolts := self.bolts) is not None:
-            axial, shear = bolts[..., 0], bolts[..., 1]
-            assert self.pattern is not None
-            found.append(
-                Table(
-                    "Bolts",
-                    words("bolt", [str(k + 1) for k in range(axial.shape[1])]),
-                    numbers("x", self.pattern.places[:, 0], _four, "m"),
-                    numbers("y", self.pattern.places[:, 1], _four, "m"),
-                    numbers("largest pull", axial.max(axis=0), _four, "N"),
-                    numbers("when", self.time[axial.argmax(axis=0)], seconds, "s"),
-                    numbers("least", axial.min(axis=0), _four, "N"),
-                    numbers("shear", shear.max(axis=0), _four, "N"),
-                    most=12,
-                    by=axial.max(axis=0).tolist(),
-                )
-            )
+        if self.pattern is not None:
+            found.append(self._bolt_table(self.pattern))
         return found
+
+    def _bolt_table(self, pattern: BoltPattern) -> Table:
+        """Pull and shear of the robot at each bolt, and its preload if that is known."""
+        axial, shear = np.moveaxis(self.pulls(pattern), -1, 0)
+        return Table(
+            "Bolts, by the robot alone" if pattern.preload is not None else "Bolts",
+            words("bolt", [str(k + 1) for k in range(axial.shape[1])]),
+            numbers("x", 1e3 * pattern.places[:, 0], _four, "mm"),
+            numbers("y", 1e3 * pattern.places[:, 1], _four, "mm"),
+            numbers("largest pull", axial.max(axis=0), _four, "N"),
+            numbers("when", self.time[axial.argmax(axis=0)], seconds, "s"),
+            numbers("least", axial.min(axis=0), _four, "N"),
+            numbers("shear", shear.max(axis=0), _four, "N"),
+            numbers("preload", pattern.preload, _four, "N") if pattern.preload is not None else None,
+            most=12,
+            by=axial.max(axis=0).tolist(),
+        )
 
     def columns(self) -> dict[str, Array]:
         """Columns (n,) of a written table."""

@@ -7,22 +7,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from ...core.errors import ValueRangeError
 from ...core.text import Argument
+from ...motion.coordinates import ConfigurationGiven, configuration_of
 from ...motion.load_case import LoadCase
+from ...motion.motion import Motion
 from ...motion.motion_file import open_motion_file
 from ...robot import Robot
 from ...robots.finding import bundled_file
 from .answers import SupportAnswers
 from .grip import Holder, HolderGiven, grip_support
 from .ground import ContactGiven, FeetGiven, FramesGiven, FrictionGiven, GroundGiven
-from .judgement import ground_support
+from .judgement import GroundSupport, ground_support
 from .mounting import BoltsGiven, FrameOrTrue, motion_mounting
+from .noise import support_noise
 from .standing import StandingCase
-from .standing_log import robot_of_log, standing_case
+from .standing_log import robot_of_log, standing_case, with_base_held
 
 if TYPE_CHECKING:
     from ...mechanics.model.limits import Limits
+    from ...motion.differentiation import Differentiation
     from ...motion.motion_log import MotionLog
     from ..torque_report import TorqueReport
 
@@ -35,6 +42,7 @@ class SupportQuestion:
     wheels: FramesGiven | None = None
     casters: FramesGiven | None = None
     contact_friction: FrictionGiven | None = None
+    contact_normal: ArrayLike | None = None
     in_contact: ContactGiven = "auto"
     mounting: FrameOrTrue | None = None
     bolts: BoltsGiven | None = None
@@ -44,7 +52,9 @@ class SupportQuestion:
     @property
     def ground(self) -> GroundGiven | None:
         """Feet and wheels on the ground; None without any."""
-        return GroundGiven.of(self.feet, self.wheels, self.casters, self.contact_friction, self.in_contact)
+        return GroundGiven.of(
+            self.feet, self.wheels, self.casters, self.contact_friction, self.in_contact, self.contact_normal
+        )
 
     @property
     def mounted(self) -> bool:
@@ -66,10 +76,34 @@ class SupportQuestion:
             )
         if self.mounted:
             return Robot(replace(robot.model, mounted=True))
+        if ground is not None and motion is None:
+            return with_base_held(robot)
         if ground is None or not isinstance(motion, str | Path):
             return robot
         path = bundled_file(str(motion), named, ".csv", "motion")
         return robot_of_log(robot, open_motion_file(path, reading["topic"], reading["episode"]), reading["columns"])
+
+    def motion_of(self, robot: Robot, motion: Any, at: ConfigurationGiven, *, degrees: bool) -> Any:
+        """Motion as given; without one an instant at rest ``at`` a configuration, by default neutral within its limits."""
+        if motion is not None and at is None:
+            return motion
+        if motion is not None:
+            raise ValueRangeError(
+                "{0} is of a robot at rest, and a motion is given too. Leave out one.", Argument("at")
+            )
+        if at is None and self.ground is None:
+            raise ValueRangeError(
+                "no motion is given. Name the file of one, or a configuration at rest, {0}.",
+                Argument("at", {robot.model.velocity_names[-1]: 0} if robot.nv else {}),
+            )
+        q = configuration_of(robot, at, degrees=degrees)
+        if at is None:
+            for body in robot.model.leaders:
+                if body.joint.nv == 1:
+                    k = body.v_index
+                    q[body.q_index] = np.clip(q[body.q_index], robot.limits.lower[k], robot.limits.upper[k])
+        still = np.zeros((1, robot.nv))
+        return Motion(np.zeros(1), q[None], still, still, robot=robot, in_seconds=True)
 
     def case(self, robot: Robot, log: MotionLog, loads: Mapping[str, Any]) -> tuple[LoadCase, MotionLog]:
         """Load case with what holds the robot, and its log."""
@@ -90,10 +124,15 @@ class SupportQuestion:
             return SupportAnswers()
         motion, frame = report.motion, self.mounting if isinstance(self.mounting, str) else None
         return SupportAnswers(
-            support=ground_support(load, motion) if isinstance(load, StandingCase) else None,
+            support=_ground(load, motion, report.differentiation) if isinstance(load, StandingCase) else None,
             mounting=motion_mounting(load, motion, frame, self.bolts) if self.mounted else None,
             grip=None if holder is None else grip_support(holder, load, motion),
         )
+
+
+def _ground(load: StandingCase, motion: Motion, differentiation: Differentiation) -> GroundSupport:
+    found = ground_support(load, motion)
+    return replace(found, noise=support_noise(found, differentiation))
 
 
 def with_limits(load: LoadCase, limits: Limits) -> LoadCase:

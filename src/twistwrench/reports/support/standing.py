@@ -10,7 +10,7 @@ import numpy as np
 from ...core.typing import Array
 from ...motion.differentiation import MotionSamples
 from ...motion.load_case import TERMS, LoadCase
-from ...statics.support import ContactForces, contact_forces
+from ...statics.support import ContactForces, contact_forces, exceeding
 from ...statics.torque_limits import floating_entries
 from .ground import Ground
 
@@ -62,16 +62,26 @@ class StandingCase(LoadCase):
     def _forces(self, robot: Robot, q: Array, tau: Array, carrying: Array) -> ContactForces:
         """Contact forces that balance torques (n, nv) at the free base.
 
-        If no friction is given, instants that need more than is assumed are those of unlimited friction.
+        If no friction is given, instants that need more than is assumed, to balance or to keep the torque limits, are those
+        of unlimited friction.
         """
         found = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
-        more = ~found.holds & carrying.any(axis=1)
-        if self.ground.given or not more.any():
+        more = np.flatnonzero((~found.holds | self._strained(tau, found)) & carrying.any(axis=1))
+        if self.ground.given or not len(more):
             return found
         again = contact_forces(robot, q[more], tau[more], self.ground.unlimited, carrying[more], self.effort)
+        better = more[~found.holds[more] | ~self._strained(tau[more], again)]
+        kept = np.isin(more, better)
         forces, holds = found.forces.copy(), found.holds.copy()
-        forces[more], holds[more] = again.forces, again.holds
+        forces[better], holds[better] = again.forces[kept], again.holds[kept]
         return ContactForces(forces, found.maps, holds)
+
+    def _strained(self, tau: Array, found: ContactForces) -> Array:
+        """True for states whose torques exceed their limits with these forces."""
+        if self.effort is None:
+            return np.zeros(len(tau), bool)
+        limits = np.where(floating_entries(self.robot), np.inf, self.effort)
+        return exceeding(tau - _torques_of(found), limits)
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches, contact forces and friction; (n,) states → (n, nv)."""

@@ -19,7 +19,7 @@ from ...motion.coordinates import Coordinates
 from ...motion.motion_log import MotionLog
 from ...motion.readers.array_files import ArrayFile
 from ...robot import Robot
-from ...statics.feet import base_poses, level_pose, pose_coordinates, resting_points, stance_rates
+from ...statics.feet import base_poses, level_pose, pose_coordinates, resting_points, stance_rates, upward
 from ...statics.torque_limits import floating_entries
 from .ground import ContactGiven, ContactSchedule, Ground, GroundGiven, ground_of, with_base_free
 from .standing import StandingCase
@@ -83,6 +83,13 @@ def robot_of_log(robot: Robot, file: MotionFile, columns: Mapping[str, str] | No
     """Robot whose coordinates a file has: with its free base held, if the file has the joints alone."""
     if floating_entries(robot).sum() != _FREE or has_base_columns(file, robot, columns):
         return robot
+    return with_base_held(robot)
+
+
+def with_base_held(robot: Robot) -> Robot:
+    """Robot whose free base is held, so that its coordinates are those of the joints; a robot without one as it is."""
+    if floating_entries(robot).sum() != _FREE:
+        return robot
     root = next(body for body in robot.model.leaders if not body.joint.driven)
     held = edit.lock(robot.model, {root.joint.name: robot.neutral[root.places[0]]})
     return Robot(replace(held, mounted=False))
@@ -97,12 +104,14 @@ def standing_log(log: MotionLog, held: Robot, free: Robot, ground: Ground) -> Mo
     rows = log.motion(log.table)
     soles = resting_points(ground.feet)
     if soles:
-        poses, standing = base_poses(held, rows.time, rows.q, soles)
+        poses, standing = base_poses(held, rows.time, rows.q, soles, normal=ground.normal)
     else:
+        below = upward(held)
         wheels = [
-            np.asarray(held.forward_kinematics(rows.q[0], c.frame)) @ np.r_[c.point, 1.0] for c in ground.contacts
+            (np.asarray(held.forward_kinematics(rows.q[0], c.frame)) @ np.r_[c.point, 1.0])[:3] - c.radius * below
+            for c in ground.contacts
         ]
-        poses = np.tile(level_pose(held, np.array(wheels)[:, :3]), (len(rows.time), 1, 1))
+        poses = np.tile(level_pose(held, np.array(wheels), ground.normal), (len(rows.time), 1, 1))
         standing = np.zeros((len(rows.time), 0), bool)
     parts: dict[str, Array] = {"q": np.column_stack([pose_coordinates(poses), rows.q])}
     if rows.dq is not None:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_mounting", "plot_support"]
 
+_ARROWS = 5.0
+"""Order of the arrows, above the robot."""
 _LONGEST = 0.4
 """Length of the largest contact force in the picture, relative to the extent of the contacts and the robot."""
 _ARROW = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}
@@ -71,25 +73,30 @@ def plot_support(
         q = np.broadcast_to(arguments.finite([] if q is None else q, "q", robot.nq), (len(t), robot.nq))
         _, points = contact_maps(robot, q, found.contacts)
     flat = bool(np.isfinite(found.zmp).any())
-    seen = robot is not None
-    with style.figure(9.6, 3.0 * (1 + (seen or flat)), str(found), "Drawing contact forces") as drawn:
-        grid = drawn.add_gridspec(1 + (seen or flat), 2)
+    seen, moves = robot is not None, len(t) > 1
+    above = seen or flat
+    along = int(moves or not above)
+    with style.figure(9.6, 3.0 * (above + along), str(found), "Drawing contact forces") as drawn:
+        grid = drawn.add_gridspec(above + along, 2)
         if seen:
-            _draw_robot(drawn.add_subplot(grid[0, 0]), found, robot, q, points)
+            _draw_robot(drawn.add_subplot(grid[0, 0]), found, robot, q, points, t)
         if flat:
             _draw_zero_moment_point(drawn.add_subplot(grid[0, 1]), found, t, points)
-        _draw_margins(drawn.add_subplot(grid[-1, 0]), found, t)
-        _draw_cones(drawn.add_subplot(grid[-1, 1]), found, t)
+        if along:
+            _draw_margins(drawn.add_subplot(grid[-1, 0]), found, t)
+            _draw_cones(drawn.add_subplot(grid[-1, 1]), found, t)
         return style.save(drawn, path)
 
 
-def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Array) -> None:
+def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Array, t: Array) -> None:
     """Draw the robot at the row that sets the speed, with its contact forces; at one that holds if that row does not."""
     row = found.worst
     if not found.holds[row] and found.holds.any():
         row = int(np.flatnonzero(found.holds)[np.abs(np.flatnonzero(found.holds) - row).argmin()])
+    axis.set_rasterization_zorder(_ARROWS)  # a robot is thousands of faces
     camera = draw(axis, robot, q[row], inertia=False)
-    style.titles(axis, f"Contact forces at row {row}" if found.holds[row] else f"Row {row}: {found.how[row]}")
+    at = f"t = {seconds(float(t[row]))} s" if len(t) > 1 else "rest"
+    style.titles(axis, f"Contact forces at {at}" if found.holds[row] else f"At {at}: {found.how[row]}")
     forces = np.nan_to_num(found.forces[row])
     largest = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
     size = float(np.ptp(points[row], axis=0).max(initial=0.0)) or 1.0
@@ -97,7 +104,11 @@ def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Ar
         if np.linalg.norm(f) > 1e-3 * largest > 0:
             start, end = camera.project([p, p + _LONGEST * size * f / largest])[0]
             axis.annotate(
-                "", end, start, arrowprops={"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}, zorder=5
+                "",
+                end,
+                start,
+                arrowprops={"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8},
+                zorder=_ARROWS,
             )
     axis.autoscale_view()
 
@@ -116,12 +127,12 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
     axis.fill(*corners.T, color=style.PALE, zorder=0)
     axis.plot(*at.T, "o", color=style.AXIS, markersize=4, linestyle="none", label="contacts that carry")
     path = axis.scatter(found.zmp[:, 0], found.zmp[:, 1], c=t, s=6, cmap=style.time_colours(), zorder=3)
-    axis.plot(
-        *found.zmp[found.worst], "x", color=style.POINTED, markersize=8, label=f"t = {seconds(float(t[found.worst]))} s"
-    )
+    label = f"t = {seconds(float(t[found.worst]))} s" if len(t) > 1 else "zero moment point"
+    axis.plot(*found.zmp[found.worst], "x", color=style.POINTED, markersize=8, label=label)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="x [m]", ylabel="y [m]")
-    axis.figure.colorbar(path, ax=axis, label="time [s]")
+    if len(t) > 1:
+        axis.figure.colorbar(path, ax=axis, label="time [s]")
     axis.legend(loc="lower right")
     style.titles(axis, "Zero moment point in the support polygon")
 

@@ -1,0 +1,102 @@
+"""Effect of a log's noise on the support of a robot: failures that noise may cause, and margins with their intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.numbers import number, plus_minus, seconds
+from ...core.typing import Array
+from ..statistics import INTERVAL
+from .lie import samples
+
+if TYPE_CHECKING:
+    from ...motion.differentiation import Differentiation, MotionSamples
+    from .judgement import GroundSupport
+
+_SURE = 5.0
+"""Standard deviations not exceeded by any of some million samples."""
+_BEYOND = 1.01
+"""Factor of the margin in speed at which the motion that fails is found."""
+_ROWS = 4096
+"""States of one batch."""
+_SHOWN = 0.002
+"""Relative half of the interval of the margin from which it is stated."""
+
+
+@dataclass(frozen=True, eq=False)
+class SupportNoise:
+    """Effect of the noise of derived accelerations on contact forces and margins."""
+
+    certain: Array
+    """(n,) of bool: instants that fail by more than noise explains; False where the robot stands."""
+    spread: float
+    """Relative standard deviation of the margin in speed at the instant that sets it; 0 without a margin."""
+    speed: float
+    """Margin in speed; inf without one."""
+    time: float
+    """Instant that sets the margin [s]."""
+    how: str
+    """Failure beyond the margin."""
+
+    @property
+    def hides(self) -> bool:
+        """True if the robot may tip or slip within the noise, although it stands by the estimate."""
+        return math.isfinite(self.speed) and (self.speed**2 - 1.0) < _SURE * self.spread * self.speed**2
+
+    @property
+    def words(self) -> str:
+        """Sentence on a margin that noise may use up."""
+        half = INTERVAL * 0.5 * self.spread * self.speed
+        return (
+            f"noise of the log decides whether it {self.how} at t = {seconds(self.time)} s: it holds up to "
+            f"{plus_minus(self.speed, half)} × this speed (95 %)"
+        )
+
+    def interval_words(self, speed: float) -> str:
+        """Text of the 95 % interval of a margin; empty if it is negligible."""
+        half = INTERVAL * 0.5 * self.spread
+        return f" (± {number(half * speed, 2)} by noise, 95 %)" if half > _SHOWN and math.isfinite(speed) else ""
+
+
+def support_noise(found: GroundSupport, d: Differentiation) -> SupportNoise | None:
+    """Effect of the noise of derived accelerations; None if they are given, or without noise."""
+    if not d.sigma_ddq.any():
+        return None
+    failing = found.aground & found.decided & ~found.holds
+    certain = np.zeros(len(failing), bool)
+    rows = np.flatnonzero(failing)
+    for start in range(0, len(rows), _ROWS):
+        some = rows[start : start + _ROWS]
+        s = samples(found.states, some)
+        motion, power = found.failing_motions(s, some)
+        certain[some] = power > _SURE * _deviation(found, d, s, motion)
+    return SupportNoise(certain, *_margin(found, d))
+
+
+def _deviation(found: GroundSupport, d: Differentiation, s: MotionSamples, motion: Array) -> Array:
+    """Standard deviations (n,) of the power of the load in motions (n, nv) of the free base."""
+    M = np.asarray(found.robot.mass_matrix(s.q))
+    return np.asarray(np.sqrt((((M @ motion[..., None])[..., 0] * d.sigma_at(s)) ** 2).sum(axis=1)))
+
+
+def _margin(found: GroundSupport, d: Differentiation) -> tuple[float, float, float, str]:
+    """Relative deviation of the margin in speed, the margin, its instant, and what fails beyond it."""
+    standing = found.holds & found.aground & np.isfinite(found.speed) & (found.speed > 0)
+    if not standing.any():
+        return 0.0, math.inf, 0.0, ""
+    k = int(np.where(standing, found.speed, np.inf).argmin())
+    speed, s = float(found.speed[k]), samples(found.states, slice(k, k + 1))
+    beyond = _BEYOND * speed
+    fast = replace(s, dq=beyond * s.dq, ddq=beyond**2 * s.ddq)
+    after = found.again(fast, found.contacts, found.in_contact[k : k + 1])
+    if after.holds[0] or not after.decided[0]:
+        return 0.0, speed, float(found.time[k]), ""
+    still = replace(s, dq=np.zeros_like(s.dq), ddq=np.zeros_like(s.ddq))
+    load, rest = (found.case.torques_in_the_air(x)[0] for x in (s, still))
+    rate = abs(float(after.motion[0] @ (load - rest)))
+    sigma = float(_deviation(found, d, s, after.motion)[0])
+    return (sigma / rate if rate > 0 else 0.0), speed, float(found.time[k]), str(after.how[0])
