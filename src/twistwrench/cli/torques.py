@@ -75,8 +75,7 @@ def _require_rerun() -> None:
     needs_motion=False,
     examples=(
         "torques ur5 demo --payload 10 --why",
-        "torques quadruped --feet auto --at home",
-        "torques ur5 demo --payload 5 --csv torques.csv --plot torques.png",
+        "torques quadruped --feet auto --plot standing.png --kind support",
     ),
 )
 def torques_command(
@@ -90,11 +89,9 @@ def torques_command(
     joints: tuple[str, ...],
     why: bool,
 ) -> Checked:
-    """Compute the torques of a motion, compare them with the limits, and split them by cause.
+    """Compute the torques of a motion, or at rest (--at), compare them with the limits, and split them by cause.
 
-    Without MOTION, the robot is at rest in the configuration of --at, or stands on its --feet.
-
-    The first word is the verdict. Exit code: 0 for OK; 1 for OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN.
+    Exit code: 0 for OK; 1 for OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN.
     """
     if log.trajectory is None:
         _check_picture(outputs, robot, kind, joints)

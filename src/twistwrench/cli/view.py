@@ -128,7 +128,7 @@ def _film(answer: Shown, path: str) -> None:
         Question(write_page).only("section", "embed", "control"),
         Question(film).only("speed"),
     ),
-    left_out=("why",),
+    left_out=("why", "at"),
     needs_motion=False,
     files=(
         OutputFile(
