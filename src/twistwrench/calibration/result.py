@@ -24,7 +24,7 @@ from ..robot import Robot
 from .fit import CalibrationFit
 from .groups import ParameterGroup, ParameterGroups, Remaining
 from .held_out import HeldOutError
-from .targets import rigid_motion
+from .targets import FrameTarget, rigid_motion
 
 if TYPE_CHECKING:
     from ..core.answers.page import Setting
@@ -193,6 +193,23 @@ class CalibratedRobot(Answer):
     def errors_before(self) -> Array:
         """(readings,) sizes [m] of the residuals with the file as it is."""
         return np.concatenate(self.plain.errors)
+
+    @property
+    def error_vectors(self) -> tuple[Array, Array, Array]:
+        """Measured points, and errors before and after, in the base frame, (n, 3) each [m]: of poses and positions.
+
+        Readings of other kinds have no vector and are left out.
+        """
+        points, before, after = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 3))]
+        for b, target in enumerate(self.fit.state.targets):
+            first = self.plain.state.targets[b]
+            if not isinstance(target, FrameTarget) or not isinstance(first, FrameTarget):
+                continue
+            R, p = target.X[:3, :3], target.X[:3, 3]
+            points.append((target.given.points - p) @ R)
+            before.append(self.plain.equations.residuals[b][:, -3:] @ first.X[:3, :3])
+            after.append(self.fit.equations.residuals[b][:, -3:] @ R)
+        return np.concatenate(points), np.concatenate(before), np.concatenate(after)
 
     @cached_property
     def before(self) -> float:

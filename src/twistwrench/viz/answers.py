@@ -37,6 +37,7 @@ from ..statics.payload_report import PayloadReport
 from ..trajectories.move_report import MoveReport
 from ..trajectories.move_view import worst_moment as worst_planned_moment
 from . import page, style
+from .page_layer import calibration_layer, contact_layer
 from .pictures import Plot, drawn, robot_picture
 from .plots.calibration import plot_calibration, plot_measuring_poses
 from .plots.diagnosis import links_drawn, plot_diagnosis
@@ -134,6 +135,15 @@ def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
     return {"calibration": partial(plot_calibration, answer)}
 
 
+@viewer_of.register
+def _(answer: CalibratedRobot) -> Viewer | None:
+    """Calibrated robot at the first reading, with the errors at the measured points; None for other kinds of readings."""
+    layer = calibration_layer(answer)
+    if layer is None:
+        return None
+    return _of_size(page.viewer_page(answer.robot, q=answer.fit.problem.measured[0].q[0], embed=True, layer=layer))
+
+
 @plots_of.register
 def _(answer: MeasuringPoses) -> Mapping[str, Plot]:
     return {"configurations": partial(plot_measuring_poses, answer)}
@@ -223,7 +233,9 @@ def _(answer: TorqueReport) -> Viewer | None:
         return None
     if answer.rows == 1:  # at rest
         return _of_size(page.viewer_page(answer.load.with_load, q=answer.motion.q[0], embed=True))
-    return _of_size(page.viewer_page(answer.load.robot, motion=reported_motion(answer), embed=True))
+    motion = reported_motion(answer)
+    layer = None if answer.held.support is None else contact_layer(answer.held.support, motion.time)
+    return _of_size(page.viewer_page(answer.load.robot, motion=motion, embed=True, layer=layer))
 
 
 def worst_moment(report: TorqueReport) -> Picture:

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from ..motion.load_case import Payload
     from ..reports.drawn_motion import DrawnMotion
     from ..robot.doors import ConstrainedRobot
+    from .page_layer import PageLayer
 
 _TRIANGLES = 300_000
 _SCRIPTS = (
@@ -62,6 +63,7 @@ _SCRIPTS_OF = {
     "limbs": ("fold.js",),
     "loops": ("loops.js",),
     "standing": ("standing.js",),
+    "layer": ("layer.js",),
 }
 """Scripts that a page includes only if its header has the entry."""
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
@@ -148,6 +150,7 @@ def viewer_page(
     control: str | None = None,
     neighbours: Mapping[str, str] | None = None,
     still: bool = False,
+    layer: PageLayer | None = None,
 ) -> Viewer:
     """Return the page as text, with the digests of its scripts for a page that contains it.
 
@@ -156,6 +159,7 @@ def viewer_page(
     neighbours : {label: address}, optional, links to other pages of a site, above the heading
     still : bool
         Add a picture of the first frame, for browsers without scripts.
+    layer : PageLayer, optional, result drawn over the robot
         The other arguments are those of :func:`write_page`.
 
     Returns
@@ -210,6 +214,7 @@ def viewer_page(
     data["python"] = python_source(robot, motion)
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
     data["box"] = scene.bounds(start).tolist() if motion is None and book is None else None
+    data["layer"] = None if layer is None else layer.data(box.put, data["size"])
     data["neighbours"] = dict(neighbours or {})
     data["embed"], data["control"] = embed, _checked_control(control, data)
     spheres = [] if data["fall"]["why"] or book is not None else spheres_of(scene)
@@ -471,6 +476,7 @@ def _switches(
         ("stops", "Stops and friction", book is None and "mass" in data["programs"] and not data["fall"]["why"], True),
         ("drives", "Drives hold", book is None and "mass" in data["programs"] and _driven(data), False),
         ("feet", "Feet on the floor", data["standing"] is not None, True),
+        ("layer", data["layer"]["label"] if data["layer"] else "", data["layer"] is not None, True),
         ("path", "Path of the tip", data["motion"] is not None and data["payload"] is not None, True),
     )
     shown = {key: bool(on and there) if book is None else key in book.shown for key, _, there, on in known}

@@ -51,6 +51,7 @@ class Viewer {
     this.panel = new Panel(this);
     this.grasp = new Grasp(this);
     this.grab = new Grab(this);
+    this.layer = robot.layer && new Layer(this, array);
     this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
@@ -103,7 +104,7 @@ class Viewer {
     const rows = motion ? Array.from({ length: REACH }, (_, k) => Array.from(motion.q[Math.round((k * (n - 1)) / (REACH - 1))])) : [this.q];
     const corners = robot.box ? Array.from({ length: 8 }, (_, k) => [0, 1, 2].map((i) => robot.box[(k >> i) & 1][i])) : [];
     const low = this.raised ? [[0, 0, this.ground]] : [];
-    return [...corners, ...low].concat(rows.flatMap((q) => {
+    return [...corners, ...low, ...(this.layer ? this.layer.reach : [])].concat(rows.flatMap((q) => {
       const poses = mechanics.poses(q), places = robot.bodies.map((_, k) => place(poseOf(poses, k)));
       return [place(poseOf(poses, -1)), ...places, ...(robot.payload === null ? [] : [place(mechanics.tipPose(q))])];
     }));
@@ -312,6 +313,7 @@ class Viewer {
     if (shown.mass) this.massMarks(items);
     if (this.book) this.book.marks(items);
     this.grab.marks(items);
+    this.layer?.marks(items);
     if (this.grasp.can) items.push({ kept: this.cached("knob", () => ball(8)), model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
     if (shown.path && this.path) lines.push({ kept: this.path, colour: [...this.seen(robot.colours.path), 0.9], strip: true });
     this.stage.draw(items, lines, ground, this.sticks(), fineness);

@@ -1,0 +1,113 @@
+"""Results drawn over the robot of a page: contact forces along a motion, errors of readings before and after a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..calibration.result import CalibratedRobot
+from ..core.answers.data import plain
+from ..core.colours import COLOURS, Style
+from ..core.typing import Array
+from ..reports.support.judgement import GroundSupport, standing_words
+from ..statics.contacts import contact_maps
+from .colours import COLOURS as MARKS
+
+_MAGNIFIED = 100
+"""Length of an error's arrow over the error."""
+_LONGEST = 0.35
+"""Length of the largest contact force, as a share of the robot's size."""
+Put = Callable[[Any, str], dict[str, Any]]
+"""Function that stores an array of a kind and returns its header entry."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArrowGroup:
+    """Arrows of one meaning, at fixed places or along a motion."""
+
+    name: str
+    points: Array
+    """(c, 3), or (n, c, 3) along a motion [m]."""
+    along: Array
+    """Arrows, likewise, as drawn if ``longest`` is 0."""
+    colour: tuple[float, float, float]
+    shares: Array | None = None
+    """(n, c): share of the friction cone or of the largest push, which sets the colour from 80 %; None without limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class PageLayer:
+    """Result drawn over the robot."""
+
+    label: str
+    """Name of its switch."""
+    told: str
+    """Sentence of the command."""
+    groups: tuple[ArrowGroup, ...]
+    longest: float = 0.0
+    """Length of the largest arrow as a share of the robot's size; 0: arrows have their own length."""
+    time: Array | None = None
+    """(n,) times of a motion [s]; None without a motion."""
+
+    def data(self, put: Put, size: float) -> dict[str, Any]:
+        """Header entry for a robot of this size."""
+        largest = max((float(np.linalg.norm(g.along, axis=-1).max(initial=0.0)) for g in self.groups), default=0.0)
+        scale = self.longest * size / largest if self.longest and largest else 1.0
+        return {
+            "label": self.label,
+            "told": self.told,
+            "time": None if self.time is None else put(self.time, "f8"),
+            "groups": [
+                {
+                    "name": group.name, "colour": group.colour, "count": group.points.shape[-2],
+                    "points": put(group.points, "f4"), "along": put(scale * group.along, "f4"),
+                    "shares": None if group.shares is None else put(group.shares, "f4"),
+                }
+                for group in self.groups
+            ],
+        }  # fmt: skip
+
+
+def calibration_layer(found: CalibratedRobot) -> PageLayer | None:
+    """Errors at the measured points before and after the calibration; None if no reading is a pose or a position."""
+    points, before, after = found.error_vectors
+    if not len(points):
+        return None
+    told = f"{plain(next(iter(found.blocks())))}\nArrows: errors at {len(points)} measured points, {_MAGNIFIED} times enlarged."
+    groups = (
+        ArrowGroup("with the file", points, _MAGNIFIED * before, COLOURS[Style.QUIET].scene),
+        ArrowGroup("calibrated", points, _MAGNIFIED * after, COLOURS[Style.POINTED].scene),
+    )
+    return PageLayer("Errors", told, groups)
+
+
+def contact_layer(found: GroundSupport, time: Array) -> PageLayer:
+    """Contact forces of a robot on the ground at the times of a page's motion."""
+    rows = _nearest(found.time, time)
+    _, points = contact_maps(found.robot, found.states.q[rows], found.contacts)
+    forces = np.nan_to_num(found.forces[rows])
+    group = ArrowGroup("contact force", points, forces, MARKS["wrench"], _shares(found, rows, forces))
+    return PageLayer("Contact forces", f"{standing_words(found)}.", (group,), longest=_LONGEST, time=time)
+
+
+def _nearest(known: Array, time: Array) -> Array:
+    """Rows of the known times that are nearest."""
+    after = np.searchsorted(known, time).clip(max=len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(time - known[before] < known[after] - time, before, after)
+
+
+def _shares(found: GroundSupport, rows: Array, forces: Array) -> Array:
+    """Share of the friction cone, or of the largest push if it is larger, (n, c); at most 1 where the contacts hold."""
+    shares = []
+    for contact, f in zip(found.contacts, np.moveaxis(forces, 1, 0), strict=True):
+        normal = f @ contact.normal
+        across = np.linalg.norm(f - normal[:, None] * contact.normal, axis=1)
+        grip = contact.friction * np.maximum(normal + contact.pull, 0.0)
+        cone = np.divide(across, grip, out=np.zeros_like(across), where=grip > 0.0)
+        shares.append(np.maximum(cone, normal / contact.push))
+    most = np.where(found.holds[rows], 1.0, np.inf)  # without the solver's rounding
+    return np.minimum(np.stack(shares, axis=1), most[:, None])

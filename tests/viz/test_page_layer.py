@@ -1,0 +1,90 @@
+"""Results drawn on a page: contact forces of a robot on its feet, errors of readings before and after a calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from page_files import read_page
+from standing_robots import dog
+
+import twistwrench as tw
+from twistwrench.statics.contacts import contact_maps
+
+pytest_plugins = ("page_fixtures",)
+
+
+@pytest.fixture(scope="module")
+def standing():
+    return tw.check(*dog(3.0), feet="auto", contact_friction=0.6)
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    return tw.calibration.calibrate("ur5", "demo")
+
+
+@pytest.fixture
+def opened(page, folder):
+    def opened(answer):
+        path = folder / f"{answer.call}_layer.html"
+        path.write_text(answer.viewer().page, encoding="utf-8")
+        page.complaints.clear()
+        page.open(path.as_uri())
+        assert page.wait("!!window.viewer")
+        return page
+
+    return opened
+
+
+ARROWS = "(row) => viewer.layer.groups.map((group) => Array.from({ length: group.count }, (_, c) => viewer.layer.arrow(group, group.count * row + c)))"
+
+
+def test_contact_forces_are_those_of_the_answer(opened, standing):
+    """At the contacts, to 1e-6 of single precision, and in proportion; another load hides them."""
+    page, found = opened(standing), standing.support
+    _, points = contact_maps(found.robot, found.states.q, found.contacts)
+    for row in (0, 20, 33):
+        (seen,) = page.run(f"({ARROWS})({row})")
+        np.testing.assert_allclose([p for p, _ in seen], points[row], atol=1e-6)
+        drawn = np.array([along for _, along in seen])
+        scale = np.linalg.norm(drawn) / np.linalg.norm(found.forces[row])
+        np.testing.assert_allclose(drawn, scale * found.forces[row], atol=1e-6)
+    count = "(() => { const items = []; viewer.layer.marks(items); return items.length; })()"
+    page.run("viewer.seek(0.2)")
+    assert page.run(count) == 4
+    page.run("viewer.mechanics.mass = 2; viewer.loaded()")
+    assert page.run(count) == 0
+    assert page.complaints == []
+
+
+def test_a_contact_near_the_edge_of_its_cone_is_amber_and_beyond_it_red(opened, standing):
+    page = opened(standing)
+    seen = page.run("[0.5, 0.9, 1.1].map((share) => viewer.layer.colour({ shares: [share], colour: 'own' }, 0))")
+    shares = page.run("viewer.robot.colours.shares")
+    assert seen == ["own", shares[2][1], shares[-1][1]]
+    use = np.array(page.run("Array.from(viewer.layer.groups[0].shares)"))
+    assert 0.29 / 0.6 < use.max() <= 1.0  # the command: needs 0.29, given 0.6; forces of least norm take what is given
+
+
+def test_errors_of_a_calibration_are_those_of_the_readings(opened, calibrated):
+    """A hundred times enlarged, at the measured points; their rms is that of the answer."""
+    points, before, after = calibrated.error_vectors
+    assert np.sqrt(np.mean((before**2).sum(axis=1))) == pytest.approx(calibrated.before, rel=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(after, axis=1), np.concatenate(calibrated.fit.errors), rtol=1e-12)
+    page = opened(calibrated)
+    for seen, vectors in zip(page.run(f"({ARROWS})(0)"), (before, after), strict=True):
+        np.testing.assert_allclose([p for p, _ in seen], points, atol=1e-6)
+        np.testing.assert_allclose([along for _, along in seen], 100 * vectors, atol=1e-6)
+    told = page.run("document.querySelector('#layer span').textContent").replace("\u2212", "-")
+    assert told.startswith(str(calibrated).split("\n")[0].split(";")[0])
+    assert "100 times enlarged" in told
+    assert page.complaints == []
+
+
+def test_other_readings_have_no_layer(folder, standing):
+    """A report without contacts: no layer is invented."""
+    robot = tw.robots.ur5()
+    log = tw.robots.path_of("ur5").with_name("ur5_demo.csv")
+    path = folder / "plain.html"
+    path.write_text(tw.check(robot, log).viewer().page, encoding="utf-8")
+    assert read_page(path)[0]["layer"] is None
