@@ -8,6 +8,7 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chromium import browser
 from click.testing import CliRunner
@@ -334,7 +335,9 @@ def test_the_robot_on_the_page_can_be_moved(tmp_path):
         assert page.run("document.querySelector('figure.robot img').complete")
         page.run("document.getElementById('move').click()")
         assert page.wait("document.querySelector('iframe.viewer') !== null")
+        page.run("document.querySelector('iframe.viewer').scrollIntoView({ block: 'center' })")
         page.run("new Promise(done => setTimeout(done, 1500))")
+        assert len(np.unique(page.picture()[100:-100].reshape(-1, 3), axis=0)) > 500  # an empty frame has a colour
         assert page.complaints == []
         assert [url for url in page.requests if not url.startswith(("file:", "data:", "about:"))] == []
         assert page.run("document.getElementById('move')") is None

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import os
+import re
 import sys
 import tempfile
 import warnings
@@ -241,7 +242,7 @@ def viewer_page(
         sentence=html.escape(_still_sentence(data)),
         still=_still_image(scene, start, motion) if still else "",
         policy=f"{POLICY} {' '.join(digests)}",
-        style=page_colours() + quantity_colours() + (parts / "page.css").read_text("utf-8"),
+        style=page_colours() + _style(section=book is not None),
         programs=scripts[0],
         script=scripts[1],
         data=box.packed(data),
@@ -249,10 +250,34 @@ def viewer_page(
     return Viewer(page, digests)
 
 
+_NARROWER_STYLE = (("; }", "}"), (" { ", "{"), ("; ", ";"), (": ", ":"), (", ", ","))
+"""Replacements that shorten a style sheet."""
+
+
+def _style(*, section: bool) -> str:
+    """Style sheet of a page; that of a section has its drawing as well."""
+    parts = resources.files(__package__) / "player"
+    names = ("page.css", "opening.css") if section else ("page.css",)
+    style = "".join((parts / name).read_text("utf-8") for name in names)
+    for wide, narrow in _NARROWER_STYLE:
+        style = style.replace(wide, narrow)
+    return quantity_colours() + style if section else style
+
+
 def without_comments(script: str) -> str:
-    """Return the script without comment lines and indentation."""
-    lines = (line.strip() for line in script.splitlines())
-    return "\n".join(line for line in lines if line and not line.startswith("//"))
+    """Return the script without comments that end a line, and without indentation."""
+    lines = (_COMMENT.sub(_code_before, line).strip() for line in script.splitlines())
+    return "\n".join(line for line in lines if line)
+
+
+_COMMENT = re.compile(r"^(.*?)(?:^|\s)//(?:\s.*)?$")
+"""Line with a comment after a space or at its start."""
+
+
+def _code_before(line: re.Match[str]) -> str:
+    """Code before the comment, or the line where the slashes are within a text."""
+    code = line[1]
+    return code if all(code.count(quote) % 2 == 0 for quote in "\"'`") else line[0]
 
 
 class ShownPage:

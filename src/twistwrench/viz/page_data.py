@@ -45,7 +45,15 @@ DAMPING = 0.1
 DRY = 0.02
 """Default Coulomb friction, as a share of the torque limit."""
 
-_NARROWER = ((";\n  const ", ",\n"), ("\n  ", "\n"), (" * ", "*"), (" + ", "+"), (" - ", "-"), (" = ", "="))
+_NARROWER = (
+    (";\n  const ", ",\n"),
+    ("\n  ", "\n"),
+    (" * ", "*"),
+    (" / ", "/"),
+    (" + ", "+"),
+    (" - ", "-"),
+    (" = ", "="),
+)
 """Replacements that shorten the programs in the page."""
 
 

@@ -183,7 +183,7 @@ class ReportPage:
             text += f"\n<h2>Terms</h2>{_list(terms)}"
         policy, scripts = POLICY, ""
         if self.viewer is not None:
-            content = json.dumps(self.viewer.page).replace("<", "\\u003c")
+            content = json.dumps(self.viewer.page, ensure_ascii=False).replace("<", "\\u003c")
             scripts = (
                 f'<script type="application/json" id="viewer">{content}</script>\n<script>{_START_VIEWER}</script>'
             )
