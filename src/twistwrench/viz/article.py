@@ -19,7 +19,7 @@ from ..core.colours import page_colours
 from ..core.files import replacing
 from ..core.glossary import complete
 from .colours import quantity_colours
-from .page import POLICY, without_comments
+from .page import POLICY, joined_script
 from .section_pages import SECTIONS, formula_html
 
 __all__ = ["ARTICLES", "article_text", "write_article"]
@@ -78,7 +78,7 @@ def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, i
     article = article_of(arguments.choice(section, "section with an article", ARTICLES))
     player = resources.files(__package__) / "player"
     names = [*_SHARED, *(f"article/{name}" for name in (*_SCRIPTS, *article["scripts"], "article.js"))]
-    script = "\n".join(without_comments((player / name).read_text("utf-8")) for name in names)
+    script = joined_script(names)
     data = json.dumps({"section": section, "pictures": article["picture"]}, ensure_ascii=False, separators=(",", ":"))
     return Template((player / "article/article.html").read_text("utf-8")).substitute(
         title=html.escape(f"{section} {article['title']}"),

@@ -235,7 +235,7 @@ def viewer_page(
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
     names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
-    scripts = programs.script(), "\n".join(without_comments((parts / name).read_text("utf-8")) for name in names)
+    scripts = programs.script(), joined_script(names)
     digests = tuple(map(digest, scripts))
     page = Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
@@ -264,10 +264,15 @@ def _style(*, section: bool) -> str:
     return quantity_colours() + style if section else style
 
 
-def without_comments(script: str) -> str:
-    """Return the script without comments that end a line, and without indentation."""
-    lines = (_COMMENT.sub(_code_before, line).strip() for line in script.splitlines())
-    return "\n".join(line for line in lines if line)
+_STRICT = '"use strict";'
+
+
+def joined_script(names: Iterable[str]) -> str:
+    """One strict script of files of the player, without comments that end a line, and without indentation."""
+    parts = resources.files(__package__) / "player"
+    lines = (line for name in names for line in (parts / name).read_text("utf-8").splitlines())
+    short = (_COMMENT.sub(_code_before, line).strip() for line in lines)
+    return "\n".join((_STRICT, *(line for line in short if line and line != _STRICT)))
 
 
 _COMMENT = re.compile(r"^(.*?)(?:^|\s)//(?:\s.*)?$")
