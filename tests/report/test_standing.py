@@ -320,6 +320,8 @@ def test_a_robot_at_rest_is_asked_without_a_motion(tmp_path):
         np.abs(answer.peaks), np.abs(tw.check(robot, motion, feet="auto", contact_friction=0.6).peaks), atol=1e-6
     )
     assert_allclose(answer.motion.q[0, :7], [1, 0, 0, 0, 0, 0, answer.motion.q[0, 6]], atol=1e-9)
+    assert "At rest with each joint at zero, or at the nearest limit" in str(tw.check(robot, feet="auto"))
+    assert "nearest limit" not in str(answer)
     arm = tw.check("ur5", at={"shoulder_lift_joint": -0.6})
     assert_allclose(arm.torques()[0], tw.robots.ur5().gravity_forces(arm.motion.q[0]), atol=1e-9)
     with pytest.raises(tw.ValueRangeError, match="no motion is given"):
@@ -338,6 +340,23 @@ def test_the_shortest_command_asks_for_standing_at_rest(options):
     assert bare.exit_code == 2 and "--at" in bare.output
     unused = CliRunner().invoke(main, ["torques", "quadruped", "--feet", "auto", "--rate", "100"])
     assert unused.exit_code == 2 and "--rate" in unused.output
+
+
+@pytest.mark.slow
+def test_the_page_shows_contact_forces_the_foundation_and_the_grip(tmp_path):
+    pytest.importorskip("matplotlib")
+    swaying = tw.check(*dog(3.0), feet="auto", contact_friction=0.6)
+    arm = tw.check("ur5", "demo", payload=5, mounting=True, bolts="4x0.17", grip="80,0.5")
+    resting = tw.check("quadruped", feet="auto")
+    for answer, titles in (
+        (swaying, ["Contact forces, margins and friction cones"]),
+        (arm, ["Load of the foundation", "Grip of the payload"]),
+        (resting, ["Contact forces, margins and friction cones"]),
+    ):
+        assert [picture.title for picture in answer.pictures()][-len(titles) :] == titles
+    page = resting.to_html(tmp_path / "rest.html").read_text()
+    assert "Contact forces, margins and friction cones" in page and len(page) < 1_000_000
+    assert swaying.plot("support", tmp_path / "forces.png").stat().st_size > 10_000
 
 
 # ── Bad input ──

@@ -47,6 +47,7 @@ _ROWS = 8192
 class CheckOptions(TypedDict, total=False):
     """Options of :func:`check`, as a dictionary with the same names and meanings."""
 
+    at: ConfigurationGiven
     payload: LoadsGiven
     wrench_on_robot: Mapping[str, ArrayLike] | None
     limits: limits_file.Given

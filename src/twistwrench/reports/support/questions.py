@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.errors import ValueRangeError
-from ...core.text import Argument
+from ...core.text import Argument, Placeholder, in_the_shell, spelled
 from ...motion.coordinates import ConfigurationGiven, configuration_of
 from ...motion.load_case import LoadCase
 from ...motion.motion import Motion
 from ...motion.motion_file import open_motion_file
+from ...motion.motion_log import MotionLog
 from ...robot import Robot
 from ...robots.finding import bundled_file
 from .answers import SupportAnswers
@@ -30,7 +31,6 @@ from .standing_log import robot_of_log, standing_case, with_base_held
 if TYPE_CHECKING:
     from ...mechanics.model.limits import Limits
     from ...motion.differentiation import Differentiation
-    from ...motion.motion_log import MotionLog
     from ..torque_report import TorqueReport
 
 
@@ -103,7 +103,12 @@ class SupportQuestion:
                     k = body.v_index
                     q[body.q_index] = np.clip(q[body.q_index], robot.limits.lower[k], robot.limits.upper[k])
         still = np.zeros((1, robot.nv))
-        return Motion(np.zeros(1), q[None], still, still, robot=robot, in_seconds=True)
+        log = MotionLog.from_motion(Motion(np.zeros(1), q[None], still, still, robot=robot, in_seconds=True))
+        if at is not None:
+            return log
+        other = spelled(Argument("at", Placeholder("JOINT=VALUE" if in_the_shell() else "{joint: position}")))
+        pose = f"At rest with each joint at zero, or at the nearest limit. Another configuration: {other}."
+        return replace(log, columns=replace(log.columns, notes=(*log.columns.notes, pose)))
 
     def case(self, robot: Robot, log: MotionLog, loads: Mapping[str, Any]) -> tuple[LoadCase, MotionLog]:
         """Load case with what holds the robot, and its log."""
