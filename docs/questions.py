@@ -18,7 +18,19 @@ from typing import NamedTuple
 _DOCS = Path(__file__).resolve().parent
 PAGE = _DOCS / "questions.md"
 TESTS = _DOCS.parent / "tests" / "questions"
-SUBJECTS = ("payload", "gravity")
+SUBJECTS = (
+    "payload",
+    "gravity",
+    "motions",
+    "motors",
+    "contacts",
+    "loops",
+    "files",
+    "control",
+    "identification",
+    "code",
+    "book",
+)
 """Files of tests/questions in the order of the page."""
 LINES = 10
 """Lines of code that an answer may have."""
@@ -104,6 +116,33 @@ def subject(path: Path) -> str:
     return (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").partition("\n")[0].rstrip(".")
 
 
+def introduction(path: Path) -> str:
+    """Links of a subject, and what its snippets share: imports beyond the usual, constants, functions."""
+    text = path.read_text("utf-8")
+    tree = ast.parse(text)
+    usual = ("from __future__", "import numpy", "import pytest", "from pytest", "import twistwrench")
+    shared = []
+    for node in tree.body[1:]:
+        lines = ast.get_source_segment(text, node) or ""
+        is_test = isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+        if is_test or lines.startswith((*usual, "NOT_YET", '"""')):
+            continue
+        decorators = [f"@{ast.unparse(d)}\n" for d in getattr(node, "decorator_list", ())]
+        shared.append("".join(decorators) + lines)
+    links = (ast.get_docstring(tree) or "").partition("\n\n")[2]
+    blocks = "\n\n".join(shared).replace("\n\nfrom ", "\nfrom ").replace("\n\nimport ", "\nimport ")
+    code = f"\nCommon to the snippets of this section:\n\n```python no-run\n{blocks}\n```\n" if shared else ""
+    return f"{links}\n{code}"
+
+
+def unanswered(path: Path) -> dict[str, tuple[str, str]]:
+    """Questions of a file without an answer: source, and the capability that is not there."""
+    for node in ast.parse(path.read_text("utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "NOT_YET":
+            return ast.literal_eval(node.value)
+    return {}
+
+
 def files() -> list[Path]:
     return [TESTS / f"test_{name}.py" for name in SUBJECTS]
 
@@ -114,8 +153,12 @@ def page(text: str, outputs: dict[str, str]) -> str:
     count = sum(map(len, found.values()))
     parts = [text.partition(_HEAD.partition("\n")[0])[0], _HEAD.format(count=count), *_contents(found)]
     for path, questions in found.items():
-        parts.append(f"\n## {subject(path)}\n")
+        parts.append(f"\n## {subject(path)}\n\n{introduction(path)}")
         parts += [_entry(question, outputs.get(question.place, "")) for question in questions]
+    rows = [(question, *why) for path in found for question, why in unanswered(path).items()]
+    if rows:
+        parts.append("\n## Not yet answered\n\n| question | source | needs |\n|---|---|---|\n")
+        parts += [f"| {' | '.join(row)} |\n" for row in rows]
     return "".join(parts)
 
 

@@ -1,4 +1,7 @@
-"""Gravity and torques at rest."""
+"""Gravity and torques at rest.
+
+Pages: [Forces at the tip](statics.md), [conventions](conventions.md#gravity), [limits](limits.md), [the kilohertz loop in C](export.md#a-kilohertz-loop).
+"""
 
 from __future__ import annotations
 

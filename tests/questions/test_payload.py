@@ -1,4 +1,7 @@
-"""Payloads and tools."""
+"""Payloads and tools.
+
+Pages: [The largest payload](statics.md#the-largest-payload), [one rigid body](one-body.md), [what is carried](identification.md#known-values-payloads-essential-groups).
+"""
 
 from __future__ import annotations
 
