@@ -140,7 +140,7 @@ def test_linear_track():
 
     `twistwrench join cell.urdf rail.urdf arm.urdf@carriage gripper.urdf@tool0`. In Python `tw.join`, here an arm on another:
 
-    Source: a seventh axis, asked for at most makers of robots; ros-industrial forums.
+    Source: searches for seventh axis, linear track, gantry.
     Number: the sum of the masses of the parts that move, 16.99 kg and 2 kg.
     """
     cell = tw.join("ur5", "planar_2r@tool0:hand_", name="arm_with_hand")
