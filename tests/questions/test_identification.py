@@ -57,7 +57,7 @@ def test_friction_of_each_joint(shell):
     `twistwrench identify ROBOT log.csv`; the report has a table of friction. `--json` and `--out-actuators` write it.
 
     Source: openarm#103.
-    Number: the friction of the bundled robot's simulation, which has none but its viscous one; the deviation is printed.
+    Number: the names of the parameters: three of friction for each of two joints.
     """
     shell("twistwrench identify planar_2r demo --friction-model viscous,coulomb,offset --json found.json")
     parameters = json.loads(Path("found.json").read_text())["parameters"]
