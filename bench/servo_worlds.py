@@ -99,6 +99,11 @@ class World:
     """(nv, 2) Stribeck friction and its speed, or share of the carried torque and 0."""
 
     @property
+    def delay_of_steps(self) -> float:
+        """Delay of the simulated commands [s]: up to the next step, of which semi-implicit steps take off a half."""
+        return float((np.ceil(self.delay / STEP - 1e-6) - 0.5) * STEP)
+
+    @property
     def name(self) -> str:
         """Robot and seed."""
         return f"{self.robot} {self.seed}"
@@ -228,7 +233,7 @@ def judged(world: World) -> dict[str, Any]:
         "width": {name: x.round(5).tolist() for name, x in width.items()},
         "determined": {name: x.tolist() for name, x in found.determined.items()},
         "only_ratios": found.only_ratios.tolist(),
-        "delay_off": round(found.delay - world.delay, 6),
+        "delay_off": round(found.delay - world.delay_of_steps, 6),
         "delay_width": round(found.delay_half_width, 6),
         "held_out": round(found.held_out.all, 5),
         "cost": round(found.fit.cost / sum(e.size for e in found.fit.residuals), 3),

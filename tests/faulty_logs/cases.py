@@ -300,10 +300,11 @@ def scaled_half_way(log: Recording, *, times: float, joint: int) -> None:
     log.tau[half_way(log), joint] *= times
 
 
-def loaded_half_way(log: Recording) -> None:
-    """Two kilograms at the tip, in the second half."""
-    rows = half_way(log)
-    log.tau[rows] += log.truth.carrying(TIP_LOAD, TIP_COM).torques(*log.motion(log.t[rows]), log.t[rows])
+def loaded_after(log: Recording, *, part: float, mass: float) -> None:
+    """A load on the tip, from a part of the log on."""
+    rows = log.t >= part * SECONDS
+    log.value |= {"from": part * SECONDS}
+    log.tau[rows] += log.truth.carrying(mass, TIP_COM).torques(*log.motion(log.t[rows]), log.t[rows])
     log.tau[rows] -= log.torques_at(log.t[rows])
 
 
@@ -351,9 +352,9 @@ def offset_half_way(log: Recording, *, joint: int) -> None:
     log.tau[half_way(log), joint] += 0.5 * log.size[joint]
 
 
-def copied(log: Recording, *, joint: int) -> None:
-    """A torque that is also written into the column of the joint before, at another scale."""
-    log.tau[:, joint] = 0.5 * log.tau[:, joint - 1]
+def copied(log: Recording, *, joint: int, times: float = 0.5) -> None:
+    """The torque of the joint before, written into a joint's column at a scale."""
+    log.tau[:, joint] = times * log.tau[:, joint - 1]
 
 
 def coupled_encoder(log: Recording, *, joint: int) -> None:
@@ -569,7 +570,12 @@ MORE: Mapping[str, Case] = {
             value={"gain-change": 1.5},
             joints=(2,),
         ),
-        Case("payload 2 kg half way", ("load-change",), log=(loaded_half_way,), value={"load-change": TIP_LOAD}),
+        Case(
+            "payload 2 kg half way",
+            ("load-change",),
+            log=(partial(loaded_after, part=0.5, mass=TIP_LOAD),),
+            value={"load-change": TIP_LOAD},
+        ),
         Case(
             "clock 60 ms off half way",
             ("late-change",),

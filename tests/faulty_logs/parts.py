@@ -12,6 +12,7 @@ import numpy as np
 import twistwrench as tw
 
 from .cases import FAULTS, MORE, Case, Recording, elastic, laws, paused
+from .second import SECOND_ROBOTS, TUNED, TURNS, UNTOUCHED
 from .truth import (
     ARMS,
     MEMORY,
@@ -28,7 +29,7 @@ from .truth import (
     load,
 )
 
-CASES = {**FAULTS, **MORE}
+CASES = {**FAULTS, **MORE, **TUNED, **UNTOUCHED}
 TEN = ("planar_2r", "planar_3r", "geared", "sliding", "branched", "quadruped", *ARMS)
 MEMORIES = (0.0, 0.004, 0.03, 0.1, 0.2)
 CLEAN_SEEDS = range(4)
@@ -88,10 +89,17 @@ def tasks(part: str) -> list[Task]:
         return [Task(part, _ordinary_robot(k), f"ordinary {k}", k) for k in range(ORDINARY)]
     if part == "laws":
         return [Task(part, r, name, s) for s in LAW_SEEDS for r in ARMS for name in LAWS]
-    names = {"faults": FAULTS, "more": MORE, "pauses": PAUSES}[part]
+    if part in SECOND:
+        robots, turns = SECOND_ROBOTS, range(TURNS)
+    else:
+        robots, turns = ARMS, range(len(ARMS))
     # Any beginning of the list has all cases, on different robots.
-    turns = range(len(ARMS))
-    return [Task(part, ARMS[(i + turn) % len(ARMS)], name) for turn in turns for i, name in enumerate(names)]
+    names = {"faults": FAULTS, "more": MORE, "pauses": PAUSES, **SECOND}[part]
+    return [
+        Task(part, robots[(i + turn) % len(robots)], name, turn * (part in SECOND))
+        for turn in turns
+        for i, name in enumerate(names)
+    ]
 
 
 def _ordinary_robot(k: int) -> str:
@@ -101,7 +109,9 @@ def _ordinary_robot(k: int) -> str:
     return "tree_20" if k % 25 == 12 else TEN[(k + k // len(TEN)) % len(TEN)]
 
 
-PARTS: tuple[str, ...] = ("faults", "clean", "ordinary", "laws", "pauses", "more")
+SECOND: Mapping[str, Mapping[str, Case]] = {"tuned": TUNED, "untouched": UNTOUCHED}
+"""Halves of the second generator."""
+PARTS: tuple[str, ...] = ("faults", "clean", "ordinary", "laws", "pauses", "more", *SECOND)
 
 
 def recording(robot: str, case: Case, seed: int = 0, *, memory: float = MEMORY, noise: float = NOISE) -> Recording:

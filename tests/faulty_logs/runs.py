@@ -2,8 +2,8 @@
 
     python -m tests.faulty_logs [PART ...] [--robots ur5 ...] [--cases "tilt 3 deg" ...] [--processes N]
 
-runs the parts (faults, clean, ordinary, laws, pauses, more). A whole part is kept in bench/faulty_logs.json, and table.py makes
-bench/FAULTY_LOGS.md of it; a selection is only printed.
+runs the parts (faults, clean, ordinary, laws, pauses, more, tuned, untouched). A whole part is kept in
+bench/faulty_logs.json, and table.py makes bench/FAULTY_LOGS.md of it; a selection is only printed.
 
     python -m tests.faulty_logs --case "tilt 3 deg" --robot ur5 --write FILE.npz
 

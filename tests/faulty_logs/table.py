@@ -10,7 +10,7 @@ import numpy as np
 from bench.markdown import section
 
 from .cases import FAULTS, Case
-from .parts import CASES, LAWS, PAUSES
+from .parts import CASES, LAWS, PAUSES, SECOND
 from .score import NO_CAUSE
 from .truth import ARMS, ROOT
 
@@ -76,6 +76,9 @@ def targets(parts: dict[str, Any]) -> dict[str, str]:
     for part in ("clean", "ordinary", "laws"):
         if part in parts:
             found |= _of_clean(part, parts[part]["logs"])
+    for part in SECOND:
+        if part in parts:
+            found |= _of_second(part, parts[part]["logs"])
     if "pauses" in parts:
         found |= _of_pauses(parts["pauses"]["logs"])
     every = [row for part in parts.values() for row in part["logs"] if "groups" in row]
@@ -104,6 +107,19 @@ def _of_faults(rows: Sequence[Row]) -> dict[str, str]:
         "right cause first, of those like the prototype's: ≥ 112 of 124": f"{sum(map(right, single))} of {len(single)}",
         "value within its 95 % interval, of those rightly named: ≥ 90 %": _share(sum(values), len(values)),
         "refused though right to 2 %: 0 of 280": f"{len(refused)} of {len(rows)}",
+    }
+
+
+_LEAST_RIGHT = {"tuned": "85 %", "untouched": "70 %"}
+
+
+def _of_second(part: str, rows: Sequence[Row]) -> dict[str, str]:
+    """Wrong OKs and right causes in a half of the second generator."""
+    wrong = [row for row in rows if row["verdict"] == "OK" and row["wrong"] > _WRONG]
+    half = f"second generator, {part} kinds"
+    return {
+        f"OK with torques wrong by > 5 %, {half}: ≤ 3 %": _share(len(wrong), len(rows)),
+        f"right cause first, {half}: ≥ {_LEAST_RIGHT[part]}": _share(sum(map(right, rows)), len(rows)),
     }
 
 
@@ -151,6 +167,16 @@ def case_rows(parts: dict[str, list[Row]]) -> Iterable[list[str]]:
             spread = f"{_percent(min(wrong))}–{_percent(max(wrong))} %" if wrong else "–"
             cells += [verdicts, spread, _names(mine)]
         yield cells
+
+
+def second_rows(rows: Sequence[Row]) -> Iterable[list[str]]:
+    """A row for each kind of a half of the second generator: verdicts, error of the torques, and causes named first."""
+    for name in dict.fromkeys(row["case"] for row in rows):
+        mine = [row for row in rows if row["case"] == name]
+        wrong = [100 * row["wrong"] for row in mine if "wrong" in row]
+        spread = f"{_percent(min(wrong))}–{_percent(max(wrong))} %" if wrong else "–"
+        verdicts = "".join(_LETTERS.get(row["verdict"], "?") for row in mine)
+        yield [name, ", ".join(case_of(mine[0]).causes), verdicts, spread, _names(mine)]
 
 
 def precision_rows(parts: dict[str, Any]) -> Iterable[list[str]]:
@@ -214,6 +240,16 @@ def page(kept: dict[str, Any]) -> str:
                     _HEAD,
                     section("Targets", "", ["target", *labels], rows),
                     section("Faults", _FAULTS, head, list(case_rows(faults))),
+                    *(
+                        section(
+                            f"Second generator, {part} kinds",
+                            "",
+                            ["case", "cause", "verdict", "torques wrong by", "named first"],
+                            list(second_rows(kept[labels[-1]][part]["logs"])),
+                        )
+                        for part in SECOND
+                        if part in kept[labels[-1]]
+                    ),
                     section("Causes", _CAUSES, ["cause", "named first", "rightly", "share"], list(causes_now)),
                     section("Runs", "", ["label", "part", "logs", "commit", "date", "processor", "which"], runs),
                 ),

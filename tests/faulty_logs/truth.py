@@ -94,6 +94,16 @@ OTHERS: Mapping[str, Callable[[], tw.Robot]] = {
     "tree_30": lambda: random_robot(12, 30, kinds=("revolute",)),
 }
 VARIANTS = ("", "mimic", "prismatic")
+_GEN3_FINGERS = {"gen3_robotiq_85_left_knuckle_joint": 0.0}
+_LITE_FINGERS = {"right_finger_bottom_joint": 0.0}
+_ALLEGRO = {f"joint_{k}.0": 0.0 for k in range(16)}
+SECOND: Mapping[str, Callable[[], tw.Robot]] = {
+    "gen3": lambda: _locked("kinova_gen3_2f85", _GEN3_FINGERS),
+    "iiwa7": lambda: _locked("kuka_iiwa7_allegro", _ALLEGRO),
+    "qarm": lambda: _locked("quanser_qarm", {}),
+    "lift": lambda: _locked("kinova_gen3_lite", _LITE_FINGERS, "prismatic"),
+}
+"""Robots of the second generator, fingers locked; the last one stands on a vertical slide."""
 
 
 @lru_cache(maxsize=32)
@@ -101,11 +111,18 @@ def load(name: str, variant: str = "") -> tw.Robot:
     """A robot as its file has it, impossible inertias repaired; in a variant one joint follows another, or slides."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)
-        if name in OTHERS:
-            return OTHERS[name]()
+        if name in OTHERS or name in SECOND:
+            return {**OTHERS, **SECOND}[name]()
         if not variant:
             return tw.load(FILES[name], inertia="repair")
         return tw.load(_variant(FILES[name].read_text("utf-8"), variant), inertia="repair")
+
+
+def _locked(file: str, lock: Mapping[str, float], variant: str = "") -> tw.Robot:
+    """Public arm with some joints locked; its tip is the frame of the last moving link."""
+    text = (SHARED / f"{file}.urdf").read_text("utf-8")
+    robot = tw.load(_variant(text, variant), inertia="repair", lock=lock)
+    return tw.Robot(replace(robot.model, tip=robot.model.bodies[-1].link))
 
 
 def _variant(text: str, variant: str) -> str:
@@ -119,7 +136,7 @@ def _variant(text: str, variant: str) -> str:
             link.remove(empty)
     if variant == "mimic":
         ElementTree.SubElement(moving[4], "mimic", joint=str(moving[3].get("name")), multiplier="-0.7", offset="0.1")
-    else:
+    elif variant == "prismatic":
         moving[0].set("type", "prismatic")
         limit = moving[0].find("limit")
         assert limit is not None

@@ -181,3 +181,22 @@ def test_an_actuator_file_of_other_joints_is_refused(logs, tmp_path):
     file.write_text("actuators:\n  joint_5: {ratio: 100}\n", "utf-8")
     result = run("planar_2r", logs, "--cutoff", 10, "--actuators", file)
     assert result.exit_code == 2 and "no joint named 'joint_5'. Did you mean 'joint2'" in result.output
+
+
+def test_thresholds_are_those_of_an_observer_of_the_identified_robot(tmp_path):
+    """Option, Python and the observer give the same; the log bundled with the robot lasts long enough."""
+    log = tw.robots.path_of("planar_2r").with_name("planar_2r_demo_log.csv")
+    result = CliRunner().invoke(
+        main, ["identify", "planar_2r", "demo", "--thresholds", "30", "--json", str(tmp_path / "o.json")]
+    )
+    assert "thresholds for 1 false alarm an hour: " in result.output, result.output
+    found = tw.identify("planar_2r", log, thresholds=30.0)
+    mine = json.loads((tmp_path / "o.json").read_text("utf-8"))["thresholds"]
+    theirs = tw.control.MomentumObserver(found.robot, 30.0, friction=True)
+    expected = theirs.threshold(tw.Motion.from_file(log, found.original)).torques
+    np.testing.assert_allclose(found.thresholds.torques, expected, rtol=0.1)
+    assert [one["torques"] for one in mine["thresholds"].values()] == pytest.approx(found.thresholds.torques.tolist())
+    assert (
+        found.thresholds.torques
+        < tw.control.MomentumObserver(found.original, 30.0).threshold(tw.Motion.from_file(log, found.original)).torques
+    ).all()

@@ -80,6 +80,18 @@ def test_parts_of_a_motion_keep_their_commands(log):
     np.testing.assert_array_equal(log[::2].command, log.command[::2])
 
 
+@pytest.mark.parametrize(
+    "hold", [pytest.param("zero", marks=pytest.mark.slow), pytest.param("linear", marks=pytest.mark.slow), "auto"]
+)
+def test_the_interval_of_a_delay_holds_whatever_lies_between_the_commands(arm, hold):
+    """At 500 Hz held commands and straight ones with a millisecond more replay alike, so that the log does not tell which."""
+    fast = tw.identification.simulated_servo_log(arm, **VALUES, delay=0.017, seconds=6.0, rate=500.0, bits=14, seed=3)
+    found = tw.identification.identify_servos(arm, fast, hold=hold)
+    late = 0.001 if hold == "linear" else 0.0
+    assert abs(found.delay - 0.017 - late) < max(found.delay_half_width, 5e-5)
+    assert (found.delay_half_width > 5e-4) == (hold == "auto")
+
+
 @pytest.mark.slow
 def test_a_joint_on_which_nothing_hangs_is_not_determined(tmp_path):
     """A spinning disc without weight tells ratios alone: its kp and armature may have any common factor."""

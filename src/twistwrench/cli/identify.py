@@ -162,6 +162,7 @@ def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str
         "Hertz": Kind("HZ", _number),
         "Seconds": Kind("SECONDS", _number),
         "PriorWeight": Kind("STRENGTH", _number),
+        "ObserverGain": Kind("GAIN", settings={"type": float}),
     },
     reads=_logs,
 )

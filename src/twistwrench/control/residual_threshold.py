@@ -134,27 +134,38 @@ class ResidualThreshold(Answer):
             "log": f"{self.blocks_of_log} blocks of 1 s",
         }
 
-    def blocks(self) -> Iterator[Block]:
-        """Verdict, and the threshold of each joint with its parts."""
-        robot = self.observer.robot
-        units = units_of("tau", Coordinates.from_model(robot.model).angular_velocity)
-        texts = {
+    def _texts(self) -> dict[str, list[str]]:
+        """Threshold of each joint and its parts, with units."""
+        units = units_of("tau", Coordinates.from_model(self.observer.robot.model).angular_velocity)
+        return {
             name: [quantity(x, unit, 3) for x, unit in zip(values.tolist(), units, strict=True)]
             for name, values in (("threshold", self.torques), ("noise", self.noise), ("model", self.model))
         }
+
+    @property
+    def sentence(self) -> str:
+        """Thresholds, and the smallest push that passes one."""
         push = (
             f"the smallest push at the tip that passes one is {self.brief}"
             if np.isfinite(self.smallest_force)
             else self.brief
         )
-        said = (
+        return (
             f"thresholds for {number(self.per_hour, 3)} false alarm{'s' * (self.per_hour != 1.0)} an hour: "
-            f"{listed(texts['threshold'], 7)}; {push}."
+            f"{listed(self._texts()['threshold'], 7)}; {push}."
         )
-        yield Headline(Word.OK, said) if self.verdict.word is Word.OK else Headline.from_verdict(self.verdict)
+
+    def table(self) -> Table:
+        """Table of the threshold of each joint with its parts."""
+        columns = [words(name, cells, fold=False) for name, cells in self._texts().items()]
+        return Table("Thresholds", words("joint", list(self.joints), fold=False), *columns)
+
+    def blocks(self) -> Iterator[Block]:
+        """Verdict, and the threshold of each joint with its parts."""
+        is_ok = self.verdict.word is Word.OK
+        yield Headline(Word.OK, self.sentence) if is_ok else Headline.from_verdict(self.verdict)
         yield ""
-        columns = [words(name, cells, fold=False) for name, cells in texts.items()]
-        yield Table("Thresholds", words("joint", list(self.joints), fold=False), *columns)
+        yield self.table()
         yield from remarks([str(one) for one in self.doubts if one.level == "note"])
 
     def to_dict(self) -> dict[str, Any]:

@@ -9,6 +9,8 @@ A cause c with value β maps the states s of a log to c(s, β). If c is the faul
     low-pass ω:               W / (1 + s/ω)
     time scale s:             dq / s, ddq / s²
     elasticity β of joint k:  q_k - β τ̂_k, with its rates             τ̂ = W x̂, the fitted torque
+    play 2 β of joint k:      q_k - β u(q_k), with its rates            u: place of the link in the play, -1 to 1
+    zero β from t_1 on:       q_k - β 1(t ≥ t_1), with its rates; all of them low-passed
 
 Laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
 
@@ -67,6 +69,7 @@ class LogStates:
     logs : sequence of int, number of the log of each piece, from 1; 0 if there is only one log
     lag : float, time constant of the low-pass of the torques [s]
     weightless : tuple of int, joints whose logged torques exclude gravity
+    unfiltered : (n, nv) array, positions before the low-pass
     """
 
     base: BaseParameters
@@ -87,6 +90,7 @@ class LogStates:
     lag: float = 0.0
     shift: float = 0.0
     weightless: tuple[int, ...] = ()
+    unfiltered: Array | None = None
 
     @classmethod
     def from_samples(
@@ -100,11 +104,13 @@ class LogStates:
         whole: bool = False,
     ) -> LogStates:
         """Resample samples on steady clocks to at most ``most`` rows; if ``whole``, keep all samples with q and τ unchanged."""
-        found, rows, pieces, at = [], [], [], 0
+        found, rows, pieces, unfiltered, at = list[Any](), list[Array](), list[slice](), list[Array](), 0
         for one, s, kept in states_with_rows(samples, cutoff, most, whole=whole):
             found.append(replace(s, q=one.q, tau=one.tau) if whole else s)
             rows.append(at + np.arange(len(s.time))[kept])
             pieces.append(slice(at, at + len(s.time)))
+            own = one.start + np.arange(len(one.q)) / one.rate
+            unfiltered.append(np.stack([np.interp(s.time, own, q) for q in one.q.T], axis=1))
             at += len(s.time)
         nv, counts = base.unknown.model.nv, [len(s.time) for s in found]
         return cls(
@@ -123,6 +129,7 @@ class LogStates:
             np.asarray(base.unknown.model.gravity, float),
             np.ones(nv),
             [one.log for one in samples],
+            unfiltered=np.concatenate(unfiltered),
         )
 
     def filtered(self, x: Array) -> Array:
@@ -311,6 +318,11 @@ def exchanged_torques(s: LogStates, order: Array) -> LogStates:
     return s.changed(tau=s.tau[:, order])
 
 
+def exchanged_joints(s: LogStates, j: int, k: int, order: Array) -> LogStates:
+    """Exchange both positions and torques of joints j and k."""
+    return exchanged_torques(exchanged_positions(s, j, k), order)
+
+
 def tilt(s: LogStates, beta: Array) -> LogStates:
     """Turn the base by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
     level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes perpendicular to gravity
@@ -344,6 +356,81 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
         yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), 1e-4)
 
 
+_PLAY, _PULSES = 4e-3, 0.05
+"""Half of a play where its value starts [rad, m]; share of squared accelerations from which its pulses tell the start."""
+
+
+def side_in_play(positions: Array, half: float) -> Array:
+    """(n,) place of a link in the play of its gear, -1 to 1: the motor at ``positions`` (n,) moves it at the ends of the play.
+
+    The link stays until the motor has crossed the play, q_link ← min(max(q_link, q - β), q + β), with β half of the play.
+    """
+    found, link = np.empty(len(positions)), float(positions[0])
+    for k, q in enumerate(positions.tolist()):
+        link = min(max(link, q - half), q + half)
+        found[k] = q - link
+    return found / half
+
+
+def plays(s: LogStates) -> Iterator[Cause]:
+    """Play of the gear of each joint; β is half of the play, by which the link lags behind its motor.
+
+    Where the motor crosses the play, accelerations have pulses; β starts at their part in the accelerations if that is large.
+    """
+    if s.unfiltered is None:
+        return
+    for k in range(s.dq.shape[1]):
+        pulse, ddq = _in_play(s, k, _PLAY)[2][:, k], s.ddq[:, k]
+        size, inner = float(pulse @ pulse), float(pulse @ ddq)
+        pulses = inner > 0.0 and inner**2 > _PULSES * size * float(ddq @ ddq)
+        start = inner / size if pulses else _PLAY
+        yield Cause("backlash", (k,), partial(_without_play, k=k), 0.1 * _PLAY, starts=(start,))
+
+
+def _without_play(s: LogStates, beta: Array, k: int) -> LogStates:
+    if not s.pieces:
+        return s
+    turn, rate, acceleration = _in_play(s, k, max(abs(float(beta[0])), 0.1 * _PLAY))
+    return behind(s, beta, turn, rate, acceleration)
+
+
+def _in_play(s: LogStates, k: int, half: float) -> tuple[Array, Array, Array]:
+    """(n, nv) low-passed place of link k in a play, with its rates."""
+    assert s.unfiltered is not None, "states of a log have positions"
+    side = s.filtered(np.concatenate([side_in_play(s.unfiltered[p, k], half) for p in s.pieces]))
+    rate = s.slope(side)
+    mine = np.arange(s.dq.shape[1]) == k
+    turn, dturn, ddturn = (x[:, None] * mine for x in (side, rate, s.slope(rate)))
+    return turn, dturn, ddturn
+
+
+_JUMP = 6.0
+"""Accelerations, in usual ones of the joint, on both sides of a jump of its position."""
+
+
+def jumps(s: LogStates) -> Iterator[Cause]:
+    """Another zero of a joint from the largest jump of its position on, if it jumps.
+
+    The acceleration of a low-passed jump is a pulse and one of the other sign, with the jump midway.
+    """
+    every = np.arange(s.dq.shape[1])
+    usual = np.sqrt(np.median(s.ddq**2, axis=0))
+    for k in every.tolist():
+        a, b = sorted((int(s.ddq[:, k].argmax()), int(s.ddq[:, k].argmin())))
+        near = s.piece[a] == s.piece[b] and s.time[b] - s.time[a] < 1.0 / s.cutoff
+        if not near or np.abs(s.ddq[[a, b], k]).min() < _JUMP * usual[k]:
+            continue
+        begin = 0.5 * float(s.time[a] + s.time[b])
+        reached = np.clip((s.time - begin) * s.rate + 0.5, 0.0, 1.0) * (s.piece == s.piece[a]) + (s.piece > s.piece[a])
+        step = s.filtered(reached)
+        rate = s.slope(step)
+        turn, dturn, ddturn = (x[:, None] * (every == k) for x in (step, rate, s.slope(rate)))
+        correct = partial(behind, turn=turn, rate=dturn, acceleration=ddturn)
+        yield Cause(
+            "zero-change", (k,), lambda s, beta, correct=correct: correct(s, beta), 1e-3, since=(int(s.piece[a]), begin)
+        )
+
+
 # ── Causes by name
 
 
@@ -363,6 +450,8 @@ class Cause:
     """Value of a discrete cause, in the unit of the table of doubts."""
     cost: float = 0.0
     """Amount by which its S must exceed the S of other causes."""
+    since: tuple[int, float] | None = None
+    """Piece and time [s] at which the cause begins; None for the whole log."""
 
 
 class FittedTorques(NamedTuple):
@@ -426,13 +515,15 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
                 yield Cause("zero-turn", (k,), partial(zero, k=k, beta=turn), number=float(np.degrees(turn)))
         if k and turning[k - 1] and turning[k]:  # wrists; each further test makes others less significant
-            yield Cause("coupled", (k, k - 1), partial(coupled, k=k, j=k - 1, sign=-1.0), number=-1.0)
+            for sign in (-1.0, 1.0):
+                yield Cause("coupled", (k, k - 1), partial(coupled, k=k, j=k - 1, sign=sign), number=sign)
     for j, k in combinations(suspects, 2):
         if turning[j] == turning[k]:
             yield Cause("exchanged-positions", (j, k), partial(exchanged_positions, j=j, k=k))
             order = np.arange(len(s.gain))
             order[[j, k]] = k, j
             yield Cause("exchanged-torques", (j, k), partial(exchanged_torques, order=order))
+            yield Cause("exchanged-joints", (j, k), partial(exchanged_joints, j=j, k=k, order=order))
     if s.gravity.any():
         down = s.gravity / np.linalg.norm(s.gravity)
         level = np.linalg.svd(down[None])[2][1:]
@@ -609,7 +700,8 @@ def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, 
 
 
 _TO_UNITS: Mapping[str, Callable[[float], float]] = {
-    **dict.fromkeys(("zero", "tilt", "elasticity"), np.degrees),
+    **dict.fromkeys(("zero", "tilt", "elasticity", "zero-change"), np.degrees),
+    "backlash": lambda half: 2.0 * np.degrees(half),
     **dict.fromkeys(("late", "late-change", "late-joint"), lambda seconds: 1e3 * seconds),
     "gain-change": lambda share: 1.0 + share,
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),

@@ -56,9 +56,15 @@ _REFINED, _STARTED = 5, 3
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Order of preference among causes with equal evidence."""
-_POSITIVE = ("elasticity", "load-friction", "low-pass", "spring", "stribeck")
+_POSITIVE = ("backlash", "elasticity", "load-friction", "low-pass", "spring", "stribeck")
+_OF_THE_WHOLE_LOG, _ALONE = ("late", "mounting", "tilt"), 0.9
+"""Causes of the whole log, and share of S of such a cause and one of a joint together from which the joint's is the cause."""
 _OWN_DEVIATIONS = 2.0
 """Deviations of its own that the coefficient of a law exceeds, if it widens intervals."""
+_RINGING = 2.0
+"""Time on both sides of a jump, in periods of the cut-off, in which its low-pass is not negligible."""
+_SAME_BEGIN = 1.0
+"""Time [s] between the begins of two changes of a joint, below which the second one found is part of the first."""
 _FORCE_COST = 1.0
 """Amount by which S of a force exceeds that of other causes: its three columns also imitate a part of zeros and tilts."""
 _STATES = 200
@@ -160,24 +166,43 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
     if push := _push(fit):
         found.append(replace(push, effect=effect(fit, push)))
         fit = push.fit
-    before = fit = _at_best_speed(fit)
-    for stage in (_of_the_log, _of_the_joints):
-        if fit is not before:
-            before = fit = _at_best_speed(fit)
-        for _ in range(_ROUNDS):
-            tried, count = stage(fit)
-            best = _first(fit, (one for one in tried if not _is_part(one, found)), count)
-            if best is None:
-                break
-            found += _with_another_zero(best) if best.kind == "zero" else [best]
-            fit = found[-1].fit
+    begin = _at_best_speed(_without_jumps(fit))
+    fit = _found_by(_of_the_log, begin, found)
+    before = begin if fit is begin else _at_best_speed(fit)
+    fit = _found_by(_of_the_joints, before, found)
+    if fit is not before:  # a law may have hidden a cause of the log
+        _found_by(_of_the_log, fit, found)
     return [one for one in _together(start, found) if _determined(one)], before
 
 
+Stage = Callable[[CauseFit], tuple[Iterator[FoundCause], int]]
+"""Causes of a stage with their evidence, and the number of those tested."""
+
+
+def _found_by(stage: Stage, fit: CauseFit, found: list[FoundCause]) -> CauseFit:
+    """Fit with the causes that a stage finds, which are appended to ``found``."""
+    for _ in range(_ROUNDS):
+        tried, count = stage(fit)
+        best = _first(fit, (one for one in tried if not _is_part(one, found)), count)
+        if best is None:
+            break
+        found += _with_another_zero(best) if best.kind == "zero" else [best]
+        fit = found[-1].fit
+    return fit
+
+
 def _is_part(one: FoundCause, found: Sequence[FoundCause]) -> bool:
-    """True for a step of the offset of a joint whose gain changes: the gain scales the offset too."""
-    scaled = {each.joints for each in found if each.kind == "gain-change"}
-    return one.kind == "offset-step" and one.joints in scaled
+    """True for a change of a joint that is part of another one found before: a gain that changes scales the offset too."""
+    if one.span is None:
+        return False
+    return any(
+        each.span is not None
+        and each.kind != one.kind
+        and {*each.joints} & {*one.joints}
+        and each.log == one.log
+        and abs(each.span[0] - one.span[0]) < _SAME_BEGIN
+        for each in found
+    )
 
 
 def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
@@ -282,7 +307,30 @@ def _first(fit: CauseFit, tried: Iterable[FoundCause], count: int) -> FoundCause
     told = [_at_its_speed(fit, one) for one in told]
     most = max(one.S - one.cost for one in told)
     best, *rivals = (one for one in told if one.S - one.cost >= most - max(_TIE, _TIE_SHARE * most))
+    if (alone := _of_one_joint(best, told)) is not None:
+        best, rivals = alone, []
     return replace(best, rivals=tuple(rivals), effect=effect(fit, best))
+
+
+def _of_one_joint(best: FoundCause, told: Iterable[FoundCause]) -> FoundCause | None:
+    """Cause of one joint that explains nearly all that it and a cause of the whole log explain together; None without."""
+    if best.kind not in _OF_THE_WHOLE_LOG:
+        return None
+    for one in sorted(told, key=lambda one: one.cost - one.S):
+        if len(one.joints) == 1:
+            more = max(0.0, _gained_with(one.fit, best))
+            if more <= (1.0 - _ALONE) * (one.S + more):
+                return one
+    return None
+
+
+def _gained_with(fit: CauseFit, cause: FoundCause) -> float:
+    """S that a cause of the whole log gains in a fit that has another cause; a value is estimated anew."""
+    s = fit.states
+    if cause.value is None:
+        return fit.gained(fit.refit(s if cause.correct is None else cause.correct(s)))
+    same = [one for one in causes.continuous_causes(s, wide=True) if one.kind == cause.kind]
+    return estimated(fit, same).S
 
 
 def _strongest(tried: Iterable[FoundCause], count: int) -> list[FoundCause]:
@@ -348,6 +396,15 @@ def _push(fit: CauseFit) -> FoundCause | None:
     return FoundCause("push", (), np.inf, np.inf, fit, rest, number=float(np.linalg.norm(f)), span=span, log=log)
 
 
+def _without_jumps(fit: CauseFit) -> CauseFit:
+    """Fit without the rows beside a jump of a position, whose accelerations are those of the low-pass."""
+    s = fit.states
+    kept = np.ones(len(s.rows), bool)
+    for piece, time in (one.since for one in causes.jumps(s) if one.since is not None):
+        kept &= (s.piece[s.rows] != piece) | (np.abs(s.time[s.rows] - time) > _RINGING / s.cutoff)
+    return fit if kept.all() else fit.refit(s.changed(rows=s.rows[kept]))
+
+
 def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     """Acceleration of the base along two horizontal axes, at its dominant frequency.
 
@@ -388,7 +445,7 @@ def _of_the_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
     if much:
         worst = [k for k in np.argsort(-fit.shares)[:_SUSPECTS].tolist() if fit.live[k]]
         discrete = [*causes.discrete_causes(s, sorted(worst)), *_unsigned(fit)]
-    continuous = list(causes.continuous_causes(s, wide=much))
+    continuous = [*causes.continuous_causes(s, wide=much), *causes.jumps(s), *causes.plays(s)]
 
     laws = list(causes.laws_of_the_log(s))
 
@@ -431,8 +488,6 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[Fou
             refit = fit.refit(s, *np.moveaxis(e, -1, 0))
             k = e.shape[-1]
             told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
-            span = None if law.since is None else (law.since[1], float(s.time[s.rows[-1]]))
-            log = 0 if law.since is None else s.logs[law.since[0]]
             shown = slice(k) if law.kind == "force" else slice(1)
             value, deviation = refit.x[-k:][shown], refit.law_deviation(k)[shown]
             refit.release(fit)
@@ -440,7 +495,7 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> Iterator[Fou
             least = LEAST_S + cost
             if least > told.S:
                 continue
-            yield replace(told, law=law, value=value, deviation=deviation, span=span, log=log, cost=cost)
+            yield replace(told, law=law, value=value, deviation=deviation, cost=cost, **_begin(s, law.since))
 
 
 def _refined_causes(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
@@ -477,7 +532,13 @@ def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
 def _judged(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
     S, t = fit.gained(refit), refit.t_value(fit)
     refit.release(fit)
-    return FoundCause(cause.kind, cause.joints, S, t, fit, refit, cause.correct, number=cause.number, cost=cause.cost)
+    found = FoundCause(cause.kind, cause.joints, S, t, fit, refit, cause.correct, number=cause.number, cost=cause.cost)
+    return replace(found, **_begin(fit.states, cause.since))
+
+
+def _begin(s: LogStates, since: tuple[int, float] | None) -> dict[str, Any]:
+    """Fields of a cause that begins within a log: its begin and end [s], and the number of the log."""
+    return {} if since is None else {"span": (since[1], float(s.time[s.rows[-1]])), "log": s.logs[since[0]]}
 
 
 def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:

@@ -14,11 +14,12 @@ import numpy as np
 
 from ..core.doubts import Doubt, doubt, doubt_table
 from ..core.estimation.cross_validation import HeldOut
+from ..core.estimation.filters import low_pass
 from ..core.estimation.least_squares import NormalEquations, Prior
 from ..core.estimation.noise import quantum
 from ..core.estimation.sampling import cut_off, moves
 from ..core.gravity import STRENGTH
-from ..core.numbers import number, percent, plus_minus, printed
+from ..core.numbers import number, percent, plus_minus, printed, seconds
 from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -235,6 +236,8 @@ _CHANCE, _POSES, _PART = 1e-6, 50, 0.3
 part in a direction from which a joint is named."""
 _NOTABLE = 0.1
 """Share of the torques not explained by rigid bodies with friction, from which it is reported."""
+_LOUD, _LEAST_LOUD, _RATES_OF_NOISE = 3.0, 0.05, 4.0
+"""Ratio to the noise, and share of a joint's torque, from which a residual is loud; least rate in cut-offs that shows noise."""
 _SPOILED = ("buffered", "saturated", "unexciting")
 """Doubts without a model whose residuals would be mistaken for other causes; a log at rest has nothing to explain."""
 
@@ -253,9 +256,11 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
         *([] if seen.payload_only or known else _without(seen)),
         *([] if known else _unexciting(seen) or _undetermined(seen)),
         *(_negative(seen, known=known) or ([] if known else _negative_energy(seen))),
-        *_unexplained(seen, known=known),
     ]
-    return sorted_doubts(found)
+    little = any(one.kind == "unexciting" for one in found) and not known
+    loud = little and _residual_above_noise(seen)
+    left = _unexplained(seen, known=known, loud=loud)
+    return sorted_doubts([*left, *found] if loud else [*found, *left])  # more motion does not explain what is loud
 
 
 def sorted_doubts(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
@@ -432,19 +437,47 @@ def _negative_energy(seen: FittedLog) -> list[Doubt]:
     return [doubt("negative-inertia", names, values=values)]
 
 
-def _unexplained(seen: FittedLog, *, known: bool) -> list[Doubt]:
+def _unexplained(seen: FittedLog, *, known: bool, loud: bool) -> list[Doubt]:
+    """Doubts about what remains; ``loud``: the motion determines too little, and the residual is far above the noise."""
     held = seen.held_out
     found = [] if known else left_unexplained(held, seen.trained)
     bad = _poorly_predicted(seen)
-    if not found and held.all > _NOTABLE and not known:
+    if not found and (held.all > _NOTABLE or loud) and not known:
         live = [name for k, name in enumerate(held.joints) if not seen.dead[k]]
         worst = max(live, key=lambda name: held.joints[name])
         most = percent(held.joints[worst], 3)
-        found.append(doubt("partly-unexplained", [worst], left=percent(held.all, 3), most=most))
+        when = _largest_at(held, list(held.joints).index(worst)) if loud else ""
+        found.append(doubt("partly-unexplained", [worst], left=percent(held.all, 3), most=most, when=when))
     if bad and not known and not any(one.refuses for one in found):
         said = listed([f"{name} to {percent(held.joints[name], 3)}" for name in bad], _MOST_JOINTS)
         found.append(doubt("unexplained-joint", bad, said=said))
     return found
+
+
+def _residual_above_noise(seen: FittedLog) -> bool:
+    """True if the training rows leave a joint's residual three times as large as its noise, and 5 % of its torque.
+
+    The noise below the cut-off is that of white noise with the part above the cut-off that the torques have.
+    """
+    cutoff = seen.settings.cutoff
+    high = np.zeros((0, len(seen.names)))
+    for samples in (one for log in seen.logs for one in log.samples):
+        if samples.rate > _RATES_OF_NOISE * cutoff:
+            white = np.sqrt(cutoff / (0.5 * samples.rate - cutoff))
+            high = np.concatenate([high, white * (samples.tau - low_pass(samples.tau, cutoff, samples.rate))])
+    if not len(high):
+        return False
+    noise, torque, left = (np.sqrt((x**2).mean(axis=0)) for x in (high, seen.tau, seen.tau - seen.W @ seen.x))
+    return bool((left > np.maximum(_LOUD * noise, _LEAST_LOUD * torque))[~seen.dead].any())
+
+
+def _largest_at(held: HeldOut, joint: int) -> str:
+    """Words for the time at which the residual of a joint is largest; empty for several logs."""
+    time = np.concatenate([rows.time for rows in held.rows])
+    if any(rows.log.any() for rows in held.rows) or not len(time):
+        return ""
+    left = np.concatenate([np.abs(rows.measured - rows.predicted)[:, joint] for rows in held.rows])
+    return f", largest at t = {seconds(float(time[left.argmax()]), 4)} s"
 
 
 def _poorly_predicted(seen: FittedLog) -> list[str]:

@@ -52,6 +52,7 @@ LinkNames: TypeAlias = Sequence[str]
 KnownValues: TypeAlias = Mapping[str, float]
 """Values of parameters by name."""
 PriorWeight: TypeAlias = float
+ObserverGain: TypeAlias = float
 _DEAD = 0.8  # share of rows with one constant torque, from which a measured torque is dead
 
 
@@ -73,6 +74,7 @@ def identify(
     assume: Causes = (),
     without: LinkNames = (),
     keep_close: PriorWeight | None = None,
+    thresholds: ObserverGain | None = None,
     columns: Mapping[str, str] | None = None,
     rate: float | None = None,
     degrees: bool = False,
@@ -118,6 +120,9 @@ def identify(
         Link that the robot of the logs lacks, as for :func:`without_links`.
     keep_close : float, optional
         Weight γ of the prior of physically consistent bodies, 0.01 to 100000; default: chosen by cross-validation.
+    thresholds : float, optional
+        Gain of a momentum observer [1/s]: find thresholds of its residual for collision detection, in the longest part of the
+        logs without a pause, as :meth:`IdentifiedRobot.residual_thresholds`.
     columns, rate, degrees, gain, topic, episode : options for reading files, as for
         :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the logs; results do not depend on it, to the bit
@@ -188,7 +193,17 @@ def identify(
         found = _better_with(laws, found, fit(_at_cutoff(asked, found), (*wanted, *laws), tell=tell)[0])
     tell(1.0)
     files = tuple(str(log) for log in (*logs, *test) if isinstance(log, str | Path))
-    return replace(found, strength=keep_close, logs=files)
+    found = replace(found, strength=keep_close, logs=files)
+    if thresholds is None:
+        return found
+    return replace(found, thresholds=found.residual_thresholds(_longest(trained, robot), thresholds))
+
+
+def _longest(logs: Sequence[ReadLog], robot: Robot) -> Motion:
+    """Longest part of the logs without a pause, as a motion of positions and torques."""
+    one = max(steady_samples(logs), key=lambda piece: piece.seconds)
+    time = one.start + np.arange(len(one.q)) / one.rate
+    return Motion(time, one.q, tau=one.tau, robot=robot, in_seconds=True)
 
 
 def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:

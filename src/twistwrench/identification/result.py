@@ -36,7 +36,9 @@ from .parameters import BaseParameters, group_units, undetermined
 from .payload import IdentifiedPayload, payload_from
 
 if TYPE_CHECKING:
+    from ..control.residual_threshold import ResidualThreshold
     from ..core.answers.page import Picture, Setting
+    from ..motion.motion import Motion
 
 _OPEN = 0.02  # share of a joint's torque in another motion that the deviation of a group leaves open
 _POOR = 0.3  # relative deviation from which a group is poorly determined
@@ -108,6 +110,8 @@ class IdentifiedRobot(Answer):
     logs: tuple[str, ...] = ()
     torque_shares: Array | None = None
     """(nv, r) changes of another motion's torques by a deviation of each group, as shares of a joint's torque (rms)."""
+    thresholds: ResidualThreshold | None = None
+    """Thresholds of a momentum observer's residual, if a gain was given."""
     _fifths: tuple[NormalEquations, ...] = ()
     """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
 
@@ -204,6 +208,33 @@ class IdentifiedRobot(Answer):
         friction = robot.model.friction
         shares = np.array([load.get(joint, 0.0) for joint in robot.model.velocity_names])
         return Robot(replace(robot.model, friction=replace(friction, load=shares)))
+
+    def residual_thresholds(self, motion: Motion, gain: float, *, per_hour: float = 1.0) -> ResidualThreshold:
+        """Thresholds for collision detection by an observer of the identified robot, from a log without contact.
+
+        Parameters
+        ----------
+        motion : Motion
+            Log with measured torques, 32 s or more.
+        gain : float, inverse of the observer's time constant [1/s]
+        per_hour : float, false alarms in an hour, of all joints together
+
+        Returns
+        -------
+        found : ResidualThreshold
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> found = tw.identify("planar_2r", "demo")
+        >>> log = tw.Motion.from_file(tw.robots.path_of("planar_2r").with_name("planar_2r_demo_log.csv"), found.original)
+        >>> found.residual_thresholds(log, 30.0).torques.shape
+        (2,)
+        """
+        from ..control.observer import MomentumObserver
+
+        observer = MomentumObserver(self.robot, gain, friction=True)
+        return observer.threshold(motion, per_hour=per_hour)
 
     @property
     def load_friction(self) -> Mapping[str, float]:
@@ -453,6 +484,7 @@ class IdentifiedRobot(Answer):
             "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True)),
             "bodies": self.body_changes.to_list(),
             "payload": None if self.payload is None else self.payload.to_dict(),
+            "thresholds": None if self.thresholds is None else self.thresholds.to_dict(),
         }
         return {**super().to_dict(), **_known(own)}
 

@@ -21,7 +21,7 @@ from ...motion.motion import Motion
 from ...robot import Robot, load
 from ...robot.task_space_methods import require_robot
 from .linear_start import linear_start, scale_torques
-from .output_error import OutputErrorFit, OutputErrorProblem, position_errors, widened
+from .output_error import OutputErrorFit, OutputErrorProblem, position_errors, probability, widened
 from .replay import LAWS, QUANTITIES, Hold, ServoLog, ServoReplay
 from .result import IdentifiedServos
 from .servo_doubts import command_doubts, fit_doubts, moving_joints
@@ -33,6 +33,8 @@ _LONGEST = 120.0
 """Largest total duration [s] of logs that are replayed; the begin of each longer one is used."""
 _UNKNOWN_SCALE = 3.0
 """Largest deviation of the logarithm of a scale."""
+_HELD = 10.0
+"""Odds of held commands before a log is seen: a bus holds them."""
 _SHORTEST = 12
 """Least number of rows of a log."""
 
@@ -99,8 +101,8 @@ def identify_servos(
     tell = progress or (lambda _share: None)
     live = moving_joints(trained)
     with one_blas_thread():
-        fit, problem = _fitted(arm, trained, hold, _fixed(arm, known or {}), tell)
-        wide = widened(fit, _model_changes(arm, problem, fit))
+        fit, problem, by_hold = _fitted(arm, trained, hold, _fixed(arm, known or {}), tell)
+        wide = widened(fit, [by_hold, *_model_changes(arm, problem, fit)])
         tell(0.8)
         held_out, kind = _held_out(problem, fit, tested)
     tell(1.0)
@@ -186,8 +188,12 @@ def _fixed(robot: Robot, known: Mapping[str, float]) -> dict[int, float]:
 
 def _fitted(
     robot: Robot, logs: Sequence[ServoLog], hold: str, fixed: Mapping[int, float], tell: Callable[[float], None]
-) -> tuple[OutputErrorFit, OutputErrorProblem]:
-    """Fit with the course of commands that replays the logs better."""
+) -> tuple[OutputErrorFit, OutputErrorProblem, Array]:
+    """Fit with the more probable course of commands, and the change of the unknowns by the other one.
+
+    The change is times the square root of the other's probability: at a high rate, held commands and straight ones with half
+    a period more delay replay alike.
+    """
     first: Hold = "linear" if hold == "linear" else "zero"
     start, _ = linear_start(robot, logs, first)
     free = np.ones(len(start), bool)
@@ -202,29 +208,33 @@ def _fitted(
     fit = problem.solve(start)
     tell(0.4)
     if hold != "auto":
-        return fit, problem
+        return fit, problem, np.zeros(len(start))
     straight = replace(problem, replay=replace(replay, hold="linear"))
     begin = fit.p.copy()
     begin[-1] += 0.5 * logs[0].period
     other = straight.solve(begin, hopeless=2.0 * fit.cost)
     tell(0.7)
-    return (other, straight) if other.cost < fit.cost else (fit, problem)
+    odds = fit.evidence(fit.cost, other.cost) - np.log(_HELD)
+    change = np.sqrt(probability(-abs(odds))) * (other.p - fit.p)
+    return (other, straight, change) if odds > 0.0 else (fit, problem, change)
 
 
 def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFit) -> list[Array]:
     """Changes of the unknowns by half the step of the integrator, by other laws of friction, and of each joint's scale.
 
     The scale of a joint is told by the torque r of its bodies alone, as far as armature and friction do not imitate it. If
-    the fit leaves a share of the joint's torque unexplained, r may be wrong by that much, and kp with it.
+    the fit leaves more of the joint's torque unexplained than the encoder's error, r may be wrong by that much in each block
+    of time, and the scale by its mean over all blocks.
     """
     half = replace(fit.replay, step=0.5 * fit.replay.step)
     r, J = problem.linearised(fit.p)
     changes = [problem.change(fit, half), *(problem.law_change(fit, law, r, J) for law in LAWS)]
-    squares, sizes = _tracked(fit.replay.logs, problem.used, fit)
-    left = np.sqrt(squares / np.maximum(sizes, 1e-300))
+    squares, _ = _tracked(fit.replay.logs, problem.used, fit)
+    rows = sum(len(e) for e in fit.residuals)
+    excess = np.maximum(squares - rows * fit.sigma**2, 0.0)
     kp = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES))[:, -1])
-    pull = kp * np.sqrt(sizes / sum(len(e) for e in fit.residuals))
-    scale = left * pull / np.maximum(scale_torques(robot, fit.replay.logs), 1e-12)
+    unexplained = kp * np.sqrt(excess / rows / (fit.freedom + 1.0))
+    scale = unexplained / np.maximum(scale_torques(robot, fit.replay.logs), 1e-12)
     return [*changes, *problem.scale_changes(fit, J, np.minimum(scale, _UNKNOWN_SCALE))]
 
 

@@ -6,8 +6,13 @@ differences, one batch of rollouts for each step, and P the precision of a weak 
     (J' J + σ² P + λ D) dp = J' r + σ² P (p₀ - p),     σ² = max(1, r'r/m),
 
 for six λ at once. The covariance is that of scores of blocks of time (Liang and Zeger, Biometrika 73, 1986), with the
-prior's own; for joints without a known scale the prior then states how little is known. Changes of p with half the
-integration step and with the other course of commands are added.
+prior's own; for joints without a known scale the prior then states how little is known. Changes of p by another model (half
+the integration step, the other course of commands, other laws of friction) are added, each times the square root of the
+probability of that model, 1 / (1 + exp(-L)), with L the logarithm of its odds. For n blocks of time and nv joints
+
+    L = ½ n nv log(Σ r² / Σ r² with the model) - ½ k log(n nv)
+
+for k more unknowns (Schwarz, "Estimating the dimension of a model", Annals of Statistics 6, 1978).
 """
 
 from __future__ import annotations
@@ -42,6 +47,8 @@ _DELAY_SIZE = 0.02
 _WIDE = 3.0
 _KNOWN_SCALE = 0.3
 """Deviation of the logarithm of a scale from which it is unknown."""
+_LEAST_COST, _CERTAIN = 1e-3, 500.0
+"""Smallest part of Σ r² that another law may leave by a linear prediction; largest logarithm of odds."""
 _LAW_DIFFERENCE = 0.02
 """Coefficient of another law of friction in its finite differences."""
 _LENGTHS, _BLOCK = 5.0, 1.0
@@ -72,6 +79,11 @@ class OutputErrorFit:
     sigma: Array
     cost: float
     steps: int
+
+    def evidence(self, cost: float, other: float, more: int = 0) -> float:
+        """Logarithm of the odds of a model with Σ r² = ``other`` and ``more`` unknowns, against one with ``cost``."""
+        count = (self.freedom + 1.0) * len(self.sigma)
+        return float(0.5 * count * np.log(cost / other) - 0.5 * more * np.log(count))
 
     def half_width(self, direction: Array, level: float = 0.95) -> float:
         """Half width of the interval of a linear combination of the unknowns."""
@@ -238,7 +250,10 @@ class OutputErrorProblem:
         return found
 
     def law_change(self, fit: OutputErrorFit, law: str, r: Array, J: Array) -> Array:
-        """(4 nv + 1,) change of the unknowns, by one step, if friction followed another law, fitted joint by joint."""
+        """(4 nv + 1,) change of the unknowns, by one step, if friction followed another law, fitted joint by joint.
+
+        The change is times the square root of the law's probability.
+        """
         nv = self.replay.robot.nv
         share = np.concatenate([np.zeros((1, nv)), _LAW_DIFFERENCE * np.eye(nv)])
         moved = replace(self, replay=replace(self.replay, law=law, share=share)).flat(np.tile(fit.p, (nv + 1, 1)))
@@ -246,9 +261,17 @@ class OutputErrorProblem:
         H, g, s2 = self.normal_equations(fit.p, r, J)
         border = J.T @ E
         whole = np.block([[H, border], [border.T, E.T @ E + s2 * np.eye(nv)]])
-        found = np.zeros(len(fit.p))
-        found[self.free] = np.linalg.solve(whole, np.append(g, E.T @ r))[: len(g)]
-        return found
+        right = np.append(g, E.T @ r)
+        step, found = np.linalg.solve(whole, right), np.zeros(len(fit.p))
+        found[self.free] = step[: len(g)]
+        cost = float(r @ r)
+        less = max(cost - float(right @ step - g @ np.linalg.solve(H, g)), _LEAST_COST * cost)
+        return found * np.sqrt(probability(fit.evidence(cost, less, nv)))
+
+
+def probability(evidence: float) -> float:
+    """Probability of a model by the logarithm of its odds."""
+    return float(1.0 / (1.0 + np.exp(-np.clip(evidence, -_CERTAIN, _CERTAIN))))
 
 
 def widened(fit: OutputErrorFit, changes: Sequence[Array]) -> OutputErrorFit:

@@ -17,6 +17,7 @@ from ...motion.coordinates import Coordinates
 from ..body_changes import BodyChanges
 
 if TYPE_CHECKING:
+    from ...control.residual_threshold import ResidualThreshold
     from ..result import IdentifiedRobot
 
 _KINDS = {"test": "in the test logs", "five-fold": "in 5-fold cross-validation over time"}
@@ -57,6 +58,8 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
         yield Line(
             "→ Weigh a payload, or hold one known mass: if all torques are wrong by one factor, this log cannot show it."
         )
+    if found.thresholds is not None:
+        yield from _thresholds(found.thresholds)
     yield More(f"{found.free_count} groups of parameters, their intervals, settings of the fit")
     yield from _details(found)
 
@@ -111,6 +114,13 @@ def _rows_that_fit(told: Sequence[Line]) -> int:
 
 def _texts(line: Line) -> list[str]:
     return [piece if isinstance(piece, str) else piece[0] for piece in line.pieces]
+
+
+def _thresholds(found: ResidualThreshold) -> Iterator[Block]:
+    """Thresholds of a residual, and reasons to doubt them."""
+    yield Line(found.sentence)
+    yield from (Line(f"• {doubt.sentence}") for doubt in found.doubts)
+    yield found.table()
 
 
 # ── Bodies and joints

@@ -1,0 +1,96 @@
+"""Laws of invariance: a log that is written otherwise, with the same content, gets the same words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from identification_logs import known_log
+
+import twistwrench as tw
+from twistwrench.identification import identify
+
+ARM = tw.robots.planar_2r()
+LOG = known_log(ARM, 1)
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+
+
+def gain(q, tau):
+    """Torque of joint 2 times 1.5."""
+    return q, tau * [1.0, 1.5]
+
+
+def zero_that_changes(q, tau):
+    """Belt of joint 2 that slips by 8 degrees."""
+    return q + np.radians(8.0) * np.outer(LOG.motion.time >= 9.0, [0.0, 1.0]), tau
+
+
+def play(q, tau):
+    """Gear of joint 1 with a play of 1.6 degrees."""
+    return q + np.radians(0.8) * np.tanh(LOG.motion.dq / 0.05) * [1.0, 0.0], tau
+
+
+FAULTS = {"clean": lambda q, tau: (q, tau), "gain": gain, "zero-change": zero_that_changes, "backlash": play}
+_UNITS = {
+    "q": ("joint1", "joint2"), "deg": ("joint1 [deg]", "joint2 [deg]"), "tau": ("joint1.torque", "joint2.torque"),
+    "N cm": ("joint1.torque [N cm]", "joint2.torque [N cm]"),
+}  # fmt: skip
+
+
+def columns_of(fault):
+    """Columns of the log with a fault, by their headers."""
+    q, tau = FAULTS[fault](LOG.motion.q.copy(), LOG.motion.tau.copy())
+    return (
+        {"time": LOG.motion.time}
+        | dict(zip(_UNITS["q"], q.T, strict=True))
+        | dict(zip(_UNITS["tau"], tau.T, strict=True))
+    )
+
+
+def in_other_units(columns):
+    found = {"time": columns["time"]}
+    found |= {new: np.degrees(columns[old]) for old, new in zip(_UNITS["q"], _UNITS["deg"], strict=True)}
+    return found | {new: 100.0 * columns[old] for old, new in zip(_UNITS["tau"], _UNITS["N cm"], strict=True)}
+
+
+def in_another_order(columns):
+    return dict(reversed(columns.items()))
+
+
+def later(columns):
+    return columns | {"time": columns["time"] + 1024.0}
+
+
+def in_milliseconds(columns):
+    return {"time [ms]": 1e3 * columns["time"]} | {name: x for name, x in columns.items() if name != "time"}
+
+
+def a_turn_on(columns):
+    return columns | {"joint1": columns["joint1"] + 2.0 * np.pi}
+
+
+def words_of(columns, path):
+    """Verdict, and kinds of doubts with their joints."""
+    header = ",".join(columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="", fmt="%.12g")
+    found = identify(ARM, path, **GIVEN)
+    return found.verdict.word, [(one.kind, one.joints, one.level) for one in found.doubts]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_same_log_written_otherwise_gets_the_same_words(fault, tmp_path):
+    """Units, order of columns, begin of the clock, unit of time, and a turn of a joint."""
+    columns = columns_of(fault)
+    plain = words_of(columns, tmp_path / "plain.csv")
+    assert [kind for kind, _, level in plain[1] if level != "note"][:1] == ([] if fault == "clean" else [fault]), plain
+    for change in (in_other_units, in_another_order, later, in_milliseconds, a_turn_on):
+        assert words_of(change(columns), tmp_path / f"{change.__name__}.csv") == plain, change.__name__
+
+
+def test_a_play_and_a_zero_that_changes_have_their_sizes():
+    """Degrees, though a motor that crosses its play takes some time."""
+    for fault, size in (("zero-change", 8.0), ("backlash", 1.6)):
+        q, tau = FAULTS[fault](LOG.motion.q.copy(), LOG.motion.tau.copy())
+        found = identify(ARM, tw.Motion(LOG.motion.time, q, tau=tau, robot=ARM, in_seconds=True), **GIVEN)
+        first = found.doubts[0]
+        assert first.kind == fault and first.unit == "deg" and not found.verdict.ok
+        assert first.value == pytest.approx(size, rel=0.15), first
