@@ -70,6 +70,7 @@ class LogStates:
     lag : float, time constant of the low-pass of the torques [s]
     weightless : tuple of int, joints whose logged torques exclude gravity
     unfiltered : (n, nv) array, positions before the low-pass
+    jumps : sequence of (joint, piece, time), jumps of positions
     """
 
     base: BaseParameters
@@ -91,6 +92,7 @@ class LogStates:
     shift: float = 0.0
     weightless: tuple[int, ...] = ()
     unfiltered: Array | None = None
+    jumps: Sequence[tuple[int, int, float]] = ()
 
     @classmethod
     def from_samples(
@@ -105,10 +107,13 @@ class LogStates:
     ) -> LogStates:
         """Resample samples on steady clocks to at most ``most`` rows; if ``whole``, keep all samples with q and τ unchanged."""
         found, rows, pieces, unfiltered, at = list[Any](), list[Array](), list[slice](), list[Array](), 0
+        jumps = list[tuple[int, int, float]]()
         for one, s, kept in states_with_rows(samples, cutoff, most, whole=whole):
             found.append(replace(s, q=one.q, tau=one.tau) if whole else s)
             rows.append(at + np.arange(len(s.time))[kept])
             pieces.append(slice(at, at + len(s.time)))
+            found_jumps = ((k, jump_of(q)) for k, q in enumerate(one.q.T))
+            jumps += [(k, len(pieces) - 1, one.start + (i - 0.5) / one.rate) for k, i in found_jumps if i is not None]
             own = one.start + np.arange(len(one.q)) / one.rate
             unfiltered.append(np.stack([np.interp(s.time, own, q) for q in one.q.T], axis=1))
             at += len(s.time)
@@ -130,6 +135,7 @@ class LogStates:
             np.ones(nv),
             [one.log for one in samples],
             unfiltered=np.concatenate(unfiltered),
+            jumps=jumps,
         )
 
     def filtered(self, x: Array) -> Array:
@@ -404,31 +410,37 @@ def _in_play(s: LogStates, k: int, half: float) -> tuple[Array, Array, Array]:
     return turn, dturn, ddturn
 
 
-_JUMP = 6.0
-"""Accelerations, in usual ones of the joint, on both sides of a jump of its position."""
+_JUMP, _ALONE = 20.0, 3.0
+"""Ratios of the largest departure of a step of positions from its neighbours to the usual one, and to the next largest one."""
+
+
+def jump_of(positions: Array) -> int | None:
+    """Index of the sample (n,) at which a position jumps, once and far beyond its other steps; None if it does not."""
+    steps = np.diff(positions)
+    if len(steps) < 2 * _BESIDE:
+        return None
+    off = np.abs(steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))
+    k = int(off.argmax())
+    others = np.delete(off, slice(max(0, k - _BESIDE), k + _BESIDE + 1))
+    if off[k] < _JUMP * np.sqrt((others**2).mean()) or off[k] < _ALONE * others.max():
+        return None
+    return k + 2
+
+
+_BESIDE = 5
+"""Steps on both sides of a jump that are not compared with it."""
 
 
 def jumps(s: LogStates) -> Iterator[Cause]:
-    """Another zero of a joint from the largest jump of its position on, if it jumps.
-
-    The acceleration of a low-passed jump is a pulse and one of the other sign, with the jump midway.
-    """
+    """Another zero of a joint from a jump of its position on, if it jumps."""
     every = np.arange(s.dq.shape[1])
-    usual = np.sqrt(np.median(s.ddq**2, axis=0))
-    for k in every.tolist():
-        a, b = sorted((int(s.ddq[:, k].argmax()), int(s.ddq[:, k].argmin())))
-        near = s.piece[a] == s.piece[b] and s.time[b] - s.time[a] < 1.0 / s.cutoff
-        if not near or np.abs(s.ddq[[a, b], k]).min() < _JUMP * usual[k]:
-            continue
-        begin = 0.5 * float(s.time[a] + s.time[b])
-        reached = np.clip((s.time - begin) * s.rate + 0.5, 0.0, 1.0) * (s.piece == s.piece[a]) + (s.piece > s.piece[a])
+    for k, piece, begin in s.jumps:
+        reached = np.clip((s.time - begin) * s.rate + 0.5, 0.0, 1.0) * (s.piece == piece) + (s.piece > piece)
         step = s.filtered(reached)
         rate = s.slope(step)
         turn, dturn, ddturn = (x[:, None] * (every == k) for x in (step, rate, s.slope(rate)))
         correct = partial(behind, turn=turn, rate=dturn, acceleration=ddturn)
-        yield Cause(
-            "zero-change", (k,), lambda s, beta, correct=correct: correct(s, beta), 1e-3, since=(int(s.piece[a]), begin)
-        )
+        yield Cause("zero-change", (k,), lambda s, beta, correct=correct: correct(s, beta), 1e-3, since=(piece, begin))
 
 
 # ── Causes by name

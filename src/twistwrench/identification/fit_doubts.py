@@ -238,7 +238,7 @@ _NOTABLE = 0.1
 """Share of the torques not explained by rigid bodies with friction, from which it is reported."""
 _LOUD, _LEAST_LOUD, _RATES_OF_NOISE = 3.0, 0.05, 4.0
 """Ratio to the noise, and share of a joint's torque, from which a residual is loud; least rate in cut-offs that shows noise."""
-_SPOILED = ("buffered", "saturated", "unexciting")
+_SPOILED = ("buffered", "copied", "saturated", "unexciting")
 """Doubts without a model whose residuals would be mistaken for other causes; a log at rest has nothing to explain."""
 
 
