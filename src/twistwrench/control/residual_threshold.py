@@ -134,7 +134,8 @@ class ResidualThreshold(Answer):
             "log": f"{self.blocks_of_log} blocks of 1 s",
         }
 
-    def _texts(self) -> dict[str, list[str]]:
+    @property
+    def texts(self) -> dict[str, list[str]]:
         """Threshold of each joint and its parts, with units."""
         units = units_of("tau", Coordinates.from_model(self.observer.robot.model).angular_velocity)
         return {
@@ -152,20 +153,15 @@ class ResidualThreshold(Answer):
         )
         return (
             f"thresholds for {number(self.per_hour, 3)} false alarm{'s' * (self.per_hour != 1.0)} an hour: "
-            f"{listed(self._texts()['threshold'], 7)}; {push}."
+            f"{listed(self.texts['threshold'], 7)}; {push}."
         )
-
-    def table(self) -> Table:
-        """Table of the threshold of each joint with its parts."""
-        columns = [words(name, cells, fold=False) for name, cells in self._texts().items()]
-        return Table("Thresholds", words("joint", list(self.joints), fold=False), *columns)
 
     def blocks(self) -> Iterator[Block]:
         """Verdict, and the threshold of each joint with its parts."""
         is_ok = self.verdict.word is Word.OK
         yield Headline(Word.OK, self.sentence) if is_ok else Headline.from_verdict(self.verdict)
         yield ""
-        yield self.table()
+        yield threshold_table(self)
         yield from remarks([str(one) for one in self.doubts if one.level == "note"])
 
     def to_dict(self) -> dict[str, Any]:
@@ -184,6 +180,12 @@ class ResidualThreshold(Answer):
             "smallest_force": self.smallest_force,
             "gain": self.observer.gain.tolist(),
         }
+
+
+def threshold_table(found: ResidualThreshold) -> Table:
+    """Table of the threshold of each joint with its parts."""
+    columns = [words(name, cells, fold=False) for name, cells in found.texts.items()]
+    return Table("Thresholds", words("joint", list(found.joints), fold=False), *columns)
 
 
 def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: float) -> ResidualThreshold:

@@ -363,7 +363,7 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
 
 
 _PLAY, _PULSES = 4e-3, 0.05
-"""Half of a play where its value starts [rad, m]; share of squared accelerations from which its pulses tell the start."""
+"""Half of a play where its value starts [rad, m]; share of squared accelerations from which its pulses give the start."""
 
 
 def side_in_play(positions: Array, half: float) -> Array:

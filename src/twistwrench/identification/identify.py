@@ -192,11 +192,19 @@ def identify(
     if own and laws and not payload_only:
         found = _better_with(laws, found, fit(_at_cutoff(asked, found), (*wanted, *laws), tell=tell)[0])
     tell(1.0)
-    files = tuple(str(log) for log in (*logs, *test) if isinstance(log, str | Path))
-    found = replace(found, strength=keep_close, logs=files)
-    if thresholds is None:
+    return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), trained, thresholds)
+
+
+def _files(*logs: Log) -> tuple[str, ...]:
+    """Paths of the logs that are files."""
+    return tuple(str(log) for log in logs if isinstance(log, str | Path))
+
+
+def _with_thresholds(found: IdentifiedRobot, logs: Sequence[ReadLog], gain: float | None) -> IdentifiedRobot:
+    """Identification with thresholds of an observer's residual, if its gain was given."""
+    if gain is None:
         return found
-    return replace(found, thresholds=found.residual_thresholds(_longest(trained, robot), thresholds))
+    return replace(found, thresholds=found.residual_thresholds(_longest(logs, found.original), gain))
 
 
 def _longest(logs: Sequence[ReadLog], robot: Robot) -> Motion:
@@ -208,7 +216,7 @@ def _longest(logs: Sequence[ReadLog], robot: Robot) -> Motion:
 
 def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
     """Logs, with the files of folders and patterns, sorted by name, and ``demo`` as the log bundled with a robot."""
-    if not isinstance(given, Iterable) and not isinstance(given, Motion):
+    if not isinstance(given, Iterable | Motion | Path):
         raise ShapeError(f"logs={given!r}: give a tw.Motion with torques, the path of a log, or a list of them.")
     found = list[Log]()
     for log in (given,) if isinstance(given, Motion | str | Path) else given:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from ...control.residual_threshold import threshold_table
 from ...core.answers.blocks import Block, Column, Headline, Level, Line, More, Table, numbers, words
 from ...core.colours import Style
 from ...core.numbers import MISSING, estimate, number, percent, plus_minus
@@ -120,7 +121,7 @@ def _thresholds(found: ResidualThreshold) -> Iterator[Block]:
     """Thresholds of a residual, and reasons to doubt them."""
     yield Line(found.sentence)
     yield from (Line(f"• {doubt.sentence}") for doubt in found.doubts)
-    yield found.table()
+    yield threshold_table(found)
 
 
 # ── Bodies and joints
