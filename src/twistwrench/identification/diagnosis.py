@@ -54,7 +54,7 @@ _SUSPECTS = 8
 _STEPS, _WORTH = 5, 0.005
 _REFINED, _STARTED = 5, 3
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
-_LARGE_S = 1.0
+_LARGE_S = 1.5
 """S that no number of tested causes gives by chance in rows held out; a slow fault has few blocks of time for the test of t."""
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Order of preference among causes with equal evidence."""
