@@ -15,6 +15,7 @@ from standing_robots import LEGS, dog
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+from twistwrench.viz.page_layer import contact_layer
 
 HUMANOIDS = [
     name
@@ -340,6 +341,14 @@ def test_the_shortest_command_asks_for_standing_at_rest(options):
     assert bare.exit_code == 2 and "--at" in bare.output
     unused = CliRunner().invoke(main, ["torques", "quadruped", "--feet", "auto", "--rate", "100"])
     assert unused.exit_code == 2 and "--rate" in unused.output
+
+
+@pytest.mark.parametrize(("friction", "acceleration"), [(0.6, 2.0), (0.3, 4.0), (None, 8.0), (None, 3.6)])
+def test_the_page_does_not_claim_that_a_robot_stands_which_does_not(friction, acceleration):
+    answer = tw.check(*dog(acceleration), feet="auto", contact_friction=friction)
+    words = contact_layer(answer.support, answer.motion.time).told
+    assert words.startswith("stands") == answer.verdict.ok
+    assert words.split(". ")[0].rstrip(".") in answer.headline
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from ..calibration.result import CalibratedRobot
 from ..core.answers.data import plain
 from ..core.colours import COLOURS, Style
 from ..core.typing import Array
-from ..reports.support.judgement import GroundSupport, standing_words
+from ..reports.support.judgement import GroundSupport, ground_words
 from ..statics.contacts import contact_maps
 from .colours import COLOURS as MARKS
 
@@ -88,9 +88,9 @@ def contact_layer(found: GroundSupport, time: Array) -> PageLayer:
     """Contact forces of a robot on the ground at the times of a page's motion."""
     rows = _nearest(found.time, time)
     _, points = contact_maps(found.robot, found.states.q[rows], found.contacts)
-    forces = np.nan_to_num(found.forces[rows])
+    forces = np.nan_to_num(found.balanced_forces[rows])
     group = ArrowGroup("contact force", points, forces, MARKS["wrench"], _shares(found, rows, forces))
-    return PageLayer("Contact forces", f"{standing_words(found)}.", (group,), longest=_LONGEST, time=time)
+    return PageLayer("Contact forces", f"{ground_words(found)}.", (group,), longest=_LONGEST, time=time)
 
 
 def _nearest(known: Array, time: Array) -> Array:

@@ -401,6 +401,12 @@ def standing_words(found: GroundSupport) -> str:
     return _friction_words(found, f"stands{_sloping(found)}", upto) + edge
 
 
+def ground_words(found: GroundSupport) -> str:
+    """Sentence of :func:`standing_words`, or the reasons why the robot does not stand, or may not."""
+    verdict = support_verdict(found)
+    return standing_words(found) if verdict.ok else "; ".join(verdict.reasons)
+
+
 def _friction_words(found: GroundSupport, stands: str, upto: str) -> str:
     """Sentence with the friction that is needed, and its source; margins follow where it is known."""
     need, given = _need(found), _given(found)
