@@ -22,6 +22,7 @@ NEEDED = (
     "twistwrench/robots/panda.urdf",
     "twistwrench/viz/player/page.html",
     "twistwrench/guides/logs.md",
+    "twistwrench/guides/skill/SKILL.md",
 )
 
 

@@ -11,7 +11,7 @@ from ..core.arguments import measured
 from ..core.errors import ValueRangeError
 
 _ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf", ".sdf", ".world", ".usd", ".usda", ".usdc", ".xacro")
-_MISSING = {
+MEANINGS = {
     "ROBOT": "a file, or a name that `twistwrench robots` lists",
     "MOTION": "a log or plan, or 'demo'",
     "LOG": "a log, or several",
@@ -83,4 +83,4 @@ def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
 def missing_parameter(error: click.MissingParameter) -> str:
     """Sentence on a missing argument with its meaning, or on a missing option."""
     name = (error.param.metavar or "").strip("[].") if isinstance(error.param, click.Argument) else ""
-    return f"Missing {name}: {_MISSING[name]}." if name in _MISSING else error.format_message()
+    return f"Missing {name}: {MEANINGS[name]}." if name in MEANINGS else error.format_message()

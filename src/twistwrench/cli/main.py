@@ -162,7 +162,7 @@ class LastingStream:
             yield
         except BrokenPipeError:
             self.is_unread = True
-            _drop_output(self.stream)
+            drop_output(self.stream)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
@@ -268,7 +268,7 @@ def _own_endings() -> Iterator[None]:
         _say("interrupted")
         sys.exit(ExitCode.INTERRUPTED)
     except BrokenPipeError:
-        _drop_output()
+        drop_output()
         sys.exit(ExitCode.PIPE_CLOSED)
     except Exception as fault:
         if _HEARD:  # a library converted the interrupt to its own error
@@ -279,7 +279,7 @@ def _own_endings() -> Iterator[None]:
             what = getattr(fault, "strerror", None) or "more memory is needed than there is"
             _say(f"error: {what}{'' if place is None else f': {str(place)[:_LONGEST]}'}.")
             if isinstance(fault, OSError):
-                _drop_output()
+                drop_output()
             sys.exit(ExitCode.BAD_INPUT)
         traced = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
         if traced:
@@ -306,7 +306,7 @@ def _say(text: str) -> None:
         click.echo(text, err=True)
 
 
-def _drop_output(stream: Any = None) -> None:
+def drop_output(stream: Any = None) -> None:
     """Discard the buffer of standard output, so that it does not fail again at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
@@ -481,6 +481,7 @@ _GROUPS = {
         "join": _Entry("export", "Join robots to one: rail, arm, gripper, second arm."),
         "export": _Entry("export", "Write the dynamics as C99 or Structured Text."),
         "verify": _Entry("doctor", "Check the dynamics against independent formulas."),
+        "mcp": _Entry("assistant.mcp", "Serve coding assistants (Model Context Protocol)."),
         "help": _Entry("main", "Explain columns, limits, verdicts or the robot options."),
     },
 }
@@ -536,7 +537,14 @@ def main() -> None:
     """
 
 
-_GUIDES = {"assistant": "assistant", "columns": "logs", "limits": "limits", "unsure": "unsure", "verdicts": "verdicts"}
+_GUIDES = {
+    "assistant": "assistant",
+    "columns": "logs",
+    "limits": "limits",
+    "unsure": "unsure",
+    "verdicts": "verdicts",
+    "skill": "skill/SKILL",
+}
 """Topics of `twistwrench help` and their documentation pages."""
 
 
@@ -547,7 +555,8 @@ def help_command(topic: str | None) -> None:
 
     columns: names and units of the columns of a log. limits: files of torque, velocity and position limits. unsure: reasons
     of the verdicts UNSURE and LOOK AGAIN, and their remedies. verdicts: first words of reports, and exit codes. robot:
-    options that all commands with a robot have. assistant: ten tasks in Python, and pitfalls.
+    options that all commands with a robot have. assistant: ten tasks in Python, and pitfalls. skill: the file SKILL.md of
+    a coding assistant.
     """
     if topic is None:
         click.echo(help_command.get_help(click.get_current_context()))
@@ -570,6 +579,9 @@ def help_command(topic: str | None) -> None:
         for path in (package / "guides" / name, package.parent.parent / "docs" / name)  # installed, source tree
         if path.exists()
     )
+    if topic == "skill":  # a file to save, as it is
+        click.echo(text, nl=False)
+        return
     text = re.sub(r"\A---\n.*?\n---\n+", "", text, flags=re.DOTALL)  # front matter
     text = re.sub(r"^(```\w+) .*$", r"\1", text, flags=re.MULTILINE)
     click.echo(re.sub(r"\[([^\]]+)\]\((?!https?:)[^)]*\)", r"\1", text))

@@ -25,7 +25,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from operator import attrgetter
@@ -71,6 +71,8 @@ class ChildLimits:
 
 _START = ChildLimits(seconds=10.0)
 """Limits of the start of a child."""
+PREPARATIONS: list[tuple[str, tuple[Any, ...]]] = []
+"""Functions ``module:name`` that each new child calls before it serves, with their arguments, which JSON can hold."""
 _NO_CHILD = f"no child process can be started for its reader; {VARIABLE}=0 reads it in this process"
 
 
@@ -149,7 +151,7 @@ class _Child:
                 stderr=subprocess.DEVNULL,
                 env={**os.environ, **_ALONE},
             )
-            self.requests.write(json.dumps([places, str(package)]).encode() + b"\n")
+            self.requests.write(json.dumps([places, str(package), PREPARATIONS]).encode() + b"\n")
             self.requests.flush()
         except (OSError, RuntimeError) as problem:
             raise _FailedCall(f"{_NO_CHILD} ({reason_of(problem)})") from None
@@ -369,24 +371,26 @@ def _amount(size: int) -> str:
 
 _BEGIN = """
 import json, sys, types
-sys.path[:], folder = json.loads(sys.stdin.buffer.readline())
+sys.path[:], folder, preparations = json.loads(sys.stdin.buffer.readline())
 package = types.ModuleType("twistwrench")
 package.__path__ = [folder]
 sys.modules["twistwrench"] = package
 from twistwrench.core.child_process import serve
-serve(sys.stdin.buffer)
+serve(sys.stdin.buffer, preparations)
 """
 """Beginning of a child: the package's modules can be imported without the package's own imports, and no folder but those of
 the parent is searched."""
 
 
-def serve(requests: BinaryIO) -> None:
-    """Serve calls until the input ends."""
+def serve(requests: BinaryIO, preparations: Sequence[tuple[str, Sequence[Any]]] = ()) -> None:
+    """Serve calls until the input ends, after the preparations."""
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its child
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     _set_limit("RLIMIT_CORE", 0)
+    for target, args in preparations:
+        _function(target)(*args)
     alarm = getattr(signal, "alarm", lambda _seconds: None)
 
     def received() -> tuple[bytes, bytes]:
@@ -431,8 +435,7 @@ def loaded_packages() -> list[str]:
 def _items(request: bytes) -> Iterator[Any]:
     """Items of a call, each under the limits of processor time and memory."""
     target, args, limits, whole, folder = pickle.loads(request)
-    module, _, name = target.partition(":")
-    function = attrgetter(name)(importlib.import_module(module))
+    function = _function(target)
     os.chdir(folder)  # paths are relative to the parent's
     _limit_memory(limits.memory)
     _limit_time(limits.seconds)
@@ -442,6 +445,13 @@ def _items(request: bytes) -> Iterator[Any]:
     for item in function(*args):
         yield item
         _limit_time(limits.seconds)
+
+
+def _function(target: str) -> Callable[..., Any]:
+    """Function ``module:name``."""
+    module, _, name = target.partition(":")
+    function: Callable[..., Any] = attrgetter(name)(importlib.import_module(module))
+    return function
 
 
 def _limit_time(seconds: float) -> None:

@@ -1,0 +1,113 @@
+"""Server of the Model Context Protocol: JSON-RPC 2.0 in lines on standard input and output."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+from ...core.version import __version__
+from .tools import Tools, server_instructions
+
+_VERSIONS = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
+"""Versions of the protocol, the newest first."""
+_LONGEST = 1 << 20
+"""Largest line [bytes]."""
+_PARSE_ERROR, _INVALID_REQUEST, _UNKNOWN_METHOD, _INVALID_PARAMS = -32700, -32600, -32601, -32602
+
+
+class _ProtocolError(Exception):
+    """Request without a result."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class Server:
+    """Server of tools."""
+
+    tools: Tools
+
+    def serve(self, requests: BinaryIO, answers: BinaryIO) -> None:
+        """Answer one line after another until the input ends."""
+        for line in _lines(requests):
+            answer = self.answer(line)
+            if answer is not None:
+                answers.write(json.dumps(answer, ensure_ascii=False, separators=(",", ":")).encode() + b"\n")
+                answers.flush()
+
+    def answer(self, line: bytes | None) -> dict[str, Any] | None:
+        """Answer to a line; None to a notification. A line of None was too long."""
+        number: Any = None
+        try:
+            request = _parsed(line)
+            number = request.get("id")
+            if "id" not in request or {"result", "error"} & request.keys():  # a notification, or an answer
+                return None
+            result = self._result(*_called_method(request))
+        except _ProtocolError as problem:
+            error = {"code": problem.code, "message": str(problem)}
+            return {"jsonrpc": "2.0", "id": number, "error": error}
+        return {"jsonrpc": "2.0", "id": number, "result": result}
+
+    def _result(self, method: str, params: Mapping[str, Any]) -> dict[str, Any]:
+        if method == "initialize":
+            wanted = params.get("protocolVersion")
+            return {
+                "protocolVersion": wanted if wanted in _VERSIONS else _VERSIONS[0],
+                "capabilities": {"tools": {}},
+                "serverInfo": {"name": "twistwrench", "version": __version__},
+                "instructions": server_instructions(self.tools.folder.path),
+            }
+        if method == "ping":
+            return {}
+        if method == "tools/list":
+            return {"tools": [tool.description() for tool in self.tools.by_name.values()]}
+        if method == "tools/call":
+            return self._called(params.get("name"), params.get("arguments") or {})
+        raise _ProtocolError(_UNKNOWN_METHOD, f"unknown method {method[:80]!r}")
+
+    def _called(self, name: Any, arguments: Any) -> dict[str, Any]:
+        if not isinstance(name, str) or name not in self.tools.by_name:
+            raise _ProtocolError(
+                _INVALID_PARAMS, f"unknown tool {str(name)[:80]!r}. Tools: {', '.join(self.tools.by_name)}."
+            )
+        if not isinstance(arguments, dict):
+            raise _ProtocolError(_INVALID_PARAMS, "arguments are an object: values by name")
+        found = self.tools.call(name, arguments)
+        return {"content": [{"type": "text", "text": found.text}], "isError": found.is_error}
+
+
+def _lines(requests: BinaryIO) -> Iterator[bytes | None]:
+    """Lines that are not blank; None for a line that is too long, whose rest is skipped."""
+    while line := requests.readline(_LONGEST + 1):
+        if len(line) > _LONGEST:
+            while line and not line.endswith(b"\n"):
+                line = requests.readline(_LONGEST)
+            yield None
+        elif line.strip():
+            yield line
+
+
+def _called_method(request: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """Method of a request, and its parameters by name."""
+    method, params = request.get("method"), request.get("params", {})
+    if not isinstance(method, str) or not isinstance(params, dict):
+        raise _ProtocolError(_INVALID_REQUEST, "a request has a method, and parameters by name")
+    return method, params
+
+
+def _parsed(line: bytes | None) -> dict[str, Any]:
+    """Request of a line."""
+    if line is None:
+        raise _ProtocolError(_INVALID_REQUEST, f"the line has more than {_LONGEST:,} bytes")
+    try:
+        request = json.loads(line)
+    except (ValueError, RecursionError) as problem:
+        raise _ProtocolError(_PARSE_ERROR, f"the line is not JSON: {str(problem)[:200]}") from None
+    if not isinstance(request, dict):
+        raise _ProtocolError(_INVALID_REQUEST, "a line holds one request, an object")
+    return request
