@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import twistwrench as tw
+from twistwrench.calibration import Measurements
 from twistwrench.calibration.fit import CalibrationProblem
 from twistwrench.calibration.groups import ParameterGroups, fitted_in_groups
 
@@ -22,7 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).with_name("calibration.json")
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 import irb120  # noqa: E402
-from calibration_faults import HARMLESS, TUNED, UNTUNED, Fault  # noqa: E402
+from calibration_faults import HARMLESS, TUNED, UNTUNED  # noqa: E402
 from calibration_worlds import ANGLE, NOISE, World, planar, rail, scara  # noqa: E402
 
 ARMS = {
@@ -55,18 +56,19 @@ def calibrated(name: str, kind: str, count: int) -> dict[str, Any]:
     return {**_millimetres(names, np.median(rows, axis=0)), "OK": f"{fine} of {WORLDS}"}
 
 
-def coverage(name: str, kind: str, count: int) -> dict[str, int]:
-    """Number of 95 % intervals of groups that hold the truth."""
+def coverage(name: str, kind: str, count: int) -> dict[str, str]:
+    """Number of 95 % intervals of groups, and of zeros among them, that hold the truth."""
     make, tip = ARMS[name]
-    robot, inside = make(), list[bool]()
+    robot, inside = make(), dict[str, list[bool]](groups=[], zeros=[])
     for seed in range(COVERED):
         world = World.drawn(robot, 5000 + seed, tip=tip)
         fit = fitted_in_groups(CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted())
         true = dict(zip(world.chain.parameters, world.chain.values(world.truth), strict=True))
         for group in ParameterGroups(fit).all:
             value = sum(factor * true.get(name, 0.0) for name, factor in group.terms.items())
-            inside.append(abs(group.value - value) <= group.half_width())
-    return {"hold": int(np.sum(inside)), "intervals": len(inside)}
+            inside["groups"].append(abs(group.value - value) <= group.half_width())
+            inside["zeros"] += inside["groups"][-1:] if group.name.endswith(".zero") else []
+    return {word: f"{sum(holds)} of {len(holds)}" for word, holds in inside.items()}
 
 
 def planned(count: int) -> dict[str, Any]:
@@ -97,15 +99,19 @@ def faults(name: str, kind: str) -> dict[str, str]:
     """Readings with faults: first doubts; an OK is false if the tip's true error is more than twice the predicted one."""
     make, tip = ARMS[name]
 
-    def calibrated_with(fault: Fault) -> tuple[str, str, bool]:
-        world = World.drawn(make(), FAULTY, tip=tip)
-        found = tw.calibration.calibrate(world.robot, fault(world, world.measured(kind, READINGS[kind])), tip=tip)
+    def first_and_word(world: World, m: Measurements) -> tuple[str, str, bool]:
+        found = tw.calibration.calibrate(world.robot, m, tip=tip)
         first = found.doubts[0].kind if found.doubts else ""
         return first, str(found.verdict.word), found.verdict.ok and world.error(found) > 2.0 * found.remaining.rms
 
-    named = [calibrated_with(fault)[0] == f"calibration-{doubt}" for doubt, fault in TUNED.values()]
-    others = [calibrated_with(fault) for fault in UNTUNED.values()]
-    harmless = [calibrated_with(fault) for fault in HARMLESS.values()]
+    worlds = [World.drawn(make(), FAULTY, tip=tip) for _ in range(3)]
+    clean = [world.measured(kind, READINGS[kind]) for world in worlds]
+    named = [
+        first_and_word(worlds[0], fault(worlds[0], clean[0]))[0] == f"calibration-{doubt}"
+        for doubt, fault in TUNED.values()
+    ]
+    others = [first_and_word(worlds[1], fault(worlds[1], clean[1])) for fault in UNTUNED.values()]
+    harmless = [first_and_word(*change(worlds[2], clean[2])) for change in HARMLESS.values()]
     return {
         "tuned, named first": f"{sum(named)} of {len(named)}",
         "untuned, not OK": f"{sum(word != 'OK' for _, word, _ in others)} of {len(others)}",

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibration_faults import lost_zero
 from calibration_worlds import NOISE, World, gantry, planar, rail, scara
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
@@ -93,6 +94,20 @@ def test_a_large_offset_of_a_zero_is_inside_its_interval(kind, degrees):
     assert abs(value - np.radians(degrees)) < 1.5 * half < np.radians(0.1) and found.verdict.ok
     others = [abs(value) for joint, (value, _) in found.zeros.items() if joint != "elbow_joint"]
     assert max(others) < np.radians(0.1) and found.robot.model.frames["tool0"].pose.shape == (4, 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "tip"), [("6R", None), ("ur5", None), ("panda", "panda_link8")])
+@pytest.mark.parametrize(("joint", "degrees"), [(1, 45.0), (2, -30.0), (3, 20.0)])
+def test_a_lost_zero_is_inside_its_interval_beside_other_errors(name, tip, joint, degrees):
+    """Also where axes are beside the origins of their frames: a turn about the axis is one parameter, however large."""
+    world = World.drawn(ARMS[name](), 313, tip=tip)
+    other, m = lost_zero(world, world.measured("position", 40), joint, degrees)
+    groups = ParameterGroups(fitted_in_groups(CalibrationProblem(world.chain, (m,)).fitted())).all
+    true = dict(zip(world.chain.parameters, world.chain.values(other.truth), strict=True))
+    (group,) = (group for group in groups if group.name == f"{world.chain.joints[joint]}.zero")
+    value = sum(factor * true.get(parameter, 0.0) for parameter, factor in group.terms.items())
+    assert abs(group.value - value) < 1.5 * group.half_width() < np.radians(0.02) and abs(value) > np.radians(19.0)
 
 
 def test_how_the_target_is_mounted_is_not_a_zero_of_the_last_joint():

@@ -82,9 +82,8 @@ UNTUNED: Mapping[str, Fault] = {
     "elbow relative to the ground": lambda _, m: _joints(m, m.q + np.outer(m.q[:, 1], np.eye(m.q.shape[1])[2])),
     "gear off by 1 %": lambda _, m: _times(m, 3, 0.99),
     "target slips": _slipped,
-    "half of the rows in mm": lambda _, m: _from(m, replace(m, positions=1e3 * m.points, poses=None), 0.5),
+    "half of the rows in mm": lambda _, m: _from(m, _places(m, 1e3 * m.points), 0.5),
     "two arms": _another_arm,
-    "zero off by 45°": lambda _, m: _plus(m, 1, np.pi / 4),
     "three columns in a ring": lambda _, m: _joints(m, m.q[:, [1, 2, 0, *range(3, m.q.shape[1])]]),
     "instrument drifts by 3 mm": lambda _, m: _places(
         m, m.points + np.outer(np.linspace(0, 3e-3, len(m)), [0, 0.6, 0.8])
@@ -92,10 +91,23 @@ UNTUNED: Mapping[str, Fault] = {
     "two signs": lambda _, m: _times(_times(m, 1, -1.0), 3, -1.0),
 }
 """Readings with faults of other kinds."""
-HARMLESS: Mapping[str, Fault] = {
-    "zero off by 5°": lambda _, m: _plus(m, 2, np.radians(5.0)),
-    "zero off by 15°": lambda _, m: _plus(m, 2, np.radians(15.0)),
-    "places rounded to 0.5 mm": lambda _, m: _places(m, np.round(m.points / 5e-4) * 5e-4),
-    "a turn more": lambda _, m: _plus(m, 3, 2 * np.pi),
+
+
+def lost_zero(world: World, m: Measurements, joint: int, degrees: float) -> tuple[World, Measurements]:
+    """Arm whose joint reads another zero, and its readings at the same configurations."""
+    chain = world.chain
+    x = np.zeros(len(chain.parameters))
+    x[chain.parameters.index(f"{chain.joints[joint]}.zero")] = np.radians(degrees)
+    other = replace(world, truth=chain.moved(world.truth, x))
+    other = replace(other, truth=replace(other.truth, tip=world.truth.tip))
+    return other, other.readings(str(m.kind), m.q)
+
+
+HARMLESS: Mapping[str, Callable[[World, Measurements], tuple[World, Measurements]]] = {
+    "zero off by 5°": lambda world, m: lost_zero(world, m, 2, 5.0),
+    "zero off by 15°": lambda world, m: lost_zero(world, m, 2, 15.0),
+    "zero off by 45°": lambda world, m: lost_zero(world, m, 1, 45.0),
+    "places rounded to 0.5 mm": lambda world, m: (world, _places(m, np.round(m.points / 5e-4) * 5e-4)),
+    "a turn more": lambda world, m: (world, _plus(m, 3, 2 * np.pi)),
 }
-"""Readings that a calibration takes as they are."""
+"""Arms and readings that a calibration takes as they are."""

@@ -119,7 +119,7 @@ def calibrate(
         "kind": kind, "tip": chain.frame, "assume": list(chain.assume), "length": length, "noise": noise,
         "file_accuracy": list(accuracy), "outliers": outliers, "seed": seed,
     }  # fmt: skip
-    files = {"MEASUREMENTS": str(measurements)} if isinstance(measurements, str | Path) else {}
+    files = {f"MEASUREMENTS{'' if k == 0 else k + 1}": m.path for k, m in enumerate(measured) if m.path}
     reference = arm.random_configuration(seed, CONFIGURATIONS)
     found = CalibratedRobot(arm, fit, plain, held_out, (), accuracy, reference, settings, files)
     return replace(found, doubts=tuple(doubts_of(found)))

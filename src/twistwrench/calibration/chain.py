@@ -2,11 +2,12 @@
 
 With the placement P_k of joint k in its parent's moving link and its screw S_k in its own frame,
 
-    T_n = Π_k P_k D_k e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   D_k = (e^[w_k], p_k),   tip = T_n E D
+    T_n = Π_k P_k D_k e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   tip = T_n E D
 
 (local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015). D_k is a turn
-w_k and a shift p_k, both in the axes of the file, so that p_k keeps its direction if the joint's zero is off by much. g_k is
-the error of a gear, and c_k the compliance of a joint that gives way to the torque τ_k that holds it.
+w_k about a point of the joint's axis, and a shift p_k, both in the axes of the file: an offset of the joint's zero, however
+large, is w_k alone, and p_k keeps its direction. g_k is the error of a gear, and c_k the compliance of a joint that gives way
+to the torque τ_k that holds it.
 """
 
 from __future__ import annotations
@@ -119,6 +120,11 @@ class TipChain:
         return np.array([self.robot.model.bodies[i].joint.axes[0] for i in self.bodies], float)
 
     @cached_property
+    def centres(self) -> Array:
+        """(n, 3) points of turning axes nearest to the origins of their frames; zeros for sliding joints."""
+        return np.cross(self.screws[:, :3], self.screws[:, 3:])
+
+    @cached_property
     def own(self) -> list[int]:
         """Entry of each twist about or along the joint's own axis."""
         return [int(np.abs(screw).argmax()) for screw in self.screws]
@@ -212,18 +218,25 @@ class TipChain:
 
     def bends(self, at: Corrections) -> Array:
         """(n, 4, 4) displacements D."""
+        turns, shifts = self.turns_and_shifts(at)
+        R = np.asarray(so3.exp(turns))
+        return np.asarray(se3.pose(R, self.centres + shifts - np.einsum("kij,kj->ki", R, self.centres)))
+
+    def turns_and_shifts(self, at: Corrections) -> tuple[Array, Array]:
+        """(n, 3) turns w and (n, 3) shifts p in the axes of the frames."""
         turns, shifts = (np.einsum("kij,kj->ki", self.axes, part) for part in np.split(at.displacements, 2, axis=1))
-        return np.asarray(se3.pose(so3.exp(turns), shifts))
+        return turns, shifts
 
     # ── Poses
 
     def poses(self, q: Array, loads: Array, at: Corrections) -> tuple[Array, Array]:
         """Poses (N, 4, 4) of the tip in the base, and twist columns (N, 6, p) of the parameters in the base frame."""
         T, bends = np.tile(np.eye(4), (len(q), 1, 1)), self.bends(at)
-        turns = np.einsum("kij,kj->ki", self.axes, at.displacements[:, :3])
+        turns, shifts = self.turns_and_shifts(at)
         twists, gears, sags = list[Array](), list[Array](), list[Array]()
         for k, column in enumerate(self.columns):
-            twists.append(_displacement_columns(T @ self.placements[k], bends[k], turns[k], self.axes[k]))
+            point = self.centres[k] + shifts[k]
+            twists.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
             T = T @ (self.placements[k] @ bends[k])
             screw = np.asarray(Ad(T).matrix) @ self.screws[k]
             gears.append(screw * q[:, column, None])
@@ -231,7 +244,7 @@ class TipChain:
             turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
             T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
         off = np.asarray(se3.inverse(self.start.tip)) @ at.tip
-        tip = _displacement_columns(T @ self.start.tip, off, np.asarray(so3.log(off[:3, :3])), np.eye(3))
+        tip = _displacement_columns(T @ self.start.tip, off[:3, 3], np.asarray(so3.log(off[:3, :3])), np.eye(3))
         T = T @ at.tip
         parts = [np.concatenate(twists, axis=2)]
         parts += [np.stack(gears, axis=2)] if "gears" in self.assume else []
@@ -254,15 +267,15 @@ class TipChain:
         return Robot(replace(model, bodies=tuple(bodies), frames=frames))
 
 
-def _displacement_columns(T: Array, D: Array, turn: Array, axes: Array) -> Array:
-    """Twist columns (N, 6, 6) in the base of a displacement D = (e^[w], p) in frames T (N, 4, 4), by w and p in ``axes``.
+def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> Array:
+    """Twist columns (N, 6, 6) in the base of a turn w about a point and of its shift, in frames T (N, 4, 4) and ``axes``.
 
-    The velocity of rotation is J(w) dw with the left Jacobian J, about the point p.
+    The velocity of rotation is J(w) dw with the left Jacobian J.
     """
     local = np.zeros((6, 6))
     local[:3, :3], local[3:, 3:] = np.asarray(so3.left_jacobian(turn)) @ axes, axes
     shifted = T.copy()
-    shifted[:, :3, 3] += T[:, :3, :3] @ D[:3, 3]
+    shifted[:, :3, 3] += T[:, :3, :3] @ point
     return np.asarray(Ad(shifted).matrix @ local)
 
 

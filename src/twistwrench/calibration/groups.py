@@ -25,6 +25,8 @@ _NOTHING, _SHORT = 1e-9, 1e-3
 joint whose axis goes through the target."""
 _AS_GOOD = 1.05
 """Largest ratio of the residual with one parameter of each group to that with all."""
+_CHOICES = 4
+"""Most choices of a parameter for each group."""
 _TERM = 1e-4
 """Smallest factor of a group's further term."""
 _UNSEEN, _LITTLE, _NOISE_OF_TIP, _LEAST = 3.0, 0.1, 2.0, 1e-6
@@ -206,14 +208,19 @@ def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
     determine fewer groups than others would, since the file then decides, best by all of its lengths; or if one parameter
     of each group does not fit as well.
     """
-    groups, chain = ParameterGroups(fit), fit.problem.chain
-    if fit.problem.is_scaleless or groups.rank < groups.theory:
-        return fit
-    of_chain = list(groups.independent.columns[: len(groups.values)])
-    values = np.zeros(len(chain.parameters))
-    values[of_chain] = groups.values
-    problem = replace(fit.problem, independent=groups.independent)
-    found = problem.fitted(Estimate(chain.corrections(values), fit.state.targets))
+    chain, found, last = fit.problem.chain, fit, set[int]()
+    for _ in range(_CHOICES):
+        groups = ParameterGroups(replace(found, problem=fit.problem))
+        columns = groups.independent.columns
+        if fit.problem.is_scaleless or groups.rank < groups.theory:
+            return fit
+        if set(columns) == last:  # the choice depends on the geometry, which an offset distorts before
+            break
+        last = set(columns)
+        values = np.zeros(len(chain.parameters))
+        values[list(columns[: len(groups.values)])] = groups.values
+        problem = replace(fit.problem, independent=groups.independent)
+        found = problem.fitted(Estimate(chain.corrections(values), found.state.targets))
     return found if found.rms <= _AS_GOOD * fit.rms else fit
 
 

@@ -76,8 +76,8 @@ class Measurements:
     """Standard deviation of a reading [m], or also [rad]; None if estimated."""
     length: float | None = None
     """Known length of touches [m]: distance of two points or planes, or diameter of a sphere."""
-    name: str = ""
-    """Name of the file."""
+    path: str = ""
+    """Path of the file; empty for arrays."""
     notes: tuple[str, ...] = ()
     """Sentences about the file."""
     board_in_camera: bool = False
@@ -333,7 +333,7 @@ class _MeasurementFile:
         poses = np.asarray(se3.pose(rotations, positions)) if kind == "pose" else None
         return Measurements(
             q, kind=kind, poses=poses, positions=positions if kind == "position" else None, distances=distances, pairs=pairs,
-            targets=targets or None, name=self.path.name, notes=notes,
+            targets=targets or None, path=str(self.path), notes=notes,
             board_in_camera=any(_CAMERA.match(cell) for cell in self.file.header),
         )  # fmt: skip
 

@@ -33,7 +33,7 @@ _MANY_OUTLIERS = 0.05
 _HALF = 0.5
 """Largest misfit of a named alternative, as a share of that of the readings as given."""
 _ALIKE = 1.5
-"""Ratio of misfits up to which alternatives are equal, and the more usual one is named."""
+"""Ratio of misfits up to which alternatives are equal, as below 1 mm: that which fits targets and tip alone is named."""
 _LEVER = 0.3
 """Length [m] by which angles count in the misfit."""
 _BEST = 3
@@ -110,7 +110,7 @@ def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float
     first = [(_tried(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
     best = sorted(first, key=lambda entry: entry[:2])[:_BEST]
     full = [_tried(problem, one, frames_only=False) for _, _, one in best]
-    alike = [k for k, misfit in enumerate(full) if misfit <= _ALIKE * min(full)]
+    alike = [k for k, misfit in enumerate(full) if misfit <= max(_ALIKE * min(full), _LARGE)]
     if not min(full) < min(_HALF * plain, _NOTHING_FITS):
         return None
     usual = [

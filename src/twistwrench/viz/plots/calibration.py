@@ -48,8 +48,10 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
     places = np.arange(len(order))
     axis.bar(places, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
     axis.bar(places, _MILLI * after, color=style.POINTED, label="after")
-    axis.plot(places[~used], _MILLI * after[~used], "x", color=style.INK, label="left out", linestyle="none")
+    if not used.all():
+        axis.plot(places[~used], _MILLI * after[~used], "x", color=style.INK, label="left out", linestyle="none")
     axis.set_yscale("log")
+    axis.set_ylim(top=3.0 * axis.get_ylim()[1])  # room for the legend
     axis.yaxis.set_major_formatter(lambda x, _: number(x))
     axis.set_xlabel("reading, sorted")
     axis.set_ylabel("error [mm]")
@@ -76,6 +78,7 @@ def _draw_zeros(axis: Any, found: CalibratedRobot) -> None:
         factor = math.degrees(1.0) if chain.turning[chain.joints.index(joint)] else _MILLI
         axis.errorbar(factor * value, place, xerr=factor * half, fmt="o", color=style.POINTED)
     axis.set_yticks(range(len(found.zeros)), list(found.zeros))
+    axis.invert_yaxis()  # from the base down
     axis.axvline(0.0, color=style.QUIET, linewidth=0.8)
     axis.set_xlabel("zero [°, mm of sliding joints], 95 %")
     style.titles(axis, "Zeros")
