@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calibration_faults import lost_zero
-from calibration_worlds import NOISE, World, gantry, planar, rail, scara
+from calibration_worlds import BALL, NOISE, World, gantry, planar, rail, scara
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
@@ -122,6 +122,17 @@ def test_how_the_target_is_mounted_is_not_a_zero_of_the_last_joint():
             "zero of elbow_joint off by 1.29" in found.headline or "zero of elbow_joint off by 1.30" in found.headline
         )
         assert "wrist_3_joint" not in found.zeros and len(found.zeros) == 4
+
+
+@pytest.mark.parametrize("turn", [(np.pi, 0, 0), (0, 2.5, 0), (2.0, 1.0, -1.5)])
+def test_however_a_target_is_turned_the_error_before_is_the_same(turn):
+    """Boards are mounted in any orientation: it is estimated, and no part of the file's error."""
+    robot, errors = tw.robots.ur5(), []
+    for w in ((0, 0, 0), turn):
+        world = World.drawn(robot, 4, ball=tw.se3.pose(tw.so3.exp(w), BALL[:3, 3]))
+        plain = CalibrationProblem(world.chain, (world.measured("pose", 40),)).fitted(frames_only=True)
+        errors.append(plain.rms)
+    assert 0.9 < errors[1] / errors[0] < 1.1 and errors[0] < 10e-3
 
 
 def test_joints_without_load_do_not_sag():

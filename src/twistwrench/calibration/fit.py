@@ -8,7 +8,7 @@ axis, since many parameters have the same effect. With the prior, an offset of a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..core.estimation.least_squares import huber_weights
 from ..core.typing import Array
 from .chain import Corrections, TipChain
 from .measurements import Measurements
-from .targets import MeasuredTarget, targets_from_tips
+from .targets import MeasuredTarget, targets_from_tips, turn_of_target
 
 ROBUST = 3.0
 """Huber's k of a whole reading, in its standard deviations (rms of its rows)."""
@@ -149,8 +149,14 @@ class CalibrationProblem:
         return all(m.is_scaleless for m in self.measured)
 
     def start(self) -> Estimate:
-        """Corrections of zero, and targets for them."""
+        """Corrections of zero, a tip turned as the target of measured poses, and targets for them."""
         at = self.chain.start
+        poses = [(m, mask) for m, mask in zip(self.measured, self.masks, strict=True) if m.kind == "pose"]
+        for m, mask in poses[:1]:
+            T, _ = self.chain.poses(m.q, self.chain.loads(m.q), at)
+            turn = np.eye(4)
+            turn[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
+            at = replace(at, tip=at.tip @ turn)
         tips = [self.chain.poses(m.q, load, at)[0] for m, load in zip(self.measured, self.loads, strict=True)]
         return Estimate(at, tuple(targets_from_tips(self.measured, tips)))
 

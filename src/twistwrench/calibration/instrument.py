@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _SCALE_SIZE, _DEVIATIONS = 5e-3, 3.0
 """Smallest scale error, and smallest error of an instrument in its standard deviations, that are doubted."""
 _FAR = 5.0
-"""Deviation of a parameter from the file, over the file's, from which the file says nothing about it: a zero that is lost."""
+"""Offset of a zero over the file's deviation from which the zero is lost, and the file says nothing about it."""
 _SAME_EFFECT = 1e-3
 """Part of a further column, beside those of the fit, below which parameters have the same effect."""
 _CHANCE, _HALF = 1e-4, 0.5
@@ -108,7 +108,8 @@ def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _Inst
     values = fit.problem.chain.values(fit.state.corrections)
     at = np.concatenate([values, np.zeros(len(fit.names) - len(values))])
     wide = found.remaining.wide
-    wide = np.where(np.abs(at) > _FAR * wide, np.abs(at), wide)
+    is_zero = np.array([name.endswith(".zero") for name in fit.names])  # lengths would hide a scale
+    wide = np.where(is_zero & (np.abs(at) > _FAR * wide), np.abs(at), wide)
     B = np.concatenate([np.c_[A, column], np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]])
     x = np.linalg.lstsq(B, -np.concatenate([y, at / wide]), rcond=None)[0]
     deviation = float(np.sqrt(np.linalg.inv(B.T @ B)[-1, -1]))

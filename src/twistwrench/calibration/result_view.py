@@ -15,6 +15,8 @@ from .result import CalibratedRobot
 
 _MILLI = 1e3
 _MOST = 12
+_ALIKE = 2.0
+"""Ratio of the predicted error to the held-out one up to which the held-out one stands for the tip."""
 _ROUNDING = 1e-6
 """Predicted error of the tip [m] that does not matter."""
 
@@ -61,7 +63,7 @@ def figures(found: CalibratedRobot) -> str:
     Readings that are not places of the tip, and places at similar poses, do not show its error over the reach.
     """
     held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
-    if found.measures_tip and found.remaining.rms <= max(found.held_out.rms, _ROUNDING):
+    if found.measures_tip and found.remaining.rms <= max(_ALIKE * found.held_out.rms, _ROUNDING):
         return f"the tip is right to {held_out} (rms, held out), {before} before"
     remaining, remaining_before = millimetres(found.remaining.rms), millimetres(found.remaining_before)
     return (

@@ -20,6 +20,8 @@ from .measurements import Measurements
 
 _NEAREST = 1e-9
 """Least distance [m] by which a direction is divided."""
+_SAME_TURN = 1e-2
+"""Second eigenvalue of the turn's equations, as a share of the largest, below which several turns explain the rotations."""
 
 
 class ReadingRows(NamedTuple):
@@ -124,6 +126,23 @@ class FrameTarget(MeasuredTarget):
     def frame(self) -> Array:
         """Pose of the base in the tracker's frame."""
         return self.X
+
+
+def turn_of_target(measured: Array, turned: Array) -> Array:
+    """Rotation R (3, 3) of the target on the tip, from rotations M = X T R (n, 3, 3) measured and T of the tip, any X.
+
+    M R' = X T is linear in R' and X. The identity if the rotations are about too few axes. Source: Shah, "Solving the
+    robot-world/hand-eye calibration problem using the Kronecker product", J. Mechanisms and Robotics 5(3), 2013.
+    """
+    unit, A = np.eye(3), np.zeros((18, 18))
+    for M, T in zip(measured, turned, strict=True):
+        rows = np.c_[np.kron(M, unit), -np.kron(unit, T.T)]
+        A += rows.T @ rows
+    values, vectors = np.linalg.eigh(A)
+    if values[1] < _SAME_TURN * values[-1]:
+        return unit
+    inverse = vectors[:9, 0].reshape(3, 3)
+    return _nearest_rotation(inverse * np.sign(np.linalg.det(inverse))).T
 
 
 # ── Distances from a centre, and between two places of the tip
