@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _SCALE_SIZE, _DEVIATIONS = 5e-3, 3.0
 """Smallest scale error, and smallest error of an instrument in its standard deviations, that are doubted."""
 _FAR = 5.0
-"""Offset of a zero over the file's deviation from which the zero is lost, and the file says nothing about it."""
+"""Offset of a zero, over the deviation of the file, from which the zero is lost and the file does not constrain it."""
 _SAME_EFFECT = 1e-3
 """Part of a further column, beside those of the fit, below which parameters have the same effect."""
 _CHANCE, _HALF = 1e-4, 0.5
