@@ -53,13 +53,13 @@ class SupportNoise:
         half = INTERVAL * 0.5 * self.spread * self.speed
         return (
             f"noise of the log decides whether it {self.how} at t = {seconds(self.time)} s: it holds up to "
-            f"{plus_minus(self.speed, half)} × this speed (95 %)"
+            f"{plus_minus(self.speed, half)} × this speed"
         )
 
     def interval_words(self, speed: float) -> str:
-        """Text of the 95 % interval of a margin; empty if it is negligible."""
+        """Noise of a margin at the instant that sets it; empty if it is negligible."""
         half = INTERVAL * 0.5 * self.spread
-        return f" (± {number(half * speed, 2)} by noise, 95 %)" if half > _SHOWN and math.isfinite(speed) else ""
+        return f" (± {number(half * speed, 2)} by noise)" if half > _SHOWN and math.isfinite(speed) else ""
 
 
 def support_noise(found: GroundSupport, d: Differentiation) -> SupportNoise | None:
