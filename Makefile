@@ -85,6 +85,7 @@ outputs: $(VENV)/.dev
 	$(BIN)/python docs/doubts.py
 	$(BIN)/python docs/questions.py
 	$(BIN)/python docs/first_calls.py
+	$(BIN)/python docs/live.py
 	$(BIN)/python docs/outputs.py
 
 release-check: $(VENV)/.dev

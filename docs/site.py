@@ -193,7 +193,7 @@ def _files_linked(page: Path) -> set[Path]:
     for match in _LINK.finditer(page.read_text("utf-8")):
         target = (page.parent / match[1] / match[2]).resolve()
         inside = target.is_relative_to(ROOT) and not target.is_relative_to(ROOT / "docs")
-        if target.exists() and inside and target.name != "README.md":
+        if target.exists() and inside and target.name not in ("README.md", "payload.html"):
             found.add(target)
     return found
 
@@ -223,6 +223,7 @@ def _beside_docs(name: str) -> str:
             return f"]({(found[1] + found[2]).removeprefix('docs/')}{found[3] or ''})"
         return f"](../{found[1]}{found[2]}{found[3] or ''})"
 
+    text = text.replace("](examples/payload.html)", "](docs/live/payload.html)")  # the site has it where its frames are
     return _LINK.sub(moved, re.sub(r'(src|srcset)="docs/', r'\1="', text))
 
 
@@ -277,19 +278,26 @@ def _book() -> dict[str, str]:
     return found
 
 
-def _live() -> dict[str, str]:
-    """Pages without side panel, for frames in guides."""
+def demo_motion(mass: float) -> Any:
+    """The bundled motion of the UR5 with a payload [kg], to be shown."""
     import twistwrench as tw
     from twistwrench.motion.differentiation import Differentiation
     from twistwrench.motion.load_case import LoadCase, Payload
     from twistwrench.motion.motion_log import MotionLog
     from twistwrench.reports.drawn_motion import reported_motion
     from twistwrench.reports.torque_analysis import analyse
-    from twistwrench.viz.page import viewer_page
 
     ur5, log = tw.robots.ur5(), tw.robots.path_of("ur5").with_name("ur5_demo.csv")
     plan = Differentiation.plan(MotionLog.open(log, ur5.model), ur5.model)
-    heavy, light = (reported_motion(analyse(LoadCase(ur5, (Payload(mass),)), plan, ur5.limits)) for mass in (10.0, 5.0))
+    return reported_motion(analyse(LoadCase(ur5, (Payload(mass),)), plan, ur5.limits))
+
+
+def _live() -> dict[str, str]:
+    """Pages without side panel, for frames in guides."""
+    import twistwrench as tw
+    from twistwrench.viz.page import viewer_page
+
+    ur5, heavy, light = tw.robots.ur5(), demo_motion(10.0), demo_motion(5.0)
     shown = {
         "payload": viewer_page(ur5, motion=heavy, embed=True, control="payload", still=True).page,
         "speed": viewer_page(ur5, motion=light, embed=True, control="speed", still=True).page,

@@ -6,6 +6,7 @@ import html
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections import Counter
@@ -259,6 +260,14 @@ def test_guides_hold_pages_that_compute(site):
         assert page.complaints == []
     assert "film.gif" not in (site / "index.html").read_text("utf-8")
     assert not (site / "film.gif").exists()
+
+
+def test_the_page_that_readme_links_to_is_the_viewer_s():
+    """Numbers to six digits, since processors round otherwise."""
+    live = runpy.run_path(str(ROOT / "docs" / "live.py"))
+    committed = live["PAGE"].read_text("utf-8")
+    assert len(committed.encode()) <= 340_000
+    assert live["outline"](committed) == live["outline"](live["page"]()), "run `python docs/live.py`"
 
 
 def test_copy_buttons_copy_commands_without_prompts_and_output(site):
