@@ -47,7 +47,7 @@ class Question(NamedTuple):
     """A question with its answer, as its test has it."""
 
     place: str
-    """File and name of the test, such as ``test_payload.py::test_payload_on_and_off``."""
+    """File and name of the test, such as ``test_payload_questions.py::test_payload_on_and_off``."""
     question: str
     answer: str
     source: str
@@ -144,7 +144,7 @@ def unanswered(path: Path) -> dict[str, tuple[str, str]]:
 
 
 def files() -> list[Path]:
-    return [TESTS / f"test_{name}.py" for name in SUBJECTS]
+    return [TESTS / f"test_{name}_questions.py" for name in SUBJECTS]
 
 
 def page(text: str, outputs: dict[str, str]) -> str:
@@ -213,7 +213,7 @@ def main(names: Iterable[str]) -> int:
     from outputs import agree
 
     printed = Printed()
-    chosen = [str(TESTS / f"test_{name}.py") for name in names] or [str(TESTS)]
+    chosen = [str(TESTS / f"test_{name}_questions.py") for name in names] or [str(TESTS)]
     code = pytest.main([*chosen, "-q", "-m", "slow or not slow", "-p", "no:cacheprovider"], plugins=[printed])
     text = PAGE.read_text("utf-8")
     kept = outputs_shown(text)

@@ -46,7 +46,7 @@ _HEADINGS = {
         "workers scheduler srdf topic episode gain rate keep model xacro seed restarts criterion stribeck-speed keep-close "
         "masses-included regeneration rtol every style torque-side prefix full-paths smooth plan chain include-path mimic "
         "inertia mcap rerun npz joint kind weights shift cutoff harmonics method "
-        "fixed-base step jerk contact touch force control casters contact-normal bolts grip cup in-contact"
+        "fixed-base step jerk contact touch force control casters contact-normal bolts grip cup in-contact thresholds"
     ),
 }
 """Headings of the help by option; options that are not named are of the question."""

@@ -54,6 +54,8 @@ _SUSPECTS = 8
 _STEPS, _WORTH = 5, 0.005
 _REFINED, _STARTED = 5, 3
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
+_HEAVIEST = 3.0
+"""Largest load that an arm takes up, as a multiple of its own moving mass; arms carry less than they weigh."""
 _LARGE_S = 1.5
 """S that no number of tested causes gives by chance in rows held out; a slow fault has few blocks of time for the test of t."""
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
@@ -342,7 +344,8 @@ def _strongest(tried: Iterable[FoundCause], count: int) -> list[FoundCause]:
     """
     told, most = list[FoundCause](), -np.inf
     for one in tried:
-        if one.S >= LEAST_S and one.t >= one.fit.sure(1 if one.S >= _LARGE_S else count) and _possible(one):
+        tests = 1 if one.S >= _LARGE_S and _distinct(one) else count
+        if one.S >= LEAST_S and one.t >= one.fit.sure(tests) and _possible(one):
             most = max(most, one.S - one.cost)
             least = most - (1.0 - _NEAR) * abs(most)
             told = [each for each in (*told, one) if each.S - each.cost >= least]
@@ -355,9 +358,21 @@ def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
     return replace(found, fit=refit, S=fit.gained(refit), t=refit.t_value(fit))
 
 
+def _distinct(found: FoundCause) -> bool:
+    """True if the value differs from none at all by two standard deviations."""
+    if found.value is None or found.deviation is None:
+        return True
+    return bool((np.abs(found.value) > 2.0 * found.deviation).any())
+
+
 def _possible(found: FoundCause) -> bool:
-    """False if the value has an impossible sign: links do not run ahead of their motors."""
-    return found.kind not in _POSITIVE or found.value is None or bool(found.value[0] > 0)
+    """False if the value has an impossible sign or size: links do not run ahead of their motors, and no arm lifts a wall."""
+    if found.value is None:
+        return True
+    if found.kind == "load-change":
+        robot = found.fit.states.base.unknown.robot
+        return bool(abs(found.value[0]) <= _HEAVIEST * robot.model.moving_mass)
+    return found.kind not in _POSITIVE or bool(found.value[0] > 0)
 
 
 def _determined(found: FoundCause) -> bool:

@@ -247,7 +247,9 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     read = [*(one for log in seen.logs for one in of_reading(log.doubts, log.name)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
     causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *seen.causes]
-    if any(one.kind == "time-scale" for one in causes):  # accelerations of a clock that is wrong look like a common gain
+    if any(
+        one.kind == "time-scale" for one in causes
+    ):  # accelerations of a clock that is wrong look like a common gain
         causes = [one for one in causes if one.kind != "gain" or one.joints != seen.names]
     if any(one.level != "note" for one in (*read, *seen.causes)):  # free groups are wrong too
         causes = [one for one in causes if one.kind != "unit"]

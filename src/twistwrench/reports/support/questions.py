@@ -92,8 +92,9 @@ class SupportQuestion:
                 "{0} is of a robot at rest, and a motion is given too. Leave out one.", Argument("at")
             )
         if at is None and self.ground is None:
+            said = "Missing MOTION:" if in_the_shell() else "no motion is given. Give"
             raise ValueRangeError(
-                "no motion is given. Name the file of one, or a configuration at rest, {0}.",
+                f"{said} a log or plan, or 'demo'. Or give a configuration at rest, {{0}}.",
                 Argument("at", {robot.model.velocity_names[-1]: 0} if robot.nv else {}),
             )
         q = configuration_of(robot, at, degrees=degrees)
