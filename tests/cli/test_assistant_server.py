@@ -20,6 +20,14 @@ ARM = """<robot name="arm"><link name="base"/><link name="a">{mesh}<inertial><ma
 MJCF = '<mujoco><include file="{file}"/></mujoco>'
 
 
+_FACES = ("000", "010", "100"), ("000", "001", "010"), ("000", "100", "001"), ("100", "010", "001")
+_CORNERS = {name: " ".join(str(0.1 * int(digit)) for digit in name) for name in ("000", "100", "010", "001")}
+_VERTICES = ["\n".join(f"vertex {_CORNERS[name]}" for name in face) for face in _FACES]
+_FACETS = [f"facet normal 0 0 0\nouter loop\n{vertices}\nendloop\nendfacet" for vertices in _VERTICES]
+CORNER = "\n".join(["solid corner", *_FACETS, "endsolid corner\n"])
+"""A tetrahedron of 0.1 m: the tensor that the doctor proposes for its link is another one than without it."""
+
+
 class Client:
     """Client of the protocol on the pipes of a server."""
 
@@ -65,7 +73,8 @@ def places(tmp_path_factory):
     for name, folder in (("arm.urdf", inside), ("arm.urdf", outside)):
         (folder / name).write_text(ARM.format(mesh=""))
     (outside / "secret.xml").write_text("<mujoco><worldbody><body name='secret'/></worldbody></mujoco>")
-    (outside / "box.stl").write_text("solid secret\nendsolid secret\n")
+    for folder in (inside, outside):
+        (folder / "box.stl").write_text(CORNER)
     (inside / "package.xml").write_text("<package><name>inside</name></package>")
     (inside / "link.urdf").symlink_to(outside / "arm.urdf")
     (inside / "link.stl").symlink_to(outside / "box.stl")
@@ -178,12 +187,20 @@ def test_no_path_leads_outside_the_folder(client, places):
 
 
 def test_meshes_of_a_robot_file_are_read_in_the_folder_only(client, places):
+    """A mesh elsewhere is as one that is missing; one in the folder changes what the doctor finds."""
     inside, outside = places
-    for name in ("link.stl", "../outside/box.stl", str(outside / "box.stl"), f"file://{outside}/box.stl"):
+
+    def findings(name):
         shape = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
         (inside / "shaped.urdf").write_text(ARM.format(mesh=shape))
-        text, _ = client.call("doctor", robot="shaped.urdf", more="--meshes .")
-        assert "solid" not in text
+        text, is_error = client.call("doctor", robot="shaped.urdf")
+        assert not is_error, text
+        return json.loads(text)["findings"]
+
+    missing = findings("missing.stl")
+    assert findings("box.stl") != missing
+    for name in ("link.stl", "../outside/box.stl", str(outside / "box.stl"), f"file://{outside}/box.stl"):
+        assert findings(name) == missing, name
 
 
 def test_files_are_written_in_the_folder(client, places):

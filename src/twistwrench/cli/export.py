@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -128,8 +129,7 @@ def convert_command(robot: RobotOptions, asked: Asked, outputs: Outputs[Saved], 
     outputs.check(overwrite=overwrite, also={"OUT": path})
     loaded = robot.load()
     saved = save(loaded, Path(path), overwrite=overwrite, **asked)
-    if shaped := len(loaded.model.shaped):
-        note(f"the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.")
+    _note_shapes(len(loaded.model.shaped))
     return saved
 
 
@@ -161,5 +161,18 @@ def join_command(
     outputs.check(overwrite=overwrite, also={"OUT": path})
     writer_of(path)
     cell = join(*parts, **{"name": Path(path).stem, **asked})
-    outputs.add(OutputFile("OUT", "", lambda found, file: found.write(file, overwrite=overwrite)), path)
+    outputs.add(OutputFile("OUT", "", partial(_write_cell, overwrite=overwrite)), path)
     return cell
+
+
+def _write_cell(cell: RobotCell, path: str, *, overwrite: bool) -> None:
+    """Write the cell, and note what its file does not keep."""
+    for sentence in cell.write(path, overwrite=overwrite):
+        note(f"lost: {sentence}")
+    _note_shapes(sum(len(part.robot.model.shaped) for part in cell.parts))
+
+
+def _note_shapes(count: int) -> None:
+    """Note links whose shapes are not written."""
+    if count:
+        note(f"the shapes of {count} link{'s' * (count > 1)} are not written: a robot keeps what moves and weighs.")
