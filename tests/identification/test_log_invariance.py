@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from identification_logs import known_log
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import identify
@@ -76,7 +77,7 @@ def words_of(columns, path):
     return found.verdict.word, [(one.kind, one.joints, one.level) for one in found.doubts]
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", mostly_slow(FAULTS, 4))
 def test_the_same_log_written_otherwise_gets_the_same_words(fault, tmp_path):
     """Units, order of columns, begin of the clock, unit of time, and a turn of a joint."""
     columns = columns_of(fault)

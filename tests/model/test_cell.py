@@ -145,3 +145,16 @@ def test_degrees_apply_to_the_angles_of_the_command(tmp_path):
 def test_bad_parts_are_one_error(parts, error, said):
     with pytest.raises(error, match=said):
         tw.join(*parts)
+
+
+def test_what_the_file_of_a_cell_does_not_keep_is_said(tmp_path):
+    """A spring of MJCF, which URDF has not, and shapes."""
+    hand = tmp_path / "hand.xml"
+    hand.write_text(
+        '<mujoco model="hand"><worldbody><body name="palm"><geom type="box" size="0.1 0.1 0.1" mass="1"/>'
+        '<body name="finger"><joint name="open" type="slide" axis="1 0 0" stiffness="30"/>'
+        '<geom type="box" size="0.1 0.1 0.1" mass="1"/></body></body></worldbody></mujoco>'
+    )
+    done = CliRunner().invoke(main, ["join", str(tmp_path / "cell.urdf"), "ur5", f"{hand}@tool0"])
+    assert done.exit_code == 0 and "lost: " in done.output and "spring" in done.output
+    assert "the shapes of 2 links are not written" in done.output

@@ -38,6 +38,8 @@ _NEVER = {"file_json": "it is the answer", "workers": "it starts processes", "sc
 """Options that no tool has, and why."""
 _FILES = re.compile(r"FILE|FOLDER|DIR|LOG|MOTION|OUT|ROBOT")
 """Placeholders of options and arguments that name files."""
+_PLAIN = ("VALUE", "NAME", "FRAME", "N", "SECONDS", "CELSIUS", "OUT", "LOG")
+"""Placeholders that add nothing to the name of their option."""
 _LONGEST = 200_000
 """Largest result [characters]."""
 
@@ -176,16 +178,7 @@ def _schema(parameter: click.Parameter) -> dict[str, Any]:
         return kind if name == "ROBOT" else {**kind, "description": _clause(MEANINGS[name])}
     assert isinstance(parameter, click.Option)
     text = _clause(parameter.help or "")
-    if parameter.metavar and parameter.metavar not in (
-        "VALUE",
-        "NAME",
-        "FRAME",
-        "N",
-        "SECONDS",
-        "CELSIUS",
-        "OUT",
-        "LOG",
-    ):
+    if parameter.metavar and parameter.metavar not in _PLAIN:
         text = f"{parameter.metavar}: {text}"
     if parameter.is_flag and not parameter.metavar:
         return {"type": "boolean", "description": text}

@@ -19,7 +19,7 @@ from ...statics.contacts import contact_maps
 from ...statics.support import Support, exceeding, friction_within, support
 from ...statics.torque_limits import floating_entries
 from .ground import ASSUMED, UNLIMITED, Ground
-from .lie import ground_doubt, samples, slope
+from .slope import ground_doubt, samples, slope
 from .standing import StandingCase
 
 if TYPE_CHECKING:

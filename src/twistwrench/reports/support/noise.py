@@ -11,7 +11,7 @@ import numpy as np
 from ...core.numbers import number, plus_minus, seconds
 from ...core.typing import Array
 from ..statistics import INTERVAL
-from .lie import samples
+from .slope import samples
 
 if TYPE_CHECKING:
     from ...motion.differentiation import Differentiation, MotionSamples

@@ -1,4 +1,4 @@
-"""Lie of the ground: reasons why contacts, or gravity, do not fit the normal along which the ground pushes."""
+"""Slope of the ground, and reasons why contacts, or gravity, do not fit the normal along which the ground pushes."""
 
 from __future__ import annotations
 
