@@ -58,6 +58,8 @@ _HEAVIEST = 3.0
 """Largest load that an arm takes up, as a multiple of its own moving mass; arms carry less than they weigh."""
 _LARGE_S = 1.5
 """S that no number of tested causes gives by chance in rows held out; a slow fault has few blocks of time for the test of t."""
+_LEAST_BLOCKS = 6
+"""Blocks of time from which one test of t is enough for a large S: with two, any change half way explains everything."""
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Order of preference among causes with equal evidence."""
 _POSITIVE = ("backlash", "elasticity", "load-friction", "low-pass", "spring", "stribeck")
@@ -344,7 +346,7 @@ def _strongest(tried: Iterable[FoundCause], count: int) -> list[FoundCause]:
     """
     told, most = list[FoundCause](), -np.inf
     for one in tried:
-        tests = 1 if one.S >= _LARGE_S and _distinct(one) else count
+        tests = 1 if _is_large(one) else count
         if one.S >= LEAST_S and one.t >= one.fit.sure(tests) and _possible(one):
             most = max(most, one.S - one.cost)
             least = most - (1.0 - _NEAR) * abs(most)
@@ -358,8 +360,10 @@ def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
     return replace(found, fit=refit, S=fit.gained(refit), t=refit.t_value(fit))
 
 
-def _distinct(found: FoundCause) -> bool:
-    """True if the value differs from none at all by two standard deviations."""
+def _is_large(found: FoundCause) -> bool:
+    """True if S is too large for chance, over enough blocks of time, and the value is two standard deviations from zero."""
+    if found.S < _LARGE_S or len(found.fit.blocks) < _LEAST_BLOCKS:
+        return False
     if found.value is None or found.deviation is None:
         return True
     return bool((np.abs(found.value) > 2.0 * found.deviation).any())
