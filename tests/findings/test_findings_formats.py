@@ -38,7 +38,7 @@ def numbers(robot: tw.Robot) -> np.ndarray:
 
 
 @pytest.mark.parametrize("where", ["inertial", "placement"])
-def test_finding_01_a_quaternion_of_urdf_1_1_is_the_equal_rpy(where):
+def test_a_quaternion_of_urdf_1_1_is_the_equal_rpy(where):
     pinocchio = pytest.importorskip("pinocchio", exc_type=ImportError)
     asked, expected = (one_joint(**{where: turn}) for turn in (SAME_TURN, TURN))
     robot = quiet(asked)
@@ -49,7 +49,7 @@ def test_finding_01_a_quaternion_of_urdf_1_1_is_the_equal_rpy(where):
     assert robot.defects == ()
 
 
-def test_finding_01_both_rotations_and_a_length_that_is_not_one_are_errors():
+def test_both_rotations_and_a_length_that_is_not_one_are_errors():
     with pytest.raises(tw.RobotFileError, match=r"<origin> of link 'l' \(line 3\) has both rpy and quat_xyzw"):
         tw.load(one_joint(inertial=f"{TURN} {SAME_TURN}"))
     with pytest.raises(tw.RobotFileError, match=r"length 1\.01"):
@@ -64,7 +64,7 @@ def remark(robot: tw.Robot, name: str) -> str:
     return found
 
 
-def test_finding_02_elements_and_attributes_of_urdf_that_are_not_read_are_named():
+def test_elements_and_attributes_of_urdf_that_are_not_read_are_named():
     rest = '<jiont name="x"/>\n<jiont/><transmision/><constraint type="ball"/><inertial/><controller:thing/>'
     robot = quiet(one_joint(rest=rest, placement='foo="1"', joint="<dynamics dampign='3'/>"))
     assert remark(robot, "jiont") == "line 6 and 1 more: <jiont> is not an element of URDF; did you mean <joint>?"
@@ -90,7 +90,7 @@ def test_finding_02_elements_and_attributes_of_urdf_that_are_not_read_are_named(
         ("<mu1>0.2</mu1><anything>3</anything><sensor name='s'><pose>0</pose></sensor>", ""),
     ],
 )
-def test_finding_02_mechanics_in_extensions_of_gazebo_is_remarked_and_the_rest_is_not(said, remarked):
+def test_mechanics_in_extensions_of_gazebo_is_remarked_and_the_rest_is_not(said, remarked):
     defects = quiet(one_joint(rest=f'<gazebo reference="l">{said}</gazebo>')).defects
     assert len(defects) == bool(remarked)
     assert remarked in "".join(defects)
@@ -119,7 +119,7 @@ def sdf(link: str = "", inertial: str = "", rest: str = "") -> str:
         ({"rest": "<self_collide>true</self_collide><plugin name='p' filename='f'><a>1</a></plugin>"}, ""),
     ],
 )
-def test_finding_10_elements_of_sdf_with_mechanics_are_remarked(parts, remarked):
+def test_elements_of_sdf_with_mechanics_are_remarked(parts, remarked):
     whole, robot = quiet(sdf()), quiet(sdf(**parts))
     new = [text for text in robot.defects if text not in whole.defects]
     assert len(new) == bool(remarked)
@@ -198,7 +198,7 @@ def growth(text: str, twice_twice: str) -> float:
 @pytest.mark.parametrize(
     "kind", [*REPEATED][:2] + [pytest.param(kind, marks=pytest.mark.slow) for kind in [*REPEATED][2:]]
 )
-def test_finding_48_loading_time_grows_with_the_size_of_the_file(kind):
+def test_loading_time_grows_with_the_size_of_the_file(kind):
     size = len(REPEATED[kind](200)) - len(REPEATED[kind](100))
     files = [REPEATED[kind](kilobytes * 100_000 // size) for kilobytes in (25, 100)]
     assert 95_000 < len(files[1]) < 105_000
@@ -207,13 +207,13 @@ def test_finding_48_loading_time_grows_with_the_size_of_the_file(kind):
 
 
 @pytest.mark.parametrize("tag", ["geom", "site", "frame"])
-def test_finding_48_the_limit_on_bodies_holds_for_their_parts(tag):
+def test_the_limit_on_bodies_holds_for_their_parts(tag):
     with pytest.raises(tw.RobotFileError, match=f"more than 20,000 <{tag}> elements"):
         tw.load(_mjcf(f"<{tag}/>" * 20_001))
     assert quiet(_mjcf('<geom size="0.1"/>' * 30), max_bodies=3).nv == 1
 
 
-def test_finding_48_a_million_elements_are_refused_before_they_are_read():
+def test_a_million_elements_are_refused_before_they_are_read():
     with pytest.raises(tw.RobotFileError, match=r"about 1,200,0.. elements; more than 1,000,000"):
         tw.load(_urdf(1).replace("</robot>", "<a/>" * 1_200_000 + "</robot>"))
 
@@ -243,7 +243,7 @@ def every_text_replaced(text: str, by: str) -> list[str]:
 
 @pytest.mark.parametrize("by", LONG)
 @pytest.mark.parametrize("text", [one_joint(), sdf(), MJCF], ids=["URDF", "SDF", "MJCF"])
-def test_finding_50_messages_quote_two_hundred_characters_at_most(text, by):
+def test_messages_quote_two_hundred_characters_at_most(text, by):
     errors = 0
     for changed in every_text_replaced(text, LONG[by]):
         try:
@@ -255,7 +255,7 @@ def test_finding_50_messages_quote_two_hundred_characters_at_most(text, by):
     assert errors > 10
 
 
-def test_finding_50_elements_of_long_names_are_quoted_in_part():
+def test_elements_of_long_names_are_quoted_in_part():
     text = one_joint(rest=f"<{'x' * 100_000}/>", placement=f'{"y" * 100_000}="1"')
     assert [len(sentence) < 400 for sentence in quiet(text).defects] == [True, True]
 
@@ -283,7 +283,7 @@ TRIANGLES = "solid t\n" + "".join(
         ("{}/secret.txt", False),
     ],
 )
-def test_finding_60_a_robot_file_names_meshes_within_packages_only(tmp_path, uri, shown):
+def test_a_robot_file_names_meshes_within_packages_only(tmp_path, uri, shown):
     pytest.importorskip("trimesh")
     (tmp_path / "arm/meshes").mkdir(parents=True)
     (tmp_path / "arm/urdf").mkdir()

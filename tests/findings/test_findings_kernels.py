@@ -33,7 +33,7 @@ def derivatives_of_a_quadruped(count: int):
     return kernel, given, tuple(np.empty((count, robot.nv, robot.nv)) for _ in range(2))
 
 
-def test_finding_68_results_beyond_the_caches_have_the_same_bits():
+def test_results_beyond_the_caches_have_the_same_bits():
     kernel, given, out = derivatives_of_a_quadruped(4096)  # 21 MB
     assert sum(x.nbytes for x in out) > 1 << 24
     kernel(*given, out=out)
@@ -43,7 +43,7 @@ def test_finding_68_results_beyond_the_caches_have_the_same_bits():
 
 
 @pytest.mark.slow
-def test_finding_68_a_state_of_a_large_batch_takes_about_what_one_of_a_small_batch_takes():
+def test_a_state_of_a_large_batch_takes_about_what_one_of_a_small_batch_takes():
     """The least of many rounds: other programs may have the caches at any time."""
     cases = {count: derivatives_of_a_quadruped(count) for count in (512, 4096)}
     taken = dict.fromkeys(cases, np.inf)
@@ -83,7 +83,7 @@ def first_torque(path: Path, place: Path | str, imports: str = "") -> tuple[str,
     return bits, read == "True", defects, done.stderr.replace("<string>", "")
 
 
-def test_finding_70_a_file_with_a_remark_is_known_again_in_any_order_of_imports(tmp_path):
+def test_a_file_with_a_remark_is_known_again_in_any_order_of_imports(tmp_path):
     path, place = tmp_path / "arm.urdf", tmp_path / "cache"
     path.write_text(DOUBTFUL)
     made = first_torque(path, place)
@@ -109,7 +109,7 @@ def jax():
     found.config.update("jax_enable_x64", before)
 
 
-def test_finding_69_second_derivatives_are_calls_of_compiled_kernels(jax):
+def test_second_derivatives_are_calls_of_compiled_kernels(jax):
     """As custom calls, of which XLA compiles nothing: the operations of J's program would be thousands."""
     robot = tw.robots.planar_3r()
     x = [np.linspace(-1, 1, 3), np.array([0.3, -0.2, 0.5]), np.array([1.0, 0.4, -0.7])]
@@ -130,7 +130,7 @@ def test_finding_69_second_derivatives_are_calls_of_compiled_kernels(jax):
     )
 
 
-def test_finding_69_products_with_a_vector_and_mixed_derivatives_are_the_same(jax):
+def test_products_with_a_vector_and_mixed_derivatives_are_the_same(jax):
     """Forward over reverse, reverse over forward, by inputs that did not move at first, of batches, of several results."""
     robot = tw.robots.planar_2r()
     rng = np.random.default_rng(69)
@@ -166,7 +166,7 @@ def test_finding_69_products_with_a_vector_and_mixed_derivatives_are_the_same(ja
     np.testing.assert_allclose(found["jacobian"], expected, rtol=0, atol=1e-12)
 
 
-def test_finding_69_a_traced_array_in_a_method_is_told_of_to_jax(jax):
+def test_a_traced_array_in_a_method_is_told_of_to_jax(jax):
     robot = tw.robots.planar_2r()
     for transform in (jax.jit, jax.jacfwd, jax.vmap):
         with pytest.raises(tw.ShapeError, match=r"traced by JAX.*to_jax"):
@@ -177,7 +177,7 @@ def test_finding_69_a_traced_array_in_a_method_is_told_of_to_jax(jax):
 
 
 @NEEDS_SIGINT
-def test_finding_11_an_interrupt_of_the_first_call_in_single_precision_is_raised(monkeypatch):
+def test_an_interrupt_of_the_first_call_in_single_precision_is_raised(monkeypatch):
     """Where LLVM is at work for it, below NumPy, which no exception can cross."""
     llvm = pytest.importorskip("llvmlite.binding", reason="compiles nothing here")
     monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", "off")
@@ -213,13 +213,13 @@ print(all((a == b).all() for a, b in zip(found[:2], found[2:], strict=True)))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="stacks grow there")
-def test_finding_55_kernels_run_in_a_thread_of_64_kb():
+def test_kernels_run_in_a_thread_of_64_kb():
     done = subprocess.run([sys.executable, "-c", SMALL_STACK], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux") or os.uname().machine != "x86_64", reason="ELF of x86-64")
-def test_finding_56_object_code_that_points_out_of_its_section_is_not_placed(tmp_path):
+def test_object_code_that_points_out_of_its_section_is_not_placed(tmp_path):
     """An entry of the cache with a right checksum whose first relocation lies 64 bytes before its section."""
     code = "import twistwrench as tw; print(tw.robots.cart_pole().gravity_forces([0.1, 0.2]).tobytes().hex())"
 
@@ -257,7 +257,7 @@ def test_finding_56_object_code_that_points_out_of_its_section_is_not_placed(tmp
 # ── kernels as objects, and arrays of many axes ──
 
 
-def test_finding_43_kernels_pickle():
+def test_kernels_pickle():
     robot = tw.robots.cart_pole()
     q, dq = np.array([[0.1, 0.2], [0.3, -0.4]]), np.array([0.5, 0.6])
     for kernel, given in (
@@ -275,7 +275,7 @@ def test_finding_43_kernels_pickle():
 
 
 @pytest.mark.parametrize("name", ["mass_matrix", "jacobian", "forward_kinematics"])
-def test_finding_44_more_axes_than_numpy_has_are_an_error_of_ours(name):
+def test_more_axes_than_numpy_has_are_an_error_of_ours(name):
     robot = tw.robots.ur5()
     most = robot.mass_matrix(np.zeros((1,) * 62 + (6,)))
     assert most.shape == (1,) * 62 + (6, 6)
@@ -295,7 +295,7 @@ kernel = panda.kernel("inverse_dynamics", by=("q", "dq", "ddq"), form="hessian")
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_finding_71_a_terminal_is_told_what_is_compiled_after_a_second():
+def test_a_terminal_is_told_what_is_compiled_after_a_second():
     import pty
 
     ours, theirs = pty.openpty()

@@ -80,7 +80,7 @@ COUNTS = {(30, 10): 0, (0, 10): 1, (30, 0): 1, (0, 0): 2}
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("efforts", COUNTS)
-def test_finding_17_no_ok_unless_each_loaded_joint_has_a_limit(run, tmp_path, command, efforts):
+def test_no_ok_unless_each_loaded_joint_has_a_limit(run, tmp_path, command, efforts):
     (tmp_path / "arm.urdf").write_text(arm(efforts))
     code, said = run(*COMMANDS[command])
     if COUNTS[efforts]:
@@ -90,7 +90,7 @@ def test_finding_17_no_ok_unless_each_loaded_joint_has_a_limit(run, tmp_path, co
         assert code == 0 and not said.startswith("UNSURE"), said
 
 
-def test_finding_17_a_thousand_kilograms_are_not_ok(run, tmp_path):
+def test_a_thousand_kilograms_are_not_ok(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm((0, 0)))
     code, said = run("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload", 1000, "--csv", "out.csv")
     assert code == 1 and said.startswith("UNSURE: the payload of 1000 kg is more than 100 times as heavy"), said
@@ -99,7 +99,7 @@ def test_finding_17_a_thousand_kilograms_are_not_ok(run, tmp_path):
     assert re.search(r"shoulder -?\d+\.?\d* ", said)  # the table of peaks
 
 
-def test_finding_17_the_line_of_help_works(run, tmp_path):
+def test_the_line_of_help_works(run, tmp_path):
     """The table that info writes is read by --limits, with its efforts filled in or not."""
     (tmp_path / "arm.urdf").write_text(arm((0, 10)))
     code, said = run("info", "arm.urdf", "--csv", "limits.csv")
@@ -115,7 +115,7 @@ def test_finding_17_the_line_of_help_works(run, tmp_path):
         assert code == 0 and not said.startswith("UNSURE"), said
 
 
-def test_finding_17_what_nothing_drives_and_what_nothing_loads_is_not_asked_for(run, tmp_path):
+def test_what_nothing_drives_and_what_nothing_loads_is_not_asked_for(run, tmp_path):
     text = arm((30, 10)).replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/>')
     spin = joint("spin", "tool", "disc", 0).replace('xyz="0 1 0"', 'xyz="1 0 0"')
     disc = '<link name="disc"><inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -131,7 +131,7 @@ def test_finding_17_what_nothing_drives_and_what_nothing_loads_is_not_asked_for(
 
 @pytest.mark.parametrize("duration", [1, 20])
 @pytest.mark.parametrize("efforts", [(0, 10), (0, 0)])
-def test_finding_17_move_and_torques_count_the_same_joints_of_the_same_motion(run, tmp_path, efforts, duration):
+def test_move_and_torques_count_the_same_joints_of_the_same_motion(run, tmp_path, efforts, duration):
     """The spin about the upright base is loaded by inertia alone, which fades where the motion is slow."""
     base = link("turning", 1.0, 0.2) + joint("spin", "base", "turning", 0).replace('xyz="0 1 0"', 'xyz="0 0 1"')
     text = arm(efforts, extra=base).replace(
@@ -151,7 +151,7 @@ def test_finding_17_move_and_torques_count_the_same_joints_of_the_same_motion(ru
 
 
 @pytest.mark.parametrize("efforts", [(0, 10), (30, 0), (0, 0)])
-def test_finding_18_no_payload_figure_without_the_limit_of_each_loaded_joint(run, tmp_path, efforts):
+def test_no_payload_figure_without_the_limit_of_each_loaded_joint(run, tmp_path, efforts):
     (tmp_path / "arm.urdf").write_text(arm(efforts))
     for command in ("torques with a payload", "payload"):
         _, said = run(*COMMANDS[command])
@@ -159,7 +159,7 @@ def test_finding_18_no_payload_figure_without_the_limit_of_each_loaded_joint(run
 
 
 @pytest.mark.parametrize(("text", "figure"), [("none", False), ("some", False), ("placeholders", True)])
-def test_finding_18_an_overload_has_a_payload_figure_if_each_loaded_joint_has_a_limit(run, tmp_path, text, figure):
+def test_an_overload_has_a_payload_figure_if_each_loaded_joint_has_a_limit(run, tmp_path, text, figure):
     """Doubted limits count: the load is beyond them, and the figure is by the same limits."""
     robots = {"none": arm((0, 0)), "some": arm((0, 10)), "placeholders": small(35)}
     (tmp_path / "arm.urdf").write_text(robots[text])
@@ -174,7 +174,7 @@ ELASTIC = "actuators: {elbow: {ratio: 50, stiffness: 800 N m/rad, rotor: {inerti
 
 
 @pytest.mark.parametrize(("effort", "code"), [(0, 1), (10, 0)])
-def test_finding_18_the_motor_of_an_elastic_joint_needs_a_limit_where_its_spring_is_loaded(run, tmp_path, effort, code):
+def test_the_motor_of_an_elastic_joint_needs_a_limit_where_its_spring_is_loaded(run, tmp_path, effort, code):
     (tmp_path / "arm.urdf").write_text(arm((30, effort)))
     (tmp_path / "elastic.yaml").write_text(ELASTIC)
     found, report = run("payload", "arm.urdf", "--actuators", "elastic.yaml")
@@ -182,7 +182,7 @@ def test_finding_18_the_motor_of_an_elastic_joint_needs_a_limit_where_its_spring
 
 
 @pytest.mark.parametrize(("effort", "code"), [(0, 1), (10, 0)])
-def test_finding_18_an_elastic_joint_counts_once_in_every_command(run, tmp_path, effort, code):
+def test_an_elastic_joint_counts_once_in_every_command(run, tmp_path, effort, code):
     """The spring is not driven, so it needs no limit; the motor behind it does, also where the motor itself rests."""
     (tmp_path / "arm.urdf").write_text(arm((30, effort)))
     (tmp_path / "elastic.yaml").write_text(ELASTIC)
@@ -197,7 +197,7 @@ def test_finding_18_an_elastic_joint_counts_once_in_every_command(run, tmp_path,
         assert found == code and said.startswith(word), said
 
 
-def test_finding_19_placeholders_of_joints_with_a_spring_are_not_doubted(run, tmp_path):
+def test_placeholders_of_joints_with_a_spring_are_not_doubted(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(small(35))
     (tmp_path / "elastic.yaml").write_text(ELASTIC.replace("elbow", "j2"))
     for more, code, word in (
@@ -211,7 +211,7 @@ def test_finding_19_placeholders_of_joints_with_a_spring_are_not_doubted(run, tm
 # ── 25: an upright arm ──
 
 
-def test_finding_25_an_upright_arm_does_not_limit_its_payload(run, tmp_path):
+def test_an_upright_arm_does_not_limit_its_payload(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm(rpy="0 -1.5707963 0"))
     code, said = run("payload", "arm.urdf", "--at", "0,0")
     assert (code, said.startswith("OK: the payload is not limited at this pose")) == (0, True), said
@@ -222,7 +222,7 @@ def test_finding_25_an_upright_arm_does_not_limit_its_payload(run, tmp_path):
     assert np.isinf(found.mass) and "not limited at this pose" in str(found)
 
 
-def test_finding_25_nor_does_a_motion_that_stands_upright(run, tmp_path):
+def test_nor_does_a_motion_that_stands_upright(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm(rpy="0 -1.5707963 0"))
     table("up.csv", T, 0 * T, 0 * T)
     code, said = run("torques", "arm.urdf", "--trajectory", "up.csv", "--payload", 1)
@@ -239,7 +239,7 @@ def ur5_rows():
     return np.c_[motion.time, motion.q]
 
 
-def test_finding_20_lock_missing_is_not_offered_while_columns_that_vary_are_unused(run):
+def test_lock_missing_is_not_offered_while_columns_that_vary_are_unused(run):
     table("log.csv", ur5_rows(), head="time,pan,lift,elbow,w1,w2,w3")
     code, said = run("torques", "ur5", "--trajectory", "log.csv", "--payload", 2)
     assert code == 2 and "--lock-missing" not in said and "--columns" in said, said
@@ -251,7 +251,7 @@ def test_finding_20_lock_missing_is_not_offered_while_columns_that_vary_are_unus
 
 
 @pytest.mark.parametrize("beside", [None, "elbow_temperature [K]"])
-def test_finding_20_an_ok_says_how_many_joints_were_checked(run, beside):
+def test_an_ok_says_how_many_joints_were_checked(run, beside):
     rows = ur5_rows()[:, :5]
     more = [] if beside is None else [310 + rows[:, 0]]
     table("log.csv", rows, *more, head=",".join(["time", *UR5[:4], *([beside] if beside else [])]))
@@ -285,7 +285,7 @@ def test_what_was_assumed_is_counted_in_the_first_line(run, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["torques", "payload", "move"])
-def test_finding_22_limits_in_degrees_are_found(run, tmp_path, command):
+def test_limits_in_degrees_are_found(run, tmp_path, command):
     (tmp_path / "arm.urdf").write_text(arm())
     rows = "joint,lower,upper,velocity,effort\nshoulder,-180,180,300,30\nelbow,-180,180,300,10\n"
     (tmp_path / "limits.csv").write_text(rows)
@@ -365,7 +365,7 @@ def test_an_ok_without_limits_of_velocity_says_so(run, tmp_path):
         assert code == 0 and said.startswith("OK") and "Assumption: no velocity limit is known" in said, said
 
 
-def test_finding_22_many_turns_of_a_joint_are_no_degrees(run, tmp_path):
+def test_many_turns_of_a_joint_are_no_degrees(run, tmp_path):
     """The robot's own limits are as wide, or most joints have such as turn less than twice."""
     wide = arm().replace('lower="-3.1" upper="3.1"', 'lower="-40" upper="40"')
     (tmp_path / "wide.urdf").write_text(wide)
@@ -391,7 +391,7 @@ def small(effort):
 
 
 @pytest.mark.parametrize("command", ["torques", "payload", "move"])
-def test_finding_19_placeholder_limits_are_doubted_unless_their_unit_is_given(run, tmp_path, command):
+def test_placeholder_limits_are_doubted_unless_their_unit_is_given(run, tmp_path, command):
     (tmp_path / "arm.urdf").write_text(small(35))
     table("small.csv", T, S, 0.3 + 0.5 * S, 0.2 * S, head="time,j1,j2,j3")
     given = {
@@ -418,7 +418,7 @@ def test_finding_19_placeholder_limits_are_doubted_unless_their_unit_is_given(ru
     assert run(*given)[0] == 0
 
 
-def test_finding_19_the_doctor_warns_of_placeholder_and_missing_limits(run, tmp_path):
+def test_the_doctor_warns_of_placeholder_and_missing_limits(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(small(35))
     code, said = run("doctor", "arm.urdf", "--only", "placeholder-limits")
     assert code == 1 and "warning placeholder-limits, robot 'small' effort 35 on all 3 joints" in said, said
@@ -435,7 +435,7 @@ PLACEHOLDERS = {
 
 
 @pytest.mark.slow
-def test_finding_19_of_public_robots_the_wrong_files_alone_are_doubted():
+def test_of_public_robots_the_wrong_files_alone_are_doubted():
     roots = [Path(entry) / "cmeel.prefix/share/example-robot-data" for entry in sys.path]
     roots.append(SHARED / "robots")
     files = sorted(
@@ -471,7 +471,7 @@ SHARES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHARES)
-def test_finding_19_the_own_weight_of_real_arms_takes_a_quarter_of_some_effort_at_least(name):
+def test_the_own_weight_of_real_arms_takes_a_quarter_of_some_effort_at_least(name):
     files = [file for key, file in FILES.items() if key.endswith(f"/{name}") and "beside" not in key]
     if not files:
         pytest.skip("example-robot-data is not installed")
@@ -481,7 +481,7 @@ def test_finding_19_the_own_weight_of_real_arms_takes_a_quarter_of_some_effort_a
     assert bool(placeholder_limits(robot, robot.limits)) == (share < 0.15)
 
 
-def test_finding_28_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_counted(run, tmp_path):
+def test_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_counted(run, tmp_path):
     (tmp_path / "light.urdf").write_text(arm().replace('mass value="1.0"', 'mass value="0.001"'))
     code, said = run("doctor", "light.urdf", "--only", "light")
     assert code == 1 and "warning light, robot 'arm2' all that moves weighs 2 g, and the robot reaches 2 m" in said, (
@@ -493,7 +493,7 @@ def test_finding_28_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_cou
     assert code == 0 and ". Assumption: tool has a shape and no mass, so no weight." in said, said
 
 
-def test_finding_66_the_doctor_prints_each_finding_once(run, tmp_path):
+def test_the_doctor_prints_each_finding_once(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm((0, 0)).replace('mass value="1.0"', 'mass value="0.001"'))
     _, said = run("doctor", "arm.urdf", "--all")
     findings = tw.doctor(tmp_path / "arm.urdf").findings
@@ -547,7 +547,7 @@ def with_follower(effort, mass=5.0, *, multiplier=1):
 
 
 @pytest.mark.parametrize(("effort", "code"), [(0.5, 1), (8.0, 1), (20, 0), (0, 0), (1e30, 0)])
-def test_finding_21_a_follower_beyond_its_own_effort_is_over_its_limit(run, tmp_path, effort, code):
+def test_a_follower_beyond_its_own_effort_is_over_its_limit(run, tmp_path, effort, code):
     (tmp_path / "arm.urdf").write_text(with_follower(effort))
     for name in ("torques", "move"):
         found, said = run(*COMMANDS[name])
@@ -566,7 +566,7 @@ def test_finding_21_a_follower_beyond_its_own_effort_is_over_its_limit(run, tmp_
 
 
 @pytest.mark.parametrize("multiplier", [1, -2.5])
-def test_finding_21_it_bears_what_a_motor_in_its_place_would_give(tmp_path, multiplier):
+def test_it_bears_what_a_motor_in_its_place_would_give(tmp_path, multiplier):
     """The oracle is the same robot with the follower as a joint of its own; edits and files keep its effort."""
     (tmp_path / "arm.urdf").write_text(with_follower(1e-6, multiplier=multiplier))
     robot, free = (tw.load(tmp_path / "arm.urdf", mimic=mimic) for mimic in ("follow", "independent"))
@@ -585,7 +585,7 @@ def test_finding_21_it_bears_what_a_motor_in_its_place_would_give(tmp_path, mult
         assert abs(found.value) == pytest.approx(np.abs(tau).max(), rel=1e-9)
 
 
-def test_finding_21_the_largest_payload_is_limited_by_a_follower(run, tmp_path):
+def test_the_largest_payload_is_limited_by_a_follower(run, tmp_path):
     """Per kilogram at the follower's end, 0.4 m from its axis, it bears 3.924 N m besides its own 1 kg at 0.2 m."""
     (tmp_path / "arm.urdf").write_text(with_follower(5.0, 1.0))
     (tmp_path / "weak.urdf").write_text(with_follower(1.0, 1.0))
@@ -613,7 +613,7 @@ def test_finding_21_the_largest_payload_is_limited_by_a_follower(run, tmp_path):
     assert code == 0 and "(limit of fj at" in said, said
 
 
-def test_finding_21_what_a_follower_bears_counts_payload_and_wrench(run, tmp_path):
+def test_what_a_follower_bears_counts_payload_and_wrench(run, tmp_path):
     """At 0.4 m from its axis 1 kg adds 3.924 N m at most, and a force of 10 N adds 4 N m, to 1.962 N m of its own 1 kg."""
     (tmp_path / "arm.urdf").write_text(with_follower(5.0, 1.0))
     assert run("torques", "arm.urdf", "--trajectory", "ok.csv")[0] == 0
@@ -623,7 +623,7 @@ def test_finding_21_what_a_follower_bears_counts_payload_and_wrench(run, tmp_pat
     assert code == 1 and said.startswith("OVER LIMIT: fj"), said
 
 
-def test_finding_21_a_motion_s_room_for_payload_is_that_of_its_follower(run, tmp_path):
+def test_a_motion_s_room_for_payload_is_that_of_its_follower(run, tmp_path):
     """Stretched out it bears 1.962 N m alone and 3.924 N m for each kilogram; the motion begins so, at rest."""
     (tmp_path / "arm.urdf").write_text(with_follower(5.0, 1.0))
     table("flat.csv", T, 0 * T, 0 * T)
@@ -632,14 +632,14 @@ def test_finding_21_a_motion_s_room_for_payload_is_that_of_its_follower(run, tmp
 
 
 @pytest.mark.parametrize(("effort", "code"), [(8.0, 1), (1000, 0)])
-def test_finding_21_the_fastest_motion_is_not_ok_where_a_follower_is_over_its_limit(run, tmp_path, effort, code):
+def test_the_fastest_motion_is_not_ok_where_a_follower_is_over_its_limit(run, tmp_path, effort, code):
     """The timing is planned without the follower, which at these accelerations bears 23 N m."""
     (tmp_path / "arm.urdf").write_text(with_follower(effort))
     found, said = run("move", "arm.urdf", "--to", "1,0.8", "--fastest")
     assert found == code and said.startswith("OVER LIMIT: fj: torque 22.8" if code else "OK: "), said
 
 
-def test_finding_19_limits_that_the_user_gives_for_some_joints_leave_the_others_in_doubt(run, tmp_path):
+def test_limits_that_the_user_gives_for_some_joints_leave_the_others_in_doubt(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(small(35))
     (tmp_path / "some.csv").write_text("joint,effort\nj1,35\n")
     code, said = run("payload", "arm.urdf", "--limits", "some.csv")
@@ -647,20 +647,20 @@ def test_finding_19_limits_that_the_user_gives_for_some_joints_leave_the_others_
 
 
 @pytest.mark.parametrize(("effort", "doubted"), [(5.0, True), (4.0, False)])
-def test_finding_19_a_share_of_fifteen_percent_is_doubted(tmp_path, effort, doubted):
+def test_a_share_of_fifteen_percent_is_doubted(tmp_path, effort, doubted):
     """The weight of three links takes 0.66 N m: 13 % of 5 N m, and 17 % of 4 N m."""
     (tmp_path / "arm.urdf").write_text(small(effort))
     found = tw.doctor(tmp_path / "arm.urdf", only="placeholder-limits").findings
     assert bool(found) == doubted
 
 
-def test_finding_19_a_thousand_newton_metres_on_half_of_the_joints_stand_for_no_limit(tmp_path):
+def test_a_thousand_newton_metres_on_half_of_the_joints_stand_for_no_limit(tmp_path):
     (tmp_path / "arm.urdf").write_text(arm((1000, 10)))
     (found,) = tw.doctor(tmp_path / "arm.urdf", only="placeholder-limits").findings
     assert "efforts of 1000 and more on 1 of 2 joints" in str(found)
 
 
-def test_finding_19_efforts_beside_an_actuator_file_are_the_users(run, tmp_path):
+def test_efforts_beside_an_actuator_file_are_the_users(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(small(35))
     (tmp_path / "a.yaml").write_text("actuators:\n  j1: {friction: {viscous: 0.1 N m s/rad}}\n")
     assert run("payload", "arm.urdf")[0] == 1
@@ -669,7 +669,7 @@ def test_finding_19_efforts_beside_an_actuator_file_are_the_users(run, tmp_path)
 
 
 @pytest.mark.parametrize(("depth", "doubted"), [(4, True), (5, False)])
-def test_finding_19_fingers_have_at_most_four_joints(tmp_path, depth, doubted):
+def test_fingers_have_at_most_four_joints(tmp_path, depth, doubted):
     """The weight of an arm of three links is judged where it branches into fingers, and not where it carries other arms."""
     names = [["l3", *(f"{side}{k}" for k in range(depth))] for side in "ab"]
     fingers = "".join(

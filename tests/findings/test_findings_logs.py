@@ -310,7 +310,7 @@ def clean(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_finding_33_a_log_with_one_wrong_stamp_is_identified_and_written(clean, tmp_path):
+def test_a_log_with_one_wrong_stamp_is_identified_and_written(clean, tmp_path):
     asked, t, q, tau = known_log(tmp_path)
     t[2500] += 0.001
     left, result, written = identified(tmp_path, asked, t, q, tau)
@@ -322,7 +322,7 @@ def test_finding_33_a_log_with_one_wrong_stamp_is_identified_and_written(clean, 
     )
 
 
-def test_finding_33_a_row_with_one_wrong_position_is_left_out(clean, tmp_path):
+def test_a_row_with_one_wrong_position_is_left_out(clean, tmp_path):
     asked, t, q, tau = known_log(tmp_path)
     q[2500, 0] += 0.05
     left, result, written = identified(tmp_path, asked, t, q, tau)
@@ -331,7 +331,7 @@ def test_finding_33_a_row_with_one_wrong_position_is_left_out(clean, tmp_path):
 
 
 @pytest.mark.parametrize("seconds", [0.1, 2.0, 10.0])
-def test_finding_34_a_pause_is_not_filled(clean, tmp_path, seconds):
+def test_a_pause_is_not_filled(clean, tmp_path, seconds):
     asked, t, q, tau = known_log(tmp_path)
     kept = (t < 8) | (t >= 8 + seconds)
     left, result, written = identified(tmp_path, asked, t[kept], q[kept], tau[kept])
@@ -340,7 +340,7 @@ def test_finding_34_a_pause_is_not_filled(clean, tmp_path, seconds):
     assert f"1 gap, {seconds + 0.004:.3g} s in all" in result.output
 
 
-def test_finding_34_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path, monkeypatch):
+def test_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path, monkeypatch):
     """In windows, as for logs above 200,000 samples."""
     monkeypatch.setattr("twistwrench.identification.log_windows.MOST_STATES", 3000)
     asked, t, q, tau = known_log(tmp_path)
@@ -369,7 +369,7 @@ def payload_log():
     ("factor", "word"),
     [(1.0, "OK"), *(pytest.param(factor, "LOOK AGAIN", marks=pytest.mark.slow) for factor in (1e3, -1.0))],
 )
-def test_finding_35_a_payload_is_not_another_unit(factor, word):
+def test_a_payload_is_not_another_unit(factor, word):
     """The file may be wrong by much: 2 kg at a light wrist are ten times what its links weigh. N mm and signs are found."""
     ur5, log = payload_log()
     other = tw.Motion(log.time, log.q, log.dq, log.ddq, factor * log.tau, robot=ur5, in_seconds=True)
@@ -382,7 +382,7 @@ def test_finding_35_a_payload_is_not_another_unit(factor, word):
     }[factor]
 
 
-def test_finding_6_rates_of_arrays_are_looked_at():
+def test_rates_of_arrays_are_looked_at():
     arm, t = tw.robots.pendulum(), np.arange(0, 4, 0.01)
     q, dq, ddq = np.sin(3 * t)[:, None], 3 * np.cos(3 * t)[:, None], -9 * np.sin(3 * t)[:, None]
     with pytest.warns(tw.ModelWarning, match=r"velocity column is 57\.3 times the slope"):
@@ -398,13 +398,13 @@ def test_finding_6_rates_of_arrays_are_looked_at():
 # One number each of the findings that the lists above try.
 
 
-def test_finding_23_a_clipped_torque_column_is_named(tmp_path):
+def test_a_clipped_torque_column_is_named(tmp_path):
     bench = Bench("arm", tmp_path)
     said = " ".join(bench.torques(clipped(bench)).output.split())
     assert said.startswith("UNSURE: the measured torque of shoulder is exactly -15 N m in 100 % of the rows")
 
 
-def test_finding_23_rest_and_coarse_torques_are_not_cut_off(tmp_path):
+def test_rest_and_coarse_torques_are_not_cut_off(tmp_path):
     bench = Bench("arm", tmp_path)
     t = np.arange(0, 8, 0.01)
     q = bench.move(np.clip(t - 2, 0, 4))  # at rest for two seconds at both ends
@@ -414,7 +414,7 @@ def test_finding_23_rest_and_coarse_torques_are_not_cut_off(tmp_path):
         assert first_word(bench.torques(bench.with_torques(t, q, measured))) == "OK"
 
 
-def test_finding_29_rounded_stamps_become_the_clock(tmp_path):
+def test_rounded_stamps_become_the_clock(tmp_path):
     bench = Bench("arm", tmp_path)
     motion = tw.Motion.from_file(rounded_stamps(bench), bench.robot)
     assert len(motion) == 500 and np.allclose(np.diff(motion.time), 0.008, rtol=1e-4)
@@ -426,7 +426,7 @@ def test_finding_29_rounded_stamps_become_the_clock(tmp_path):
     assert len(again) == 250 and np.allclose(np.diff(again.time), 0.016)
 
 
-def test_finding_30_a_slow_log_is_asked_about(tmp_path):
+def test_a_slow_log_is_asked_about(tmp_path):
     bench = Bench("arm", tmp_path)
     path = slow(bench)
     assert first_word(bench.torques(path)) == "OK"
@@ -435,7 +435,7 @@ def test_finding_30_a_slow_log_is_asked_about(tmp_path):
     assert first_word(result) == "UNSURE" and "as row numbers do" in " ".join(result.output.split())
 
 
-def test_finding_31_the_smoothed_answer_is_given_with_its_interval(tmp_path):
+def test_the_smoothed_answer_is_given_with_its_interval(tmp_path):
     bench = Bench("arm", tmp_path)
     path = noisy(bench)
     said = " ".join(bench.torques(path).output.split())
@@ -444,7 +444,7 @@ def test_finding_31_the_smoothed_answer_is_given_with_its_interval(tmp_path):
     assert first_word(bench.torques(path)) == "OK"
 
 
-def test_finding_32_a_flattened_sample_counts_where_it_could_pass_a_limit(tmp_path):
+def test_a_flattened_sample_counts_where_it_could_pass_a_limit(tmp_path):
     """A knock of 1 rad/s within a row could take a hundred newton metres and more; one of 0.03 rad/s could not."""
     bench = Bench("arm", tmp_path)
     bench.asked.write_text(arm((90, 60)))

@@ -95,7 +95,7 @@ FEATURES = {
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_finding_03_each_feature_alone_has_the_numbers_of_mujoco_or_a_remark(name):
+def test_each_feature_alone_has_the_numbers_of_mujoco_or_a_remark(name):
     text, word = FEATURES[name]
     try:
         mujoco.MjModel.from_xml_string(text)
@@ -117,7 +117,7 @@ def test_finding_03_each_feature_alone_has_the_numbers_of_mujoco_or_a_remark(nam
         np.testing.assert_allclose(*(r.reference("mass_matrix", r.random_configuration(0)) for r in robots), rtol=1e-8)
 
 
-def test_finding_03_flexible_bodies_and_plugins_of_a_compiled_model_are_remarked():
+def test_flexible_bodies_and_plugins_of_a_compiled_model_are_remarked():
     cloth = """<mujoco><worldbody><flexcomp name="c" type="grid" count="3 3 3" spacing=".1 .1 .1" mass="1" dim="3">
     <elasticity young="1e4" poisson=".1"/></flexcomp></worldbody></mujoco>"""
     robot = quietly(tw.from_mujoco, mujoco.MjModel.from_xml_string(cloth))
@@ -133,7 +133,7 @@ def test_finding_03_flexible_bodies_and_plugins_of_a_compiled_model_are_remarked
     assert any("plugin, whose forces are left out" in one for one in quietly(tw.from_mujoco, model).defects)
 
 
-def test_finding_04_a_height_field_without_its_asset_is_refused():
+def test_a_height_field_without_its_asset_is_refused():
     with pytest.raises(tw.RobotFileError, match=r"<geom> of body 'b' .* shows the height field 'k', which no <asset>"):
         tw.load(hinge(inside='<geom type="hfield" hfield="k"/>'))
 
@@ -241,7 +241,7 @@ def test_a_motor_that_cannot_be_is_refused_by_element_and_line():
             tw.load(text)
 
 
-def test_finding_39_an_unknown_actuator_leaves_the_effort_unknown_and_the_file_read():
+def test_an_unknown_actuator_leaves_the_effort_unknown_and_the_file_read():
     robot = quietly(tw.load, hinge(rest='<actuator><motor joint="j" ctrlrange="-1 1"/><engine joint="j"/></actuator>'))
     assert np.isinf(robot.limits.effort[0])
     assert any("<engine>" in one and "is not an actuator known here" in one for one in robot.defects)
@@ -268,7 +268,7 @@ def joint(name, parent, child, axis, kind="continuous"):
     <child link="{child}"/><axis xyz="{axis}"/></joint>"""
 
 
-def test_finding_05_joints_about_a_massless_link_are_joints_of_one_body():
+def test_joints_about_a_massless_link_are_joints_of_one_body():
     chain = joint("i", "a", "b", "0 1 0") + joint("f", "b", "c", "0 0 1", "fixed") + joint("j", "c", "d", "1 0 0")
     end = joint("k", "d", "e", "0 0 1")
     text = f'<robot name="r">{links(a=MASS, b="", c="", d=MASS, e=MASS)}{chain}{end}</robot>'
@@ -294,7 +294,7 @@ BASES = {
 
 
 @pytest.mark.parametrize("name", BASES)
-def test_finding_05_a_base_that_stands_still_never_stops_mujoco(name):
+def test_a_base_that_stands_still_never_stops_mujoco(name):
     text = f'<robot name="r">{links(a=BASES[name], b=MASS)}{joint("j", "a", "b", "0 1 0")}</robot>'
     robot, file, said = written(text)
     assert same_numbers(robot, mujoco.MjModel.from_xml_string(file))
@@ -309,14 +309,14 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("said", REFUSED)
-def test_finding_05_what_mujoco_does_not_compile_is_warned_of_by_the_links_name(said):
+def test_what_mujoco_does_not_compile_is_warned_of_by_the_links_name(said):
     _, file, warned = written(f'<robot name="r">{REFUSED[said]}{joint("j", "a", "b", "0 1 0")}</robot>')
     assert any("link 'b' moves and" in one and said in one and "MuJoCo does not compile" in one for one in warned)
     with pytest.raises(ValueError, match=r"mjMINVAL|eigenvalues|A \+ B"):
         mujoco.MjModel.from_xml_string(file)
 
 
-def test_finding_05_flat_bodies_compile_in_every_orientation():
+def test_flat_bodies_compile_in_every_orientation():
     """A thin plate: two principal moments add up to the third, up to the last digit."""
     rng = np.random.default_rng(0)
     for _ in range(40):
@@ -331,7 +331,7 @@ def test_finding_05_flat_bodies_compile_in_every_orientation():
         np.testing.assert_allclose(np.sort(model.body_inertia[-1]), np.sort(moments), rtol=1e-12)
 
 
-def test_finding_15_events_that_may_pass_zero_more_than_once_in_a_step_are_remarked():
+def test_events_that_may_pass_zero_more_than_once_in_a_step_are_remarked():
     pendulum = tw.robots.pendulum()
     seen = [Event(lambda t, q, dq: np.sin(200 * t), "fast")]
     for options in ({"method": "rk4"}, {}):
@@ -352,7 +352,7 @@ QUIET = {
 
 
 @pytest.mark.parametrize("name", QUIET)
-def test_finding_15_events_that_are_seen_have_no_remark(name):
+def test_events_that_are_seen_have_no_remark(name):
     event = Event(QUIET[name], "event")
     for method in ("rk4", "midpoint"):
         found = tw.robots.pendulum().simulate([1.0], [0.0], duration=3.0, dt=0.02, method=method, events=[event])
@@ -360,7 +360,7 @@ def test_finding_15_events_that_are_seen_have_no_remark(name):
 
 
 @pytest.mark.parametrize("rows", [None, "vx vy vz", "wx wy wz vx vy vz"])
-def test_finding_14_the_distance_left_is_that_between_the_origins(rows):
+def test_the_distance_left_is_that_between_the_origins(rows):
     panda = tw.robots.panda()
     rng = np.random.default_rng(0)
     for _ in range(4):
@@ -375,7 +375,7 @@ def test_finding_14_the_distance_left_is_that_between_the_origins(rows):
     assert loose.distance < 0.1  # the tolerance times the arm's size
 
 
-def test_finding_14_two_frames_each_have_their_own_distance():
+def test_two_frames_each_have_their_own_distance():
     quadruped = tw.robots.quadruped()
     feet = ("FL_foot", "FR_foot")
     T = quadruped.forward_kinematics(quadruped.neutral, frame=feet[0]), tw.se3.exp([0.3, 1.2, 0.1, 4.0, 1.0, 2.0])
@@ -384,7 +384,7 @@ def test_finding_14_two_frames_each_have_their_own_distance():
     np.testing.assert_allclose(found.distance, np.linalg.norm(apart), rtol=1e-9, atol=1e-12)
 
 
-def test_finding_13_between_samples_a_motion_keeps_to_its_rates():
+def test_between_samples_a_motion_keeps_to_its_rates():
     """sin 4t at 50 Hz: the linear rates were 3.2e-3 rad/s off, and the slope of q up to 0.158 rad/s off dq."""
     t, robot = np.arange(0, 2, 0.02), tw.robots.pendulum()
     x = 4 * t[:, None]
@@ -400,7 +400,7 @@ def test_finding_13_between_samples_a_motion_keeps_to_its_rates():
 
 
 @pytest.mark.parametrize("kind", ["ball", "floating", "planar"])
-def test_finding_13_joints_of_several_degrees_too(kind):
+def test_joints_of_several_degrees_too(kind):
     """A curve whose rates are known: q0 exp(c1 t + c2 t^2), sampled, with rates by central differences of fourth order."""
     from twistwrench.testing import random_robot
 
@@ -439,7 +439,7 @@ def _model_files():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", _model_files(), ids=lambda path: path.name)
-def test_finding_03_every_model_of_mujoco_has_its_numbers_or_a_remark(path):
+def test_every_model_of_mujoco_has_its_numbers_or_a_remark(path):
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError:

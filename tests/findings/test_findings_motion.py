@@ -44,7 +44,7 @@ def run(tmp_path, monkeypatch):
 # ── 24: friction is counted where the file has it ──
 
 
-def test_finding_24_move_and_torques_agree_on_a_motion_with_friction(run, tmp_path):
+def test_move_and_torques_agree_on_a_motion_with_friction(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm(dynamics='<dynamics damping="50" friction="5"/>'))
     code, said = run("move", "arm.urdf", "--to", "1,0.8", "--duration", 4, "--csv", "m.csv")
     again, torques = run("torques", "arm.urdf", "--trajectory", "m.csv")
@@ -64,7 +64,7 @@ LAWS = "{viscous: 2 N m s/rad, coulomb: 2 N m, static: 3 N m, stribeck: 0.1 rad/
 
 
 @pytest.mark.parametrize("scaling", ["quintic", "cubic", "trapezoid"])
-def test_finding_24_the_shortest_motion_of_a_shape_keeps_limits_with_all_laws_of_friction(run, tmp_path, scaling):
+def test_the_shortest_motion_of_a_shape_keeps_limits_with_all_laws_of_friction(run, tmp_path, scaling):
     (tmp_path / "arm.urdf").write_text(arm(efforts=(40, 16)))
     (tmp_path / "a.yaml").write_text(f"actuators:\n  shoulder: {{friction: {LAWS}}}\n  elbow: {{friction: {LAWS}}}\n")
     motion = ("arm.urdf", "--actuators", "a.yaml", "--from=1.2,-0.5", "--to", "0.1,0.6", "--scaling", scaling)
@@ -76,7 +76,7 @@ def test_finding_24_the_shortest_motion_of_a_shape_keeps_limits_with_all_laws_of
     assert 0.9 < share.max() <= 1 + 1e-6  # load counts as of both parts of the torque, so it is not used up wholly
 
 
-def test_finding_24_a_long_motion_at_its_limits_is_at_them_between_the_samples_looked_at_too(run, tmp_path):
+def test_a_long_motion_at_its_limits_is_at_them_between_the_samples_looked_at_too(run, tmp_path):
     """32 s on a spline: rows of 2 ms lie between the 2001 instants of 16 ms, 3e-4 over the limit there."""
     (tmp_path / "w.csv").write_text("joint1,joint2\n0.55,-0.3\n")
     (tmp_path / "l.csv").write_text("joint,velocity,effort\njoint1,0.05,200\njoint2,0.3,200\n")
@@ -87,7 +87,7 @@ def test_finding_24_a_long_motion_at_its_limits_is_at_them_between_the_samples_l
     assert said.startswith("OK: ") and torques.startswith("OK: ")
 
 
-def test_finding_24_the_fastest_timing_says_how_to_leave_out_friction_that_it_cannot_count(run, tmp_path):
+def test_the_fastest_timing_says_how_to_leave_out_friction_that_it_cannot_count(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm(efforts=(40, 16)))
     (tmp_path / "a.yaml").write_text(f"actuators:\n  shoulder: {{friction: {LAWS}}}\n")
     motion = ("move", "arm.urdf", "--actuators", "a.yaml", "--from=1.2,-0.5", "--to", "0.1,0.6", "--fastest")
@@ -98,7 +98,7 @@ def test_finding_24_the_fastest_timing_says_how_to_leave_out_friction_that_it_ca
 
 
 @pytest.mark.parametrize("method", ["dopri5", "semi_implicit", "variational"])
-def test_finding_24_simulate_counts_friction_by_default(run, tmp_path, method):
+def test_simulate_counts_friction_by_default(run, tmp_path, method):
     """A pendulum with much damping, let go: it does not come back, and without friction it does."""
     (tmp_path / "arm.urdf").write_text(arm(dynamics='<dynamics damping="50"/>'))
     fall = ("simulate", "arm.urdf", "--at", "1,0", "--duration", 1, "--method", method, "--step", 0.002)
@@ -114,7 +114,7 @@ def test_finding_24_simulate_counts_friction_by_default(run, tmp_path, method):
 # ── 28: small ones ──
 
 
-def test_finding_28_simulate_says_that_a_torque_given_is_above_the_effort_limit(run, tmp_path):
+def test_simulate_says_that_a_torque_given_is_above_the_effort_limit(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(arm())
     fall = ("simulate", "arm.urdf", "--duration", 0.05)
     code, said = run(*fall, "--torque", "shoulder=1000")
@@ -125,7 +125,7 @@ def test_finding_28_simulate_says_that_a_torque_given_is_above_the_effort_limit(
 # ── 42: names and numbers of arrays are shown as what they are ──
 
 
-def test_finding_42_a_joint_is_named_as_its_file_names_it(run, tmp_path):
+def test_a_joint_is_named_as_its_file_names_it(run, tmp_path):
     (tmp_path / "free.urdf").write_text(
         arm().replace('type="revolute"', 'type="continuous"').replace(' velocity="5"', "")
     )
@@ -160,7 +160,7 @@ NOT = np.float64(-1.0)
         lambda: tw.set_threads(NOT),
     ],
 )
-def test_finding_42_errors_show_numbers_and_names_of_numpy_without_their_types(call):
+def test_errors_show_numbers_and_names_of_numpy_without_their_types(call):
     with pytest.raises(tw.TwistWrenchError) as caught:
         call()
     assert "np." not in str(caught.value)
@@ -202,7 +202,7 @@ def axes_apart(robot, q, a, b):
     return np.linalg.norm(lines[0][:, :, None] - lines[1][:, None, :], axis=-1).min()
 
 
-def test_finding_26_excite_is_unsure_where_capsules_are_assumed(run, tmp_path):
+def test_excite_is_unsure_where_capsules_are_assumed(run, tmp_path):
     (tmp_path / "bare.urdf").write_text(folding(shapes=False))
     code, said = run("excite", "bare.urdf", *QUICKLY, "--csv", "m.csv")
     assert code == 1
@@ -217,7 +217,7 @@ def test_finding_26_excite_is_unsure_where_capsules_are_assumed(run, tmp_path):
     )  # of assumed radii, 20 mm between them less the sampling
 
 
-def test_finding_26_excite_is_ok_where_shapes_of_the_file_keep_clear(run, tmp_path):
+def test_excite_is_ok_where_shapes_of_the_file_keep_clear(run, tmp_path):
     (tmp_path / "shaped.urdf").write_text(folding())
     code, said = run("excite", "shaped.urdf", *QUICKLY, "--floor=-0.5", "--csv", "m.csv")
     assert code == 0
@@ -230,7 +230,7 @@ def test_finding_26_excite_is_ok_where_shapes_of_the_file_keep_clear(run, tmp_pa
     assert said.startswith("UNSURE: not looked at: distances of links from each other")
 
 
-def test_finding_26_links_at_a_fixed_height_are_named_where_the_floor_is_too_near(run):
+def test_links_at_a_fixed_height_are_named_where_the_floor_is_too_near(run):
     hold = [x for joint in ("wrist_1_joint=-1", "wrist_2_joint=0.3", "wrist_3_joint=0") for x in ("--lock", joint)]
     code, said = run("excite", "ur5", *hold, *QUICKLY, "--floor", 0.1)
     assert code == 1
@@ -241,7 +241,7 @@ def test_finding_26_links_at_a_fixed_height_are_named_where_the_floor_is_too_nea
     assert "mm from the floor" in said
 
 
-def test_finding_26_the_help_does_not_contradict_its_options(run):
+def test_the_help_does_not_contradict_its_options(run):
     code, said = run("excite", "--help")
     assert code == 0
     assert "Whether links touch each other is not looked at" not in said
@@ -250,7 +250,7 @@ def test_finding_26_the_help_does_not_contradict_its_options(run):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_finding_72_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_path, name):
+def test_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_path, name):
     """By Pinocchio's collision checks of the meshes of example-robot-data, in 1,001 samples of the bundled robot's motion.
 
     Pairs are all but those of links that one joint connects; heights are those of links whose frame changes its own.
@@ -295,7 +295,7 @@ def test_finding_72_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_pa
     assert heights[:, moving].min() > 0.1
 
 
-def test_finding_28_a_position_beyond_its_limit_is_said_with_its_amount(run, tmp_path):
+def test_a_position_beyond_its_limit_is_said_with_its_amount(run, tmp_path):
     """Half a milliradian at a stop: over its limit, and the first line says by how little."""
     (tmp_path / "arm.urdf").write_text(arm(efforts=(100, 100)))
     t = np.linspace(0, 4, 401)
@@ -309,7 +309,7 @@ def test_finding_28_a_position_beyond_its_limit_is_said_with_its_amount(run, tmp
     )
 
 
-def test_finding_28_identify_writes_the_robot_that_explains_a_log_already(run, tmp_path):
+def test_identify_writes_the_robot_that_explains_a_log_already(run, tmp_path):
     """The first word and the exit code agree: OK, 0, and the file is there."""
     (tmp_path / "arm.urdf").write_text(arm(efforts=(100, 100)))
     robot, rng = tw.load(tmp_path / "arm.urdf"), np.random.default_rng(0)

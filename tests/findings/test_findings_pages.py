@@ -50,7 +50,7 @@ def notes(robot, path, **options):
 # ── 7 ──
 
 
-def test_finding_7_load_sliders_are_counted_in_the_torques_of_the_motion(sized, motion_page):
+def test_load_sliders_are_counted_in_the_torques_of_the_motion(sized, motion_page):
     """They were hidden, and before that ignored; see tests/viz/test_page_verdict.py for the numbers."""
     page = sized(motion_page, 1280, 800)
     put = """(id, x) => { const s = document.getElementById(id); s.value = x; s.dispatchEvent(new Event('input')); }"""
@@ -87,7 +87,7 @@ def rods(length, inertia):
     return f'<robot name="rods"><link name="base"/>{links}{joints}</robot>'
 
 
-def test_finding_38_a_correct_rod_is_not_doubted_and_an_impossible_one_is(tmp_path):
+def test_a_correct_rod_is_not_doubted_and_an_impossible_one_is(tmp_path):
     right = 2 * 0.8**2 / 12
     for inertia, doubted in ((right, False), (5 * right, True)):
         (tmp_path / "rods.urdf").write_text(rods(0.8, inertia))
@@ -96,7 +96,7 @@ def test_finding_38_a_correct_rod_is_not_doubted_and_an_impossible_one_is(tmp_pa
             assert [note.split(":")[0] for note in said] == ["Inertia of rod"] * doubted
 
 
-def test_finding_38_a_section_of_the_book_says_nothing_of_its_example_s_inertia(tmp_path):
+def test_a_section_of_the_book_says_nothing_of_its_example_s_inertia(tmp_path):
     assert notes(tw.robots.panda(), tmp_path / "page.html", section="5.2") == []
 
 
@@ -108,12 +108,12 @@ FOUR_BAR = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0"/><
 <equality><connect name="loop" body1="b" body2="c" anchor=".3 0 0"/></equality></mujoco>"""
 
 
-def test_finding_61_a_loop_left_open_is_said_on_the_page(tmp_path):
+def test_a_loop_left_open_is_said_on_the_page(tmp_path):
     said = notes(tw.load(FOUR_BAR), tmp_path / "page.html")
     assert any(note.startswith("Loops left open: ") and "open tree" in note for note in said)
 
 
-def test_finding_62_a_robot_with_two_tips_has_a_menu_of_them(tmp_path):
+def test_a_robot_with_two_tips_has_a_menu_of_them(tmp_path):
     robot = tw.load(FOUR_BAR)
     assert robot.tip is None
     header, _ = read_page(write_page(robot, tmp_path / "page.html"))
@@ -125,7 +125,7 @@ def test_finding_62_a_robot_with_two_tips_has_a_menu_of_them(tmp_path):
 # ── 63 ──
 
 
-def test_finding_63_meshes_of_up_to_300_000_triangles_are_kept_whole(tmp_path):
+def test_meshes_of_up_to_300_000_triangles_are_kept_whole(tmp_path):
     n = 320  # 2 n² triangles, 204,800
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     p = np.stack([x, y, 0.1 * np.sin(9 * x) * np.cos(7 * y)], axis=-1)
@@ -146,7 +146,7 @@ def test_finding_63_meshes_of_up_to_300_000_triangles_are_kept_whole(tmp_path):
 # ── 67 ──
 
 
-def test_finding_67_a_telephone_shows_the_subtitle_above_the_switches(sized, motion_page):
+def test_a_telephone_shows_the_subtitle_above_the_switches(sized, motion_page):
     page = sized(motion_page)
     header, shown = page.run(
         "['header', '#shown'].map((s) => { const b = document.querySelector(s).getBoundingClientRect(); return [b.top, b.bottom]; })"
@@ -155,7 +155,7 @@ def test_finding_67_a_telephone_shows_the_subtitle_above_the_switches(sized, mot
     assert page.run("document.querySelector('#subtitle').getBoundingClientRect().bottom") <= shown[0]
 
 
-def test_finding_67_sliders_are_at_least_24_pixels_high(sized, motion_page):
+def test_sliders_are_at_least_24_pixels_high(sized, motion_page):
     page = sized(motion_page)
     page.run("viewer.setCoordinates(viewer.q)")
     heights = page.run(
@@ -172,7 +172,7 @@ def luminance(colour):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_finding_67_path_and_centre_of_mass_stand_out_from_the_stage(sized, motion_page, scheme):
+def test_path_and_centre_of_mass_stand_out_from_the_stage(sized, motion_page, scheme):
     page = sized(motion_page, scheme=scheme)
     names = "['--stage-1', '--stage-2', '--stage-3']"
     stages = page.run(f"{names}.map((x) => getComputedStyle(document.documentElement).getPropertyValue(x).trim())")
@@ -188,7 +188,7 @@ def test_finding_67_path_and_centre_of_mass_stand_out_from_the_stage(sized, moti
 
 @pytest.mark.parametrize("font", ["DejaVu Sans", "monospace"])
 @pytest.mark.parametrize("section", ["5.2", "8.1.3"])
-def test_finding_73_tables_of_numbers_fit_in_any_font(sized, tmp_path_factory, folder, font, section):
+def test_tables_of_numbers_fit_in_any_font(sized, tmp_path_factory, folder, font, section):
     path = folder / f"font_{section}.html"
     if not path.exists():
         write_page(tw.robots.panda(), path, section=section)

@@ -20,7 +20,7 @@ JOINT = (
 )
 
 
-def test_finding_65_the_plot_of_a_simulation_shows_all_joints(tmp_path):
+def test_the_plot_of_a_simulation_shows_all_joints(tmp_path):
     robot = tw.load(TREE.format("".join(JOINT.format(k) for k in range(32))))
     swing = robot.simulate(np.linspace(0.1, 1, 32), np.zeros(32), duration=0.05)
     swing.plot(tmp_path / "swing.svg")
@@ -42,7 +42,7 @@ def test_energies_of_a_simulation_begin_at_zero(drawn):
 
 
 @pytest.mark.parametrize("width", [60, 80])
-def test_finding_64_why_fits_a_narrow_terminal_and_cuts_neither_names_nor_numbers(width):
+def test_why_fits_a_narrow_terminal_and_cuts_neither_names_nor_numbers(width):
     def run(columns):
         env = {"COLUMNS": str(columns), "FORCE_COLOR": "1", "TERM": "xterm"}
         result = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", "demo", "--why"], env=env)
@@ -62,7 +62,7 @@ def test_finding_64_why_fits_a_narrow_terminal_and_cuts_neither_names_nor_number
         assert any(name[: len(piece)] == piece and piece.endswith(("_", parts[-1])) for piece in pieces), name
 
 
-def test_finding_65_ticks_of_a_payload_map_are_round(tmp_path):
+def test_ticks_of_a_payload_map_are_round(tmp_path):
     """They were 10, 20, 40, 70, … of even steps in the logarithm, to one digit."""
     result = CliRunner().invoke(main, ["payload", "ur5", "--map", "rz", "--plot", str(tmp_path / "map.svg")])
     assert result.exit_code == 0, result.output
@@ -81,7 +81,7 @@ def drawn(monkeypatch):
     return figures
 
 
-def test_finding_65_the_plot_of_an_identification_shows_what_was_measured(drawn):
+def test_the_plot_of_an_identification_shows_what_was_measured(drawn):
     """As points over the curve of the prediction, which has the joint's colour."""
     arm, t = tw.robots.planar_2r(), np.arange(800) * 0.01
     q = np.c_[0.5 * np.sin(2.3 * t + 1.5), 0.7 * np.cos(1.9 * t) + 0.2 * np.sin(4.1 * t)]
@@ -102,7 +102,7 @@ def test_finding_65_the_plot_of_an_identification_shows_what_was_measured(drawn)
         np.testing.assert_array_equal(left.get_ydata(), shown["measured"] - shown["predicted"])
 
 
-def test_finding_65_small_torques_look_small(drawn, tmp_path):
+def test_small_torques_look_small(drawn, tmp_path):
     """The third wrist joint of the demo bears 0.002 of 28 N m; its axis spans a tenth of the limit on either side at least."""
     picture = str(tmp_path / "torques.png")
     result = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", "demo", "--plot", picture])

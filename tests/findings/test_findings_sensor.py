@@ -46,7 +46,7 @@ def holds(found):
 
 
 @pytest.mark.parametrize("count", [4, 6, 8, 9])
-def test_finding_27_few_orientations_are_unsure_and_the_number_wanted_is_said(count):
+def test_few_orientations_are_unsure_and_the_number_wanted_is_said(count):
     found = identify(simulate(SENSOR, count, rng=count))
     assert found.verdict.word == "UNSURE"
     (reason,) = found.verdict.reasons
@@ -56,7 +56,7 @@ def test_finding_27_few_orientations_are_unsure_and_the_number_wanted_is_said(co
     assert identify(simulate(SENSOR, count + more, rng=count)).verdict.ok
 
 
-def test_finding_27_readings_of_one_orientation_do_not_count_as_many():
+def test_readings_of_one_orientation_do_not_count_as_many():
     R = np.repeat(orientations(np.random.default_rng(0), 8), 30, axis=0)
     found = identify(simulate(SENSOR, R, rng=1))
     assert found.verdict.word == "UNSURE"
@@ -64,7 +64,7 @@ def test_finding_27_readings_of_one_orientation_do_not_count_as_many():
     assert identify(simulate(SENSOR, R, rng=1), noise=(0.01, 0.3)).verdict.ok  # a noise that is given needs none
 
 
-def test_finding_27_unknowns_that_leave_few_degrees_of_freedom_are_unsure():
+def test_unknowns_that_leave_few_degrees_of_freedom_are_unsure():
     found = identify(
         simulate(SENSOR, orientations(np.random.default_rng(2), 10), rng=2), assume=("orientation", "drift")
     )
@@ -73,7 +73,7 @@ def test_finding_27_unknowns_that_leave_few_degrees_of_freedom_are_unsure():
     assert "Add 1 or more" in reason or "Add 2 or more" in reason
 
 
-def test_finding_27_drift_is_named_before_poses_are_blamed(tmp_path):
+def test_drift_is_named_before_poses_are_blamed(tmp_path):
     """Gravity near a plane, and a drift across it: the size of the forces hardly changes, so the poses were blamed."""
     rng = np.random.default_rng(0)
     turn, tilt = rng.uniform(-np.pi, np.pi, 60), np.pi / 2 + rng.uniform(-0.3, 0.3, 60)
@@ -106,7 +106,7 @@ def walking(seed):
     )
 
 
-def test_finding_27_readings_that_a_drift_explains_are_not_left_out():
+def test_readings_that_a_drift_explains_are_not_left_out():
     words = []
     for seed in range(6):
         rng, log = walking(seed)
@@ -114,7 +114,7 @@ def test_finding_27_readings_that_a_drift_explains_are_not_left_out():
     assert words.count("LOOK AGAIN") <= 7  # of 36; 10 before
 
 
-def test_finding_27_poses_that_are_wrong_are_still_blamed():
+def test_poses_that_are_wrong_are_still_blamed():
     rng = np.random.default_rng(5)
     log = drifting(rng)
     wrong = ReadingLog.from_arrays(np.roll(log.readings, 1, axis=0), gravity=log.gravity)
@@ -127,7 +127,7 @@ def test_finding_27_poses_that_are_wrong_are_still_blamed():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drift", [False, True])
-def test_finding_27_the_mass_of_subsets_of_a_drifting_log_is_right_or_not_ok(drift):
+def test_the_mass_of_subsets_of_a_drifting_log_is_right_or_not_ok(drift):
     """300 subsets of each of four logs: intervals of those that are OK hold the true mass in 93 %; 12 poses get an answer."""
     ok = hold = look = 0
     for seed in range(100, 104):
@@ -147,7 +147,7 @@ def test_finding_27_the_mass_of_subsets_of_a_drifting_log_is_right_or_not_ok(dri
 # ── 36: a covariance that is semidefinite ──
 
 
-def test_finding_36_a_semidefinite_covariance_has_distances():
+def test_a_semidefinite_covariance_has_distances():
     C = np.diag([1.0, 1.0, 1.0, 4.0, 4.0, 0.0])
     C[:2, :2] = 1.0  # mx and my change together
     threshold = CollisionThreshold.predictive(C, None, 1e-3)
@@ -160,7 +160,7 @@ def test_finding_36_a_semidefinite_covariance_has_distances():
 
 
 @pytest.mark.parametrize("seed", [77, 124, 127])
-def test_finding_36_tilt_of_a_drifting_log_ends_in_an_answer(seed):
+def test_tilt_of_a_drifting_log_ends_in_an_answer(seed):
     rng, log = walking(seed)
     log = subset(rng, log, int(rng.choice([6, 7, 8, 10, 12, 20])))
     found = identify(log, assume="tilt")
@@ -195,14 +195,14 @@ def false_alarms(rng, files, poses, rates, samples=1, error=0.0):
 
 
 @pytest.mark.slow
-def test_finding_37_a_file_from_six_poses_alarms_as_often_as_stated():
+def test_a_file_from_six_poses_alarms_as_often_as_stated():
     times = false_alarms(np.random.default_rng(7), 150, 6, np.array([1e-2, 1e-4]))
     assert times[0] < 2  # 3.4 before
     assert times[1] < 5  # 40 before
 
 
 @pytest.mark.parametrize("poses", [6, *(pytest.param(poses, marks=pytest.mark.slow) for poses in (8, 12))])
-def test_finding_37_errors_of_poses_as_large_as_noise_alarm_as_often_as_stated(poses):
+def test_errors_of_poses_as_large_as_noise_alarm_as_often_as_stated(poses):
     rates = np.array([1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
     times = false_alarms(np.random.default_rng(5), 150, poses, rates, samples=20, error=1.0)
     assert times.max() < 10  # 35 from 6 poses before

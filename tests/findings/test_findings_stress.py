@@ -109,7 +109,7 @@ SYSTEM_MEMORY = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system"}  # pyarrow'
         *(pytest.param(bomb, None, 1_500_000_000, marks=SLOW) for bomb in (bomb_h5, bomb_npz, bomb_mat, bomb_parquet)),
     ],
 )
-def test_finding_45_small_files_that_unpack_to_gigabytes_are_one_error(make, rows, limit, tmp_path):
+def test_small_files_that_unpack_to_gigabytes_are_one_error(make, rows, limit, tmp_path):
     path = tmp_path / f"bomb.{make.__name__.removeprefix('bomb_')}"
     make(path, *([rows] if rows else []))
     assert path.stat().st_size < 2.5e6
@@ -118,7 +118,7 @@ def test_finding_45_small_files_that_unpack_to_gigabytes_are_one_error(make, row
     assert done.stderr.startswith("error:") and done.stderr.count("\n") == 1, done.stderr
 
 
-def test_finding_45_sizes_are_asked_before_numbers_are_unpacked(tmp_path):
+def test_sizes_are_asked_before_numbers_are_unpacked(tmp_path):
     """Of files that are read whole: Fortran's order, dates, MAT, and headers that say more than there is."""
     for name, order in (("a.npy", True), ("b.npy", False)):
         with (tmp_path / name).open("wb") as file:
@@ -127,7 +127,7 @@ def test_finding_45_sizes_are_asked_before_numbers_are_unpacked(tmp_path):
         assert name in one_error(run("log", tmp_path / name))
 
 
-def test_finding_45_a_large_npz_gives_what_a_small_one_gives(tmp_path):
+def test_a_large_npz_gives_what_a_small_one_gives(tmp_path):
     """In portions, as beyond 32 MiB of numbers, and whole."""
     t = np.arange(100_000) * 1e-3
     q = np.c_[np.sin(t), 0.3 * np.cos(2 * t)]
@@ -174,13 +174,13 @@ KINDS = ("npz", "npy", "mat", "4.mat", "7.mat", "h5", "parquet", "feather")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_finding_46_each_kind_of_log_reads_to_the_bit(kind, tmp_path):
+def test_each_kind_of_log_reads_to_the_bit(kind, tmp_path):
     t = np.arange(50) * 0.01
     found = tw.Motion.from_file(log_of(kind, tmp_path), tw.robots.planar_2r())
     assert (found.time == t).all() and (found.q == np.c_[np.sin(t), np.cos(t)]).all()
 
 
-def test_finding_46_a_mat_file_that_ended_the_process(tmp_path):
+def test_a_mat_file_that_ended_the_process(tmp_path):
     path = log_of("mat", tmp_path)
     raw = bytearray(path.read_bytes())
     raw[145] = 255
@@ -225,7 +225,7 @@ print(read)
 @pytest.mark.slow
 @LINUX
 @pytest.mark.parametrize("count", [25, pytest.param(2_000, marks=SLOW)])
-def test_finding_46_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path):
+def test_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path):
     """In a child process with 3 GB of memory, which names the file that it looked at last."""
     paths = [log_of(kind, tmp_path) for kind in (*KINDS, "mcap", "bag")]
     done = in_child(FUZZ, count, *paths, limit=3_000_000_000, timeout=300 + count, env=SYSTEM_MEMORY)
@@ -233,7 +233,7 @@ def test_finding_46_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path
     assert 0 < int(done.stdout) < count * len(paths)
 
 
-def test_finding_40_columns_of_lists_are_read_or_remarked(tmp_path):
+def test_columns_of_lists_are_read_or_remarked(tmp_path):
     """Lists of as many numbers are columns; those of several lengths are not read, and a note says so."""
     pytest.importorskip("pyarrow")
     import pyarrow
@@ -287,7 +287,7 @@ class Full:
 
 @LINUX
 @pytest.mark.parametrize("command", COMMANDS)
-def test_finding_47_a_full_disk_ends_every_command_with_2(command, tmp_path, monkeypatch, capsys):
+def test_a_full_disk_ends_every_command_with_2(command, tmp_path, monkeypatch, capsys):
     (tmp_path / "arm.urdf").write_text(ARM)
     (tmp_path / "log.csv").write_text("time,joint1\n" + "".join(f"{k / 100},{k / 100}\n" for k in range(50)))
     monkeypatch.chdir(tmp_path)
@@ -299,7 +299,7 @@ def test_finding_47_a_full_disk_ends_every_command_with_2(command, tmp_path, mon
 
 
 @LINUX
-def test_finding_47_a_full_disk_and_a_process(tmp_path):
+def test_a_full_disk_and_a_process(tmp_path):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "twistwrench", "info", "pendulum"], stdout=full, stderr=subprocess.PIPE, text=True
@@ -309,7 +309,7 @@ def test_finding_47_a_full_disk_and_a_process(tmp_path):
 
 @pytest.mark.parametrize("length", [256, 300, 5_000])
 @pytest.mark.parametrize("command", ["info {}", "doctor {}", "torques ur5 --trajectory {}", "log {}", "derive {}"])
-def test_finding_47_names_that_are_too_long(command, length):
+def test_names_that_are_too_long(command, length):
     one_error(run(*command.format("a" * length).split()))
 
 
@@ -317,7 +317,7 @@ def test_finding_47_names_that_are_too_long(command, length):
     "stamps",
     [[0, 1e-300, *(0.01 * np.arange(1, 60))], [*(0.01 * np.arange(60)), 1e300], [0, 5e-324, 1, 2, 3, 4, 5, 6, 7]],
 )
-def test_finding_47_stamps_that_no_curve_leads_through(stamps, tmp_path):
+def test_stamps_that_no_curve_leads_through(stamps, tmp_path):
     rows = "".join(f"{t!r},{np.sin(k / 9)!r},0.5\n" for k, t in enumerate(map(float, stamps)))
     (tmp_path / "log.csv").write_text(f"time,joint1,joint2\n{rows}")
     for plot in ((), ("--kind", "power", "--plot", tmp_path / "p.png")):
@@ -330,7 +330,7 @@ def test_finding_47_stamps_that_no_curve_leads_through(stamps, tmp_path):
 EVIL = "\x1b[31mjoint\x1b[2J1\x9b\u202e\u2066"
 
 
-def test_finding_49_control_characters_reach_no_terminal(tmp_path):
+def test_control_characters_reach_no_terminal(tmp_path):
     (tmp_path / "e.csv").write_text(f"time,{EVIL},\x1b]0;owned\x07x\n0,1,2\n1,2,3\n")
     (tmp_path / "r.urdf").write_text(
         ARM.replace('"j"', '"j&#x9b;2J&#x202e;&#x2066;"').replace('"arm"', '"a&#x9b;&#x202e;"')
@@ -359,7 +359,7 @@ def test_finding_49_control_characters_reach_no_terminal(tmp_path):
 # ── interrupts and whole files ──
 
 
-def test_finding_53_slices_of_steps_change_no_bit():
+def test_slices_of_steps_change_no_bit():
     """A rollout that is long enough to be cut, against one that is taken piece by piece."""
     robot, q, dq = tw.robots.planar_2r(), [0.3, 0.2], [0.0, 0.0]
     for method in ("semi_implicit", "rk4"):
@@ -371,7 +371,7 @@ def test_finding_53_slices_of_steps_change_no_bit():
 
 @LINUX
 @pytest.mark.parametrize("method", ["semi_implicit", pytest.param("rk4", marks=SLOW)])
-def test_finding_53_ctrl_c_is_answered_by_a_rollout(method):
+def test_ctrl_c_is_answered_by_a_rollout(method):
     """In processor time: machines may be busy."""
     code = (
         (
@@ -392,7 +392,7 @@ def test_finding_53_ctrl_c_is_answered_by_a_rollout(method):
 
 @LINUX
 @NEEDS_SIGINT
-def test_finding_53_ctrl_c_during_imports_gives_no_traceback():
+def test_ctrl_c_during_imports_gives_no_traceback():
     """The signal arrives as soon as NumPy begins to be imported."""
     code = (
         "import builtins, os, runpy, signal, sys\n"
@@ -409,7 +409,7 @@ def test_finding_53_ctrl_c_during_imports_gives_no_traceback():
 
 
 @NEEDS_SIGINT
-def test_finding_47_an_interrupt_that_a_library_swallows(monkeypatch, tmp_path):
+def test_an_interrupt_that_a_library_swallows(monkeypatch, tmp_path):
     """As Matplotlib's own code may: what it raises in its place is not an error of the program."""
     import signal
 
@@ -424,7 +424,7 @@ def test_finding_47_an_interrupt_that_a_library_swallows(monkeypatch, tmp_path):
     assert found.exit_code == 130 and "interrupted" in found.output
 
 
-def test_finding_51_a_whole_file_is_not_replaced_by_part_of_one(tmp_path, monkeypatch):
+def test_a_whole_file_is_not_replaced_by_part_of_one(tmp_path, monkeypatch):
     path, begun = tmp_path / "run.csv", ["simulate", "pendulum", "--duration", "0.05", "--csv"]
     assert run(*begun, path).exit_code == 0
     whole, real = path.read_bytes(), tw.Robot.simulate
@@ -440,7 +440,7 @@ def test_finding_51_a_whole_file_is_not_replaced_by_part_of_one(tmp_path, monkey
     assert run(*begun, tmp_path / "new.csv").exit_code == 130 and (tmp_path / "new.csv").read_bytes() == whole
 
 
-def test_finding_52_files_are_on_the_disk_before_they_are_renamed(tmp_path, monkeypatch):
+def test_files_are_on_the_disk_before_they_are_renamed(tmp_path, monkeypatch):
     did, sync, replace = [], os.fsync, os.replace
     monkeypatch.setattr(os, "fsync", lambda handle: (did.append("sync"), sync(handle))[1])
 
@@ -457,7 +457,7 @@ def test_finding_52_files_are_on_the_disk_before_they_are_renamed(tmp_path, monk
     assert not did or did == ["sync", "rename"]
 
 
-def test_finding_52_a_failure_between_leaves_the_old_files(tmp_path, monkeypatch):
+def test_a_failure_between_leaves_the_old_files(tmp_path, monkeypatch):
     assert run("export", "pendulum", "--c", tmp_path).exit_code == 0
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     monkeypatch.setattr(os, "fsync", lambda handle: (_ for _ in ()).throw(OSError(28, "No space left on device")))
@@ -467,7 +467,7 @@ def test_finding_52_a_failure_between_leaves_the_old_files(tmp_path, monkeypatch
 
 @pytest.mark.parametrize("failing", ["fsync", "replace"])
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_finding_52_no_scratch_file_stays_wherever_writing_fails(tmp_path, monkeypatch, failing, number):
+def test_no_scratch_file_stays_wherever_writing_fails(tmp_path, monkeypatch, failing, number):
     real, left = getattr(os, failing), [number]
 
     def fails(*given):
@@ -481,7 +481,7 @@ def test_finding_52_no_scratch_file_stays_wherever_writing_fails(tmp_path, monke
     assert left == [0] and not [p.name for p in tmp_path.iterdir() if p.name.startswith(".")]
 
 
-def test_finding_52_no_scratch_file_stays_where_a_later_file_cannot_begin(tmp_path):
+def test_no_scratch_file_stays_where_a_later_file_cannot_begin(tmp_path):
     assert run("export", "pendulum", "--c", tmp_path).exit_code == 0
     *_, last = names = sorted(p.name for p in tmp_path.iterdir())
     (tmp_path / last).unlink()
@@ -490,7 +490,7 @@ def test_finding_52_no_scratch_file_stays_where_a_later_file_cannot_begin(tmp_pa
     assert sorted(p.name for p in tmp_path.iterdir()) == names
 
 
-def test_finding_52_no_scratch_file_stays_after_an_error_in_what_is_written(tmp_path, monkeypatch):
+def test_no_scratch_file_stays_after_an_error_in_what_is_written(tmp_path, monkeypatch):
     motion = tw.Motion(range(6), [[0.0, 0.1]] * 6, robot=tw.robots.planar_2r())
     monkeypatch.setattr("csv.writer", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("in the middle")))
     with pytest.raises(RuntimeError, match="in the middle"):
@@ -502,7 +502,7 @@ def test_finding_52_no_scratch_file_stays_after_an_error_in_what_is_written(tmp_
 
 
 @LINUX
-def test_finding_54_where_executable_memory_is_forbidden_numpy_serves():
+def test_where_executable_memory_is_forbidden_numpy_serves():
     code = (
         "import ctypes, sys; assert ctypes.CDLL(None).prctl(65, 1, 0, 0, 0) == 0\n"
         "import twistwrench as tw, numpy as np\n"
@@ -522,7 +522,7 @@ CACHED = "import warnings, sys, os, twistwrench as tw; warnings.simplefilter('al
 
 
 @LINUX
-def test_finding_57_a_cache_below_a_folder_that_others_can_write_to_is_not_used(tmp_path):
+def test_a_cache_below_a_folder_that_others_can_write_to_is_not_used(tmp_path):
     open_to_all = tmp_path / "open"
     open_to_all.mkdir()
     open_to_all.chmod(0o777)
