@@ -1,4 +1,4 @@
-"""Findings on faults under stress: files that take all memory or kill the process, full disks, interrupts, caches."""
+"""Faults under stress: files that take all memory or kill the process, full disks, interrupts, caches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings of a search through robot files: first words of the commands against each other."""
+"""A search through robot files: first words of the commands against each other."""
 
 from __future__ import annotations
 

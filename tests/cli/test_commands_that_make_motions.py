@@ -1,4 +1,4 @@
-"""Findings about commands that make motions: move, simulate, excite, and files that identify writes."""
+"""Commands that make motions: move, simulate, excite, and files that identify writes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def run(tmp_path, monkeypatch):
     return run
 
 
-# ── 24: friction is counted where the file has it ──
+# ── friction is counted where the file has it ──
 
 
 def test_move_and_torques_agree_on_a_motion_with_friction(run, tmp_path):
@@ -111,7 +111,7 @@ def test_simulate_counts_friction_by_default(run, tmp_path, method):
     assert code == 0 and "no friction, as its file gives none" in said and "! friction" not in said
 
 
-# ── 28: small ones ──
+# ── small ones ──
 
 
 def test_simulate_says_that_a_torque_given_is_above_the_effort_limit(run, tmp_path):
@@ -122,7 +122,7 @@ def test_simulate_says_that_a_torque_given_is_above_the_effort_limit(run, tmp_pa
     assert "is given" not in run(*fall, "--torque", "shoulder=30")[1]
 
 
-# ── 42: names and numbers of arrays are shown as what they are ──
+# ── names and numbers of arrays are shown as what they are ──
 
 
 def test_a_joint_is_named_as_its_file_names_it(run, tmp_path):
@@ -166,7 +166,7 @@ def test_errors_show_numbers_and_names_of_numpy_without_their_types(call):
     assert "np." not in str(caught.value)
 
 
-# ── 26 and 72: an exciting motion whose clearance was looked at ──
+# ── an exciting motion whose clearance was looked at ──
 
 FOLDING = """<link name="link{k}"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
   <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial>{shape}</link>

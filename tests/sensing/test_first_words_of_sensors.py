@@ -1,4 +1,4 @@
-"""Findings about six-axis sensors: too few orientations, drift, semidefinite covariances, false alarms."""
+"""Six-axis sensors: too few orientations, drift, semidefinite covariances, false alarms."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def holds(found):
     return low < MASS < high
 
 
-# ── 27: no OK for fewer orientations than determine the noise; drift before the poses are blamed ──
+# ── no OK for fewer orientations than determine the noise; drift before the poses are blamed ──
 
 
 @pytest.mark.parametrize("count", [4, 6, 8, 9])
@@ -144,7 +144,7 @@ def test_the_mass_of_subsets_of_a_drifting_log_is_right_or_not_ok(drift):
     assert look <= 120
 
 
-# ── 36: a covariance that is semidefinite ──
+# ── a covariance that is semidefinite ──
 
 
 def test_a_semidefinite_covariance_has_distances():
@@ -168,7 +168,7 @@ def test_tilt_of_a_drifting_log_ends_in_an_answer(seed):
     assert np.isfinite(found.mass_interval).all()
 
 
-# ── 37: false alarms come as often as stated ──
+# ── false alarms come as often as stated ──
 
 
 def false_alarms(rng, files, poses, rates, samples=1, error=0.0):

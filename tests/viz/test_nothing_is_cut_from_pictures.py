@@ -1,4 +1,4 @@
-"""Findings about pictures and tables: what was cut or left out."""
+"""Pictures and tables: what was cut or left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings about torque limits: none, some, placeholders, degrees; and what an OK has to say of what was left out."""
+"""Torque limits: none, some, placeholders, degrees; and what an OK has to say of what was left out."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ COMMANDS = {
 }
 COUNTS = {(30, 10): 0, (0, 10): 1, (30, 0): 1, (0, 0): 2}
 
-# ── 17 and 18: no limits, or some ──
+# ── no limits, or some ──
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -208,7 +208,7 @@ def test_placeholders_of_joints_with_a_spring_are_not_doubted(run, tmp_path):
         assert found == code and said.startswith(word), said
 
 
-# ── 25: an upright arm ──
+# ── an upright arm ──
 
 
 def test_an_upright_arm_does_not_limit_its_payload(run, tmp_path):
@@ -229,7 +229,7 @@ def test_nor_does_a_motion_that_stands_upright(run, tmp_path):
     assert code == 0 and "Maximum payload" not in said, said
 
 
-# ── 20: joints held still although columns that vary are not used ──
+# ── joints held still although columns that vary are not used ──
 
 UR5 = tw.robots.ur5().joint_names
 
@@ -281,7 +281,7 @@ def test_what_was_assumed_is_counted_in_the_first_line(run, tmp_path):
         assert code == 0 and ("ssumption" in first) == bool(words) and words in first, said
 
 
-# ── 22: a limits file in degrees ──
+# ── a limits file in degrees ──
 
 
 @pytest.mark.parametrize("command", ["torques", "payload", "move"])
@@ -376,7 +376,7 @@ def test_many_turns_of_a_joint_are_no_degrees(run, tmp_path):
     assert run("torques", "arm.urdf", "--trajectory", "ok.csv", "--limits", "limits.csv")[0] == 0
 
 
-# ── 19: placeholder limits, and what the doctor says of limits ──
+# ── placeholder limits, and what the doctor says of limits ──
 
 SMALL = "".join(link(f"l{k}", 0.15, 0.1) for k in range(1, 4))
 
@@ -538,7 +538,7 @@ def test_in_python_a_robot_that_cannot_move_is_refused_too(tmp_path):
             ask()
 
 
-# ── 21: what mimic joints bear ──
+# ── what mimic joints bear ──
 
 
 def with_follower(effort, mass=5.0, *, multiplier=1):

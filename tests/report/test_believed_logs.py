@@ -65,7 +65,7 @@ class Bench:
         }[name]
 
     def move(self, t):
-        """The quintic of finding 29 and 31: 4 s from rest to rest."""
+        """A quintic of 4 s from rest to rest."""
         s = (t / 4) ** 3 * (10 - 15 * t / 4 + 6 * (t / 4) ** 2)
         if self.name == "arm":
             return np.c_[s, 0.3 + 0.5 * s]

@@ -1,4 +1,4 @@
-"""Findings about pages: load beside a stored motion, remarks, layout on a telephone and in any font."""
+"""Pages: load beside a stored motion, remarks, layout on a telephone and in any font."""
 
 from __future__ import annotations
 
@@ -47,9 +47,6 @@ def notes(robot, path, **options):
     return read_page(write_page(robot, path, **options))[0]["notes"]
 
 
-# ── 7 ──
-
-
 def test_load_sliders_are_counted_in_the_torques_of_the_motion(sized, motion_page):
     """They were hidden, and before that ignored; see tests/viz/test_page_verdict.py for the numbers."""
     page = sized(motion_page, 1280, 800)
@@ -66,9 +63,6 @@ def test_load_sliders_are_counted_in_the_torques_of_the_motion(sized, motion_pag
     page.run(f"({put})('payload', 5); ({put})('push-z', 0)")
     np.testing.assert_allclose(page.run("viewer.tau"), before, rtol=1e-9)
     assert page.complaints == []
-
-
-# ── 38 ──
 
 
 def rods(length, inertia):
@@ -100,8 +94,6 @@ def test_a_section_of_the_book_says_nothing_of_its_example_s_inertia(tmp_path):
     assert notes(tw.robots.panda(), tmp_path / "page.html", section="5.2") == []
 
 
-# ── 61, 62 ──
-
 FOUR_BAR = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0"/><geom size=".05" pos=".2 0 0"/>
 <body name="b" pos=".4 0 0"><joint name="j2" axis="0 1 0"/><geom size=".05" pos=".2 0 0"/></body></body>
 <body name="c" pos=".5 0 0"><joint name="j3" axis="0 1 0"/><geom size=".05" pos=".1 0 .1"/></body></worldbody>
@@ -122,9 +114,6 @@ def test_a_robot_with_two_tips_has_a_menu_of_them(tmp_path):
     assert notes(tw.robots.ur5(), tmp_path / "ur5.html") == []
 
 
-# ── 63 ──
-
-
 def test_meshes_of_up_to_300_000_triangles_are_kept_whole(tmp_path):
     n = 320  # 2 n² triangles, 204,800
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
@@ -141,9 +130,6 @@ def test_meshes_of_up_to_300_000_triangles_are_kept_whole(tmp_path):
     )
     header, _ = read_page(write_page(tw.load(tmp_path / "sheet.urdf"), tmp_path / "page.html"))
     assert max(surface["faces"]["count"] for surface in header["surfaces"]) == 3 * len(facets)
-
-
-# ── 67 ──
 
 
 def test_a_telephone_shows_the_subtitle_above_the_switches(sized, motion_page):
@@ -181,9 +167,6 @@ def test_path_and_centre_of_mass_stand_out_from_the_stage(sized, motion_page, sc
             behind = [int(stage[k : k + 2], 16) / 255 for k in (1, 3, 5)]
             low, high = sorted([luminance(colour), luminance(behind)])
             assert (high + 0.05) / (low + 0.05) >= 3
-
-
-# ── 73 ──
 
 
 @pytest.mark.parametrize("font", ["DejaVu Sans", "monospace"])
