@@ -114,6 +114,16 @@ def as_text(kept: dict[str, dict[str, Any]]) -> str:
     return text + "\n"
 
 
+def _selection(given: argparse.Namespace) -> str:
+    """Which logs of a part were run, and how."""
+    parts = ["all" if given.every == 1 else f"one in {given.every}"]
+    if given.first is not None:
+        parts.append(f"the first {given.first}")
+    if given.quick:
+        parts.append("settings chosen once")
+    return ", ".join(parts)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
@@ -143,8 +153,7 @@ def main() -> None:
         ]
         rows = list(scores(wanted, given.processes, given.lines, quick=given.quick))
         if not (given.robots or given.cases):
-            which = "all" if given.every == 1 else f"every {given.every}th"
-            keep(given.label, part, rows, which if given.first is None else f"{which}, the first {given.first}")
+            keep(given.label, part, rows, _selection(given))
 
 
 if __name__ == "__main__":
