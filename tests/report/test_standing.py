@@ -152,6 +152,60 @@ def test_columns_of_the_log_say_which_feet_stand(tmp_path):
         tw.check("quadruped", motion.to_csv(tmp_path / "without.csv"), **asked, in_contact="log")
 
 
+def feet_of_own_columns(tmp_path):
+    """File of the dog whose feet have columns of their own: a force in kN, a switch, and two forces in N."""
+    _, motion = dog()
+    file = motion.to_csv(tmp_path / "own.csv")
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([f"{head},fl [kN],fr,hind left,hind right", *(f"{row},0.035,0,40,1" for row in rows)]))
+    return file, dict(zip([f"{leg}_foot" for leg in LEGS], ("fl", "fr", "hind left", "hind right"), strict=True))
+
+
+def test_a_mapping_names_the_column_of_each_foot(tmp_path):
+    """Columns by their names with or without the unit; in the shell FRAME=COLUMN."""
+    file, columns = feet_of_own_columns(tmp_path)
+    asked = {"feet": "auto", "contact_friction": 0.6}
+    answer = tw.check("quadruped", file, **asked, in_contact=columns)
+    assert (answer.support.in_contact == [True, False, True, True]).all()
+    options = [part for frame, column in columns.items() for part in ("--in-contact", f"{frame}={column}")]
+    told = CliRunner().invoke(
+        main, ["torques", "quadruped", str(file), "--feet", "auto", "--contact-friction", "0.6", *options]
+    )
+    assert answer.headline in " ".join(told.output.split())
+
+
+def test_a_mapping_has_a_value_for_each_row_of_a_motion():
+    robot, motion = dog()
+    asked = {"feet": "auto", "contact_friction": 0.6}
+    half = np.arange(len(motion.time)) < len(motion.time) // 2
+    given = {"FL_foot": True, "FR_foot": half, "RL_foot": 1.0, "RR_foot": [1.0] * len(half)}
+    found = tw.check(robot, motion, **asked, in_contact=given).support
+    assert_allclose(found.time, motion.time)
+    assert (found.in_contact == np.c_[half | True, half, half | True, half | True]).all()
+    forces = tw.check(robot, motion, **asked, in_contact={**given, "FL_foot": 300.0 * half, "RR_foot": 1}).support
+    assert (forces.in_contact == np.c_[half, half, half | True, half | True]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"FL_foot": "fll"}, tw.ValueRangeError, r"no column 'fll', .* Did you mean 'fl'"),
+        ({"FL_fot": "fl"}, tw.UnknownNameError, r"foot of in_contact named 'FL_fot'\. Did you mean 'FL_foot'"),
+        ({"FL_foot": None}, tw.ValueRangeError, "FL_foot"),
+        ({"FL_foot": [1.0, 0.0]}, tw.ShapeError, r"shape \(2,\), and the motion has 41 rows"),
+        ({"FL_foot": np.nan}, tw.ValueRangeError, "finite"),
+    ],
+)  # fmt: skip
+def test_a_mapping_that_does_not_fit_names_the_foot_and_the_remedy(tmp_path, change, error, words):
+    file, columns = feet_of_own_columns(tmp_path)
+    with pytest.raises(error, match=words):
+        tw.check("quadruped", file, feet="auto", in_contact={**columns, **change})
+    with pytest.raises(tw.ValueRangeError, match="no entry for 'RL_foot'"):
+        tw.check("quadruped", file, feet="auto", in_contact={"FL_foot": "fl", "FR_foot": "fr"})
+    with pytest.raises(tw.ValueRangeError, match="Choose one of: auto, log"):
+        tw.check("quadruped", file, feet="auto", in_contact="columns")
+
+
 # ── First lines ──
 
 

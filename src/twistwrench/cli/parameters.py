@@ -137,6 +137,14 @@ def _coefficients(texts: Sequence[str], flag: str) -> float | dict[str, float]:
     return {frame: parse_numbers(value, f"{flag} {frame}", form, 1)[0] for frame, value in given.items()}
 
 
+def _contact_source(texts: Sequence[str], flag: str) -> str | dict[str, str]:
+    """One word, or a column for each foot."""
+    if len(texts) == 1 and "=" not in texts[0]:
+        return texts[0]
+    entries = (part for text in texts for part in re.split(r",(?=[^,=]*=)", text))
+    return assignments(entries, flag, "auto, log, or FRAME=COLUMN for each foot, for example left_foot=left_force")
+
+
 DEMO = "demo"
 REPEATED = {"multiple": True}
 _KINDS = {
@@ -156,6 +164,7 @@ _KINDS = {
     "FeetGiven": Kind("FRAME|LxW@FRAME|auto", several, REPEATED),
     "FramesGiven": Kind("FRAME", several, REPEATED),
     "FrictionGiven": Kind("VALUE|FRAME=VALUE", _coefficients, REPEATED),
+    "InContactGiven": Kind("auto|log|FRAME=COLUMN", _contact_source, REPEATED),
     "FrameOrTrue": Kind("[FRAME]", lambda text, _flag: text or True, {"is_flag": False, "flag_value": ""}),
     "BoltsGiven": Kind("NxDIAMETER|FILE.csv"),
     "HolderGiven": Kind("FORCE,FRICTION[@FRAME]"),

@@ -27,7 +27,7 @@ from ..robots.finding import bundled_file
 from .doors import measured_causes
 from .motors import Steps
 from .support.grip import HolderGiven
-from .support.ground import ContactGiven, FeetGiven, FramesGiven, FrictionGiven
+from .support.ground import FeetGiven, FramesGiven, FrictionGiven, InContactGiven
 from .support.mounting import BoltsGiven, FrameOrTrue
 from .support.questions import SupportQuestion, with_limits
 from .torque_analysis import analyse
@@ -60,7 +60,7 @@ class CheckOptions(TypedDict, total=False):
     casters: FramesGiven | None
     contact_friction: FrictionGiven | None
     contact_normal: ArrayLike | None
-    in_contact: ContactGiven
+    in_contact: InContactGiven
     mounting: FrameOrTrue | None
     bolts: BoltsGiven | None
     grip: HolderGiven | None
@@ -94,7 +94,7 @@ def check(
     casters: FramesGiven | None = None,
     contact_friction: FrictionGiven | None = None,
     contact_normal: Vector | None = None,
-    in_contact: ContactGiven = "auto",
+    in_contact: InContactGiven = "auto",
     mounting: FrameOrTrue | None = None,
     bolts: BoltsGiven | None = None,
     grip: HolderGiven | None = None,
@@ -144,8 +144,9 @@ def check(
         Coulomb coefficient of the ground; without it, what the motion needs is stated.
     contact_normal : (3,) array_like, optional
         Direction away from the ground, in the frame of the base's pose; default: the world's vertical axis.
-    in_contact : "auto" or "log"
-        Feet that carry: those that are low and slow, or by columns FRAME.contact of the log, 0 or 1, or a force above 20 N.
+    in_contact : "auto", "log", or {frame: column of the log, or (n,) array}, optional
+        Feet that carry: "auto": those that are low and slow; "log": by columns FRAME.contact of the log, 0 or 1, or a force
+        above 20 N; or by the column of each foot.
     mounting : frame, or True for the root, optional
         Wrench on the foundation, in the axes of the frame; the base is then known to be held.
     bolts : "NUMBERxDIAMETER", path of a file x,y[,preload], or (k, 2) array, optional

@@ -29,8 +29,10 @@ FeetGiven: TypeAlias = "str | Sequence[str | Contact]"
 """Frames, rectangles ``"LxW[,x,y,z]@FRAME"``, contacts, or "auto"."""
 FramesGiven: TypeAlias = "str | Sequence[str]"
 FrictionGiven: TypeAlias = "float | Mapping[str, float]"
-ContactGiven = Literal["auto", "log"]
+ContactSource = Literal["auto", "log"]
 """Source of the contacts that carry: heights and speeds, or columns ``FRAME.contact`` of the log."""
+InContactGiven: TypeAlias = "ContactSource | Mapping[str, str | ArrayLike]"
+"""Source, or for each foot the column of the log, or a value for each of its rows."""
 
 ASSUMED = 0.3
 """Coefficient of friction that dry ground gives; needs up to it are stated as a condition, more is unsure."""
@@ -121,7 +123,7 @@ class GroundGiven(NamedTuple):
     wheels: FramesGiven = ()
     casters: FramesGiven = ()
     friction: FrictionGiven | None = None
-    in_contact: ContactGiven = "auto"
+    in_contact: InContactGiven = "auto"
     normal: ArrayLike | None = None
 
     @classmethod
@@ -131,7 +133,7 @@ class GroundGiven(NamedTuple):
         wheels: FramesGiven | None,
         casters: FramesGiven | None,
         friction: FrictionGiven | None,
-        in_contact: ContactGiven = "auto",
+        in_contact: InContactGiven = "auto",
         normal: ArrayLike | None = None,
     ) -> GroundGiven | None:
         """Feet and wheels; None without any. Raises ValueRangeError if properties of the ground alone are given."""

@@ -21,7 +21,7 @@ from ...robot import Robot
 from ...robots.finding import bundled_file
 from .answers import SupportAnswers
 from .grip import Holder, HolderGiven, grip_support
-from .ground import ContactGiven, FeetGiven, FramesGiven, FrictionGiven, GroundGiven
+from .ground import FeetGiven, FramesGiven, FrictionGiven, GroundGiven, InContactGiven
 from .judgement import GroundSupport, ground_support
 from .mounting import BoltsGiven, FrameOrTrue, motion_mounting
 from .noise import support_noise
@@ -43,7 +43,7 @@ class SupportQuestion:
     casters: FramesGiven | None = None
     contact_friction: FrictionGiven | None = None
     contact_normal: ArrayLike | None = None
-    in_contact: ContactGiven = "auto"
+    in_contact: InContactGiven = "auto"
     mounting: FrameOrTrue | None = None
     bolts: BoltsGiven | None = None
     grip: HolderGiven | None = None

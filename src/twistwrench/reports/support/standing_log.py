@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core import arguments
 from ...core.errors import ValueRangeError
 from ...core.text import Argument, ReadingNote, listed
 from ...core.typing import Array
 from ...mechanics.model import edit
-from ...motion.column_names import date_note, time_column
+from ...motion.column_names import time_column
 from ...motion.columns import absent_joints
 from ...motion.coordinates import Coordinates
 from ...motion.motion_log import MotionLog
@@ -21,7 +20,8 @@ from ...motion.readers.array_files import ArrayFile
 from ...robot import Robot
 from ...statics.feet import base_poses, level_pose, pose_coordinates, resting_points, stance_rates, upward
 from ...statics.torque_limits import floating_entries
-from .ground import ContactGiven, ContactSchedule, Ground, GroundGiven, ground_of, with_base_free
+from .contact_schedule import with_schedule
+from .ground import Ground, GroundGiven, ground_of, with_base_free
 from .standing import StandingCase
 
 if TYPE_CHECKING:
@@ -34,43 +34,17 @@ def standing_case(
     """Load case of a robot on the ground, and the log with its base, from a log of the robot as it was loaded."""
     free, first = with_base_free(robot), log.motion(log.table[:1]).q[0]
     if free is robot:
-        return StandingCase(free, **loads, ground=_scheduled(ground_of(free, given, first), given, log)), log
+        return StandingCase(
+            free, **loads, ground=with_schedule(ground_of(free, given, first), given.in_contact, log)
+        ), log
     if has_base_columns(log.file, free):
         raise ValueRangeError(
             f"{log.path}: the file has the pose of the base, and the base of robot {robot.name!r} is fixed. Load it with a "
             "floating base, {0}, so that these columns are read.",
             Argument("floating_base", True),
         )
-    ground = _scheduled(ground_of(free, given, np.concatenate([free.neutral[:7], first])), given, log)
+    ground = with_schedule(ground_of(free, given, np.concatenate([free.neutral[:7], first])), given.in_contact, log)
     return StandingCase(free, **loads, ground=ground), standing_log(log, robot, free, ground)
-
-
-def _scheduled(ground: Ground, given: GroundGiven, log: MotionLog) -> Ground:
-    """Ground with the contacts of a log, if ``in_contact`` is its columns."""
-    if arguments.choice(given.in_contact, "in_contact", get_args(ContactGiven)) == "auto":
-        return ground
-    header, columns = list(log.file.header), log.columns
-    names = {frame: f"{frame}.contact" for frame in ground.feet}
-    if missing := [name for name in names.values() if name not in header]:
-        raise ValueRangeError(
-            f"{log.path}: no column {missing[0]!r}, which {{0}} reads. Give one for each foot, 0 or 1, or a force in N; or "
-            "leave it out: feet then carry where they are low and slow.",
-            Argument("in_contact", "log"),
-        )
-    own = [] if columns.counted else [columns.used[columns.time]]
-    table = log.file.table((*own, *(header.index(name) for name in names.values())))
-    time = columns.seconds * (np.arange(len(table)) if columns.counted else table[:, 0])
-    values = table[:, len(own) :]
-    carries = np.ones((len(table), len(ground.contacts)), bool)
-    for k, frame in enumerate(names):
-        least = 0.5 if values[:, k].max(initial=0.0) <= 1.0 else _LOADED
-        carries[:, ground.of_frame(frame)] = (values[:, k] > least)[:, None]
-    shift = float(time[0]) if len(time) and date_note(float(time[0])) else 0.0
-    return replace(ground, schedule=ContactSchedule(time - shift, carries))
-
-
-_LOADED = 20.0
-"""Force from which a foot carries [N]."""
 
 
 def has_base_columns(file: MotionFile, free: Robot, columns: Mapping[str, str] | None = None) -> bool:
