@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo check test test-all lowest bridges docs release-check emulate lint gallery bench bench-bridges clean
+.PHONY: help demo check test test-all lowest bridges docs release-check lock emulate lint gallery bench bench-bridges clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
@@ -15,6 +15,7 @@ help:
 	@echo "make bridges   install PyTorch, which is larger than all else, and run the tests of what goes to other packages"
 	@echo "make docs      build the documentation site into build/site"
 	@echo "make release-check  build wheel and sdist from what is committed, and try them in a fresh environment"
+	@echo "make lock      write tools/dev.lock, the versions and hashes that LOCKED=1 installs, as in make test LOCKED=1"
 	@echo "make emulate   run kernels for 64-bit ARM under QEMU and for Windows under Wine, and compare their bits with this system's"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
@@ -30,8 +31,14 @@ $(VENV)/.demo: pyproject.toml | $(VENV)/.made
 	$(BIN)/python -m pip install --quiet -e ".[plot]"
 	touch $@
 
-$(VENV)/.dev: pyproject.toml | $(VENV)/.made
+# LOCKED=1 installs the versions in tools/dev.lock, each compared with its hash, and none beside them.
+$(VENV)/.dev: pyproject.toml tools/dev.lock | $(VENV)/.made
+ifdef LOCKED
+	$(BIN)/python -m pip install --quiet --require-hashes -r tools/dev.lock
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+else
 	$(BIN)/python -m pip install --quiet -e ".[dev]"
+endif
 	touch $@ $(VENV)/.demo
 
 # The first answer is no: exit status 1, a joint is over its limit, and --why says why. The second is yes.
@@ -89,8 +96,13 @@ outputs: $(VENV)/.dev
 	$(BIN)/python docs/outputs.py
 
 release-check: $(VENV)/.dev
-	$(BIN)/python -m pip install --quiet build twine
-	$(BIN)/python tools/release_check.py
+	$(BIN)/python -m tools.release_check $(DIST)
+
+# Versions of all that `.[dev]` installs, on every platform and Python, with the hashes of their files.
+lock: | $(VENV)/.made
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --quiet --upgrade --extra dev --universal --python-version 3.11 --generate-hashes \
+	  --no-annotate --custom-compile-command "make lock" --output-file tools/dev.lock
 
 emulate: $(VENV)/.dev
 	$(BIN)/python tools/emulate.py

@@ -1,4 +1,4 @@
-"""What has to hold before a release: `make release-check`.
+"""What has to hold before a release: `make release-check`, or `make release-check DIST=dist` to keep what was built.
 
 Builds sdist and wheel from what is committed, checks their metadata and contents, installs the wheel with the core's
 dependencies only, in a fresh environment, and runs the README's first lines there; and these and the notebooks in another,
@@ -8,6 +8,7 @@ without llvmlite.
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -15,6 +16,8 @@ import tempfile
 import venv
 import zipfile
 from pathlib import Path
+
+from tools.release import versions
 
 ROOT = Path(__file__).resolve().parent.parent
 NEEDED = (
@@ -26,17 +29,22 @@ NEEDED = (
 )
 
 
-def main() -> None:
+def main(kept: Path | None = None) -> None:
+    """Build, check and try; sdist and wheel are copied into the folder ``kept`` if all of it passes."""
+    if kept is not None and kept.exists() and any(kept.iterdir()):
+        raise SystemExit(f"{kept} is not empty: what is published must be what was checked. Remove it.")
     with tempfile.TemporaryDirectory() as folder:
         clone, dist = Path(folder, "clone"), Path(folder, "dist")
         run("git", "clone", "--quiet", "--depth", "1", ROOT.as_uri(), clone)
-        run(sys.executable, "-m", "build", "--outdir", dist, clone)
+        run(sys.executable, "-m", "build", "--no-isolation", "--outdir", dist, clone)
         run(sys.executable, "-m", "twine", "check", "--strict", *dist.iterdir())
         (wheel,), (sdist,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
         check_contents(wheel, sdist)
         check_version(wheel)
         check_install(wheel, Path(folder, "fresh"))
         check_without_compiler(wheel, Path(folder, "light"))
+        if kept is not None:
+            shutil.copytree(dist, kept, dirs_exist_ok=True)
     print("release check: passed")
 
 
@@ -57,13 +65,10 @@ def check_contents(wheel: Path, sdist: Path) -> None:
 
 
 def check_version(wheel: Path) -> None:
-    """One version in the project, the citation and the changes."""
-    version = wheel.name.split("-")[1]
-    citation = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.MULTILINE)
-    if citation is None or citation[1] != version:
-        raise SystemExit(f"CITATION.cff says another version than {version}")
-    if "\n## " not in (ROOT / "CHANGELOG.md").read_text("utf-8"):
-        raise SystemExit("CHANGELOG.md has no section")
+    """One version in the wheel, the citation, the changes and the recipe."""
+    built = wheel.name.split("-")[1]
+    if others := [f"{name} has version {version!r}" for name, version in versions(ROOT).items() if version != built]:
+        raise SystemExit(f"{wheel.name} is version {built!r}, but {', '.join(others)}")
 
 
 def check_install(wheel: Path, folder: Path) -> None:
@@ -126,4 +131,4 @@ def run(*command: object, cwd: Path = ROOT) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(Path, sys.argv[1:2]))
