@@ -17,7 +17,7 @@ help:
 	@echo "make release-check  build wheel and sdist from what is committed, and try them in a fresh environment"
 	@echo "make lock      write tools/dev.lock, the versions and hashes that LOCKED=1 installs, as in make test LOCKED=1"
 	@echo "make emulate   run kernels for 64-bit ARM under QEMU and for Windows under Wine, and compare their bits with this system's"
-	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
+	@echo "make gallery   run the numbered examples, and keep their pictures, which the home page of the site shows"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make bench-bridges  install who else computes dynamics in JAX, PyTorch, CasADi and Node, apart, and write bench/BRIDGES.md"
 	@echo "make clean     remove what the above made"

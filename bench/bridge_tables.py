@@ -1,6 +1,5 @@
-"""The tables about other packages as text, from what was measured: BRIDGES.md whole, and medians for docs/bridges.md."""
+"""The tables about other packages as text, from what was measured."""
 
-from collections.abc import Callable
 from typing import Any
 
 from bench.markdown import duration, quartiles, section, times
@@ -14,7 +13,7 @@ TITLES = {
     "javascript": "JavaScript",
 }
 ABOUT = {
-    "jax": "Jitted; a batch is `vmap` of one state, and ADAM's own batch axis where nothing is differentiated. The gradient"
+    "jax": "Jitted; ours is a custom call of compiled code, the others are programs of JAX's operations. A batch is `vmap` of one state, and ADAM's own batch axis where nothing is differentiated. The gradient"
     " is `jax.grad` of |τ|² by q, the derivative `jax.jacrev` of τ by q.",
     "torch": "Tensors on the processor, one thread. A batch is one call; the gradient is that of |τ|² by q, forward and"
     " backward.",
@@ -34,8 +33,6 @@ SAID = {
     "jacobian": "Jacobian",
 }
 """Names of rows; the others are quantities'."""
-PAGE_MARK = "<!-- {}: written by python -m bench.bridges -->\n"
-END = "<!-- end -->"
 
 
 def report(results: dict[str, Any]) -> str:
@@ -48,22 +45,8 @@ def report(results: dict[str, Any]) -> str:
         "one state: the median of interleaved rounds, and quartiles. Bold: how many times as long as ours in that package.",
         "The first column is our compiled code called from Python with NumPy's arrays, without another package.",
     ]
-    parts = [section(TITLES[name], _about(name, found), *_table(name, found, _full)) for name, found in results.items()]
+    parts = [section(TITLES[name], _about(name, found), *_table(name, found)) for name, found in results.items()]
     return "\n\n".join(["\n".join(head), *parts]) + "\n"
-
-
-def with_tables(page: str, results: dict[str, Any]) -> str:
-    """The page with what stands between its markers replaced by medians of these results."""
-    for name, found in results.items():
-        mark = PAGE_MARK.format(name)
-        before, marked, rest = page.partition(mark)
-        _, closed, after = rest.partition(END)
-        if not (marked and closed):
-            raise SystemExit(f"the page has no place for {name}: a line {mark.strip()}, and a line {END}")
-        head, rows = _table(name, found, _median)
-        lines = ["| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rows)]
-        page = before + mark + "\n".join([*lines, END]) + after
-    return page
 
 
 def _about(name: str, found: dict[str, Any]) -> str:
@@ -79,20 +62,22 @@ def _about(name: str, found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _table(name: str, found: dict[str, Any], cell: Callable[..., str]) -> tuple[list[str], list[list[str]]]:
+def _table(name: str, found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     if name == "optimal_control":
-        return _solutions(found["rows"], cell)
+        return _solutions(found["rows"])
     names = list(dict.fromkeys(who for row in found["rows"].values() for who in row))
     names.sort(key=lambda who: (not who.startswith(OURS), who == OURS))  # our kernel, ours, the others
-    rows = [[_said(what), *(cell(row.get(who), row.get(OURS)) for who in names)] for what, row in found["rows"].items()]
+    rows = [
+        [_said(what), *(_cell(row.get(who), row.get(OURS)) for who in names)] for what, row in found["rows"].items()
+    ]
     return ["", *names], rows
 
 
-def _solutions(problems: dict[str, Any], cell: Callable[..., str]) -> tuple[list[str], list[list[str]]]:
+def _solutions(problems: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     rows = []
     for problem, runs in problems.items():
         for who, run in runs.items():
-            spent = [cell(run[what], runs[OURS][what]) for what in ("evaluations", "in all")]
+            spent = [_cell(run[what], runs[OURS][what]) for what in ("evaluations", "in all")]
             rows.append([problem, who, str(run["iterations"]), f"{run['cost']:g}", *spent])
     return ["", "", "iterations", "cost", "evaluations", "in all"], rows
 
@@ -102,19 +87,12 @@ def _said(what: str) -> str:
     return SAID.get(quantity, quantity.replace("_", " ")) + comma + how
 
 
-def _full(found: Any, ours: Any) -> str:
+def _cell(found: Any, ours: Any) -> str:
     """Median, quartiles, and how many times ours it is."""
     if not isinstance(found, dict):
         return _plain(found)
     ratio = "" if found is ours else f" **{times(found['median'] / ours['median'])}**"
     return f"{duration(found['median'])} {quartiles(found)}{ratio}"
-
-
-def _median(found: Any, ours: Any) -> str:
-    if not isinstance(found, dict):
-        return _plain(found)
-    ratio = "" if found is ours else f" ({times(found['median'] / ours['median'])})"
-    return f"{duration(found['median'])}{ratio}"
 
 
 def _plain(found: Any) -> str:

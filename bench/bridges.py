@@ -1,6 +1,6 @@
 """The same programs in other packages, beside who writes for those packages: `python -m bench.bridges [--only SECTION]`.
 
-Writes bridges.json, BRIDGES.md and the tables of docs/bridges.md after each section. Every contender is compared with our
+Writes bridges.json and BRIDGES.md after each section. Every contender is compared with our
 kernels before anything is timed; what is missing is said. `--render` times nothing. What it needs: `make bench-bridges`.
 """
 
@@ -16,7 +16,7 @@ from bench import bridge_tables, machine
 from bench.timing import pin_to_one_core
 
 HERE = Path(__file__).parent
-RESULTS, REPORT, PAGE = HERE / "bridges.json", HERE / "BRIDGES.md", HERE.parent / "docs" / "bridges.md"
+RESULTS, REPORT = HERE / "bridges.json", HERE / "BRIDGES.md"
 ROUNDS = 9
 SECTIONS = {
     "jax": "bridge_jax.times",
@@ -45,7 +45,7 @@ def main() -> None:
             print(section.replace("_", " "), flush=True)
             results[section] = measured(section, options.rounds)
             write(results)
-    print(f"wrote {REPORT} and the tables of {PAGE}")
+    print(f"wrote {REPORT}")
 
 
 def measured(section: str, rounds: int) -> dict[str, Any]:
@@ -64,7 +64,6 @@ def write(results: dict[str, Any]) -> None:
     results = {section: results[section] for section in SECTIONS if section in results}
     RESULTS.write_text(json.dumps(results, indent=1) + "\n", "utf-8")
     REPORT.write_text(bridge_tables.report(results), "utf-8")
-    PAGE.write_text(bridge_tables.with_tables(PAGE.read_text("utf-8"), results), "utf-8")
 
 
 if __name__ == "__main__":

@@ -36,10 +36,6 @@ def rows(results: dict[str, Any]) -> Iterator[Row]:
     yield _seconds("the same, from the cache", 0.22, start.get("first torque, cache"))
     imported = start["import twistwrench"] - start["import numpy"] if start else None
     yield _seconds("`import twistwrench`, beyond NumPy's", 0.06, imported)
-    installed = {name: size / 1e6 for name, size in results["installed"].items()}
-    ours, pinocchio = installed["twistwrench"], installed["Pinocchio (`pin`)"]
-    got = f"{ours:.0f} MB; Pinocchio {pinocchio:.0f} MB"
-    yield Row("installed size with all core dependencies", "under Pinocchio's", got, pinocchio / ours)
 
 
 def best_build(timings: dict[str, dict[str, float]]) -> str | None:

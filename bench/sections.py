@@ -70,8 +70,8 @@ def generated(results: dict[str, Any]) -> str:
     heads = [name for one in found["robots"].values() for q in one.values() for name in q["timings"]]
     seconds = max(max(q["compiling"].values()) for one in found["robots"].values() for q in one.values())
     text = (
-        f"{measured_on(found)}: time per state, and how many times as long as ours. The recursions are written on Pinocchio's"
-        " model in CasADi's symbols, and CasADi writes C for each robot: Newton–Euler, and articulated bodies."
+        f"{measured_on(found)}: processor time per state, and how many times as long as ours. The recursions are written on"
+        " Pinocchio's model in CasADi's symbols, and CasADi writes C for each robot: Newton–Euler, and articulated bodies."
         f" gcc takes up to {seconds:.1f} s; ours needs no compiler."
     )
     return section("Generated C", text, ("", *dict.fromkeys(heads)), rows)

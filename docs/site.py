@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import runpy
 from html import escape, unescape
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ _FORMULA = re.compile(r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</
 """LaTeX as Arithmatex marks it: \\(inline\\) and \\[displayed\\]."""
 _HIGHLIGHTED = re.compile(r'<div class="((?:language-console )?highlight)">(?=(.*?)</div>)', re.DOTALL)
 """A block of code, which may be commands and what they print."""
+_COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
 _SHIM = "https://unpkg.com/iframe-worker/shim"
 _GROUPS: dict[str, tuple[str, str, str]] = {
@@ -80,6 +82,48 @@ _GROUPS: dict[str, tuple[str, str, str]] = {
 """Methods of a robot, functions, and classes and modules with pages of their own, by subject."""
 
 
+_MOVED = {
+    "features": "questions.html#common-questions",
+    "gallery": "index.html#examples",
+    "noise": "unsure.html#noise-of-the-log",
+}
+"""Pages of earlier sites, and where their text is."""
+_SENTENCES = {
+    "index.md": "What twistwrench computes, how to install it, where to start, and how fast it is.",
+    "questions.md": "Common questions with the pages that answer them, and questions from public forums with short answers.",
+    "installation.md": "Installation on Linux, macOS, Windows and ARM, and what each extra adds.",
+    "unsure.md": "Every reason for UNSURE or LOOK AGAIN with its cause and remedy, and how noise enters a verdict.",
+    "identification.md": "Masses, inertias and friction of a robot from logs of its torques.",
+    "calibration.md": "Zeros, axes and lengths of an arm from measured positions.",
+    "viewer.md": "Robots and motions as one offline page that computes; films and pictures.",
+    "actuation.md": "Motors, gears, rotors, friction and elastic joints from a YAML file.",
+    "constraints.md": "Robots with closed loops: constrained dynamics, holding torques, simulation.",
+    "ros.md": "Xacro files, package paths, bags, mimic joints and joint names in ROS.",
+    "assistant.md": "What a coding assistant needs: imports, ten tasks with code, pitfalls.",
+    "api.md": "Methods and functions by subject.",
+    "plausibility.md": "What no robot does, and from which size a log is doubted.",
+    "derivatives.md": "Derivatives of every quantity, of your own functions, and linear models.",
+    "modern-robotics.md": "The book's Python package, function by function, on compiled kernels.",
+    "compare.md": "Features of other libraries beside those of twistwrench, with versions and sources.",
+    "how-it-works.md": "How a robot becomes compiled code, how results are tested, and what bounds their errors.",
+    "adding.md": "Where a joint type, a quantity, a command or a file format is added to the source.",
+    "changes.md": "Changes of each version.",
+}
+"""What llms.txt has for pages whose first sentence does not describe them."""
+_AMERICAN = {
+    **{f"{stem}is": f"{stem}iz" for stem in (
+        "optim", "normal", "minim", "maxim", "random", "linear", "discret", "regular", "factor", "vector", "visual", "quant",
+        "parametr", "initial", "general", "stabil",
+    )},
+    "centre": "center", "colour": "color", "behaviour": "behavior", "neighbour": "neighbor", "metre": "meter",
+    "labelled": "labeled", "modelled": "modeled", "travelled": "traveled", "grey": "gray",
+}  # fmt: skip
+"""Beginnings of British words, and of their American forms; unit names may follow a prefix, as millimetre."""
+_BRITISH = re.compile(rf"\b(?:milli|centi|kilo)?(?:{'|'.join(_AMERICAN)})[a-z]*", re.IGNORECASE)
+_read: dict[str, str] = {}
+"""Text of each page that is built, by its file."""
+
+
 _BOOSTS = {"Tutorials": 2, "How-to": 2, "Reference": 2, "Project": 0.3, "API": 0.3}
 """Weight of a page in the search, by its group of the navigation: guides are found before docstrings."""
 
@@ -91,20 +135,33 @@ def on_files(files: Any, config: Any) -> Any:
     def add(name: str, text: str) -> None:
         files.append(File.generated(config, name, content=text))
 
-    add("index.md", _STILL.sub("", _beside_docs("README.md")))
+    examples = runpy.run_path(str(ROOT / "examples" / "__main__.py"))
+    add("index.md", _STILL.sub("", _beside_docs("README.md")) + _strip(examples))
     add("changes.md", _beside_docs("CHANGELOG.md"))
     add("commands.md", _commands())
     for name, text in (_api() | _book() | _live()).items():
         add(name, text)
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    linked = {target for page in pages for target in _files_linked(page)}
+    linked = {target for page in pages for target in _files_linked(page)} | {*examples["SCRIPTS"]}
     for target in sorted(linked):
         add(_page_of(target), _shown(target))
     return files
 
 
+def _strip(examples: dict[str, Any]) -> str:
+    """Pictures of the numbered examples; each leads to its script, which begins with an explanation."""
+    entries = (
+        f'<a href="{_page_of(script).removesuffix(".md")}.html">'
+        f'<img src="gallery/{examples["picture_of"](script).name}" alt="" width="360" loading="lazy">'
+        f"{escape(examples['title'](script))}</a>"
+        for script in examples["SCRIPTS"]
+    )
+    return '\n## Examples\n\n<div class="thumbnails">\n' + "\n".join(entries) + "\n</div>\n"
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to the repository's files lead to their pages on the site."""
+    _read[page.file.src_uri] = markdown
     markdown = _LIVE.sub(_frame, _FENCE.sub(r"```\1", markdown))
     if page.file.src_uri == "changes.md":
         page.meta["search"] = {"exclude": True}
@@ -119,10 +176,11 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     return _LINK.sub(lambda found: _relinked(found, ROOT / "docs"), markdown)
 
 
-def on_page_content(html: str, **_: Any) -> str:
+def on_page_content(html: str, page: Any, **_: Any) -> str:
     """Replace formulas by MathML, and roles of docstrings, :meth:`~twistwrench.Robot.add`, by the names they show.
 
-    The copy button of a block of commands copies them without prompts and output.
+    The copy button of a block of commands copies them without prompts and output. A last line that only the search reads has
+    the American spelling of the page's words.
     """
     from latex2mathml.converter import convert
 
@@ -137,7 +195,14 @@ def on_page_content(html: str, **_: Any) -> str:
         commands = _commands_of(found[2])
         return f'<div class="{found[1]}" data-copy="{escape(commands)}">' if commands else found[0]
 
-    return _FORMULA.sub(formula, _ROLE.sub(shown, _HIGHLIGHTED.sub(console, html)))
+    american = "" if page.file.src_uri.startswith("files/") else f"<p hidden>{' '.join(_american(html))}</p>"
+    return _FORMULA.sub(formula, _ROLE.sub(shown, _HIGHLIGHTED.sub(console, html))) + american
+
+
+def _american(text: str) -> list[str]:
+    """American forms of the British words of a text, once each."""
+    words = {word.lower() for word in _BRITISH.findall(re.sub(r"<[^>]+>", " ", text))}
+    return sorted(re.sub("|".join(_AMERICAN), lambda found: _AMERICAN[found[0]], word) for word in words)
 
 
 def _commands_of(block: str) -> str:
@@ -161,11 +226,34 @@ def on_post_template(output: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any) -> None:
-    """Write llms.txt, a line for each page of the navigation, for programs that read the site."""
-    lines = [f"# {config.site_name}", "", f"> {config.site_description}", ""]
+    """Write lists for programs that read the site, and pages at old addresses.
+
+    llms.txt has a sentence for each page of the navigation; llms-full.txt has the text of all but the API.
+    """
+    site = Path(config.site_dir)
+    head = [f"# {config.site_name}", "", f"> {config.site_description}", ""]
+    lines, texts = list(head), list(head)
     for group, entries in _groups(config.nav):
-        lines += [f"## {group}", "", *(f"- [{title}]({name.removesuffix('.md')}.html)" for title, name in entries), ""]
-    Path(config.site_dir, "llms.txt").write_text("\n".join(lines), "utf-8")
+        pages = (f"- [{title}]({name.removesuffix('.md')}.html): {_sentence(name, title)}" for title, name in entries)
+        lines += [f"## {group}", "", *pages, ""]
+        texts += [_COMMENT.sub("", _read[name]) for _, name in entries if not name.startswith("api")]
+    (site / "llms.txt").write_text("\n".join(lines), "utf-8")
+    (site / "llms-full.txt").write_text("\n".join(texts), "utf-8")
+    for name, target in _MOVED.items():
+        link = f'<!doctype html><meta http-equiv="refresh" content="0; url={target}"><a href="{target}">Moved</a>\n'
+        (site / f"{name}.html").write_text(link, "utf-8")
+
+
+def _sentence(name: str, title: str) -> str:
+    """First sentence of a page below its title, without links; API pages begin with lists."""
+    if name in _SENTENCES:
+        return _SENTENCES[name]
+    if name.startswith("api"):
+        return f"Methods, functions and classes with their docstrings: {title[0].lower()}{title[1:]}."
+    paragraphs = re.split(r"\n\s*\n", _COMMENT.sub("", _read[name]))[1:]
+    prose = next(" ".join(p.split()) for p in paragraphs if re.match(r"[A-Z\[*]|`(?!``)", p.strip()))
+    sentence = re.split(r"(?<=[.:?]) (?=[A-Z`])", re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose))[0]
+    return f"{sentence.rstrip(':.')}."
 
 
 def _groups(nav: Any) -> list[tuple[str, list[tuple[str, str]]]]:

