@@ -13,7 +13,8 @@ TITLES = {
     "javascript": "JavaScript",
 }
 ABOUT = {
-    "jax": "Jitted; ours is a custom call of compiled code, the others are programs of JAX's operations. A batch is `vmap` of one state, and ADAM's own batch axis where nothing is differentiated. The gradient"
+    "jax": "Jitted; ours is a custom call of compiled code, the others are programs of JAX's operations. A batch is `vmap`"
+    " of one state, and ADAM's own batch axis where nothing is differentiated. The gradient"
     " is `jax.grad` of |τ|² by q, the derivative `jax.jacrev` of τ by q.",
     "torch": "Tensors on the processor, one thread. A batch is one call; the gradient is that of |τ|² by q, forward and"
     " backward.",
