@@ -15,9 +15,9 @@ NAMED = re.compile(r"`([\w.-]+(?:/[\w.*-]+)*(?:/|\.(?:py|toml|yml|yaml|txt|md|c|
 SETTINGS = re.compile(r"(?:src|tests|docs|tools|bench|examples|notebooks)/[\w./*-]+")
 HOMES = (ROOT, ROOT / "src" / "twistwrench", ROOT / "tests", ROOT / "docs")
 ELSEWHERE = {
-    "xla/ffi/api/c_api.h", "meta/info.json",
+    "xla/ffi/api/c_api.h", "meta/info.json", "build/site/index.html",
 }  # fmt: skip
-"""Files of other programs, by their own names."""
+"""Files of other programs by their own names, and one that `make docs` writes."""
 
 
 def names_of(page: Path) -> Iterator[str]:
