@@ -49,6 +49,8 @@ from .matching import (
 from .readers.csv_reader import is_number
 
 _FEW = 4
+_MOST_BESIDE = 12
+"""Most joints beside an arm that an error message lists."""
 ORDER = "#"
 """Prefix of keys for columns listed in the order of the coordinates: ``#1``, ``#2`` …"""
 
@@ -113,7 +115,7 @@ class Assignment:
     """Assignment of a header's columns to the coordinates of a robot; errors begin with ``where``."""
 
     def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
-        self.cells, self.where, self.reading = cells, where, reading
+        self.cells, self.where, self.reading, self.arms = cells, where, reading, coordinates.arms
         self.names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
         motors = {*coordinates.drive_names} - {*coordinates.velocity_names}
         named = [*(split_unit(cell)[0] for cell in cells), *(reading.columns or {})]
@@ -444,6 +446,8 @@ class Assignment:
         all_missing = len(missing) == len(self.names["q"])
         varying = set(varying_columns(self.cells, self.extra, look))
         may_be = [cell for cell in self.extra if cell in varying]
+        if found := self.of_arms(missing, unused=may_be):
+            return found
         in_order = series(may_be, len(missing)) if all_missing else []
         near = dict(zip(missing, in_order, strict=True)) if in_order else alike(missing, self.extra)
         hint = ""
@@ -481,6 +485,44 @@ class Assignment:
             which,
             Argument("lock", few),
         )
+
+    def of_arms(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
+        """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs.
+
+        Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
+        """
+        names = self.names["q"]
+        groups = [[names[k] for k in arm] for arm in self.arms]
+        every = [name for group in groups for name in group]
+        fitting = [group for group in groups if len(group) < len(names) and self.has_columns_of(group, unused)]
+        if not fitting and len(groups) > 1 and len(every) < len(names) and self.has_columns_of(every, unused):
+            fitting = [every]
+        beside = [name for name in names if fitting and name not in fitting[0]]
+        if len(fitting) != 1 or len(beside) > _MOST_BESIDE or any(_joint(name) != name for name in beside):
+            return None
+        group = fitting[0]
+        which = f"the arm{'s' if len(group) == len(every) > len(groups[0]) else ''}"
+        if len(group) < len(every):
+            which = f"one arm, {group[0]} to {group[-1]}"
+        have = "has" if len(beside) == 1 else "have"
+        rest = " and ".join([", ".join(beside[:-1]), beside[-1]] if len(beside) > 1 else beside)
+        return TrajectoryError(
+            f"{self.where}: {len(group)} columns fit the {len(group)} joints of {which}; {rest} {have} none: load the robot "
+            f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found()}",
+            Argument("lock", dict.fromkeys(beside, 0)),
+            Argument(
+                "columns", dict.fromkeys(missing, "COLUMN") if len(missing) == len(beside) else {"JOINT": "COLUMN"}
+            ),
+        )
+
+    def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
+        """True if the columns are those of the positions of a group of joints, by name or by a rule that matches all."""
+        names = self.names["q"]
+        if self.given["q"]:
+            return not unused and {names[k] for k in self.given["q"]} == {*group}
+        columns = candidates({k: self.split[k][0] for k in self.free}).get("q", [])
+        others = [*self.reading.locked, *(name for name in names if name not in group)]
+        return any(rule(columns, group, others) for rule in RULES.values())
 
     def check_complete(self, look: Callable[[int], Array]) -> None:
         """Raise TrajectoryError if time, coordinates or rates are missing; ``look`` returns a column's numbers."""

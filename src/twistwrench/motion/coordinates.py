@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
@@ -71,6 +72,8 @@ class Coordinates:
     """True for drive torques in N m, False for forces in N."""
     coupled: tuple[tuple[Array, Array, Array], ...] = ()
     """Indices of coupled joints and matrices of their motors, see :attr:`twistwrench.mechanics.model.model.Model.coupled`."""
+    arms: tuple[tuple[int, ...], ...] = ()
+    """Indices in q of the joints of each arm of the robot, from its base on."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
         """Column names of a quantity in written files.
@@ -122,6 +125,7 @@ class Coordinates:
             drive_names=model.drive_names if model.couplings else (),
             drive_turns=tuple(drive_turns(model)) if model.couplings else (),
             coupled=model.coupled,
+            arms=serial_arms(model),
         )
         return found
 
@@ -129,6 +133,31 @@ class Coordinates:
     def torque_units(self) -> tuple[str, ...]:
         """Unit, ``N m`` or ``N``, for each velocity."""
         return units_of("tau", self.angular_velocity)
+
+
+_ARM = 4
+"""Least number of joints of an arm."""
+
+
+def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
+    """Indices in q of each run of at least four turning joints without a branch between them.
+
+    Rails, fingers and mimic joints are beside the arms.
+
+    >>> import twistwrench as tw
+    >>> serial_arms(tw.robots.panda().model)
+    ((0, 1, 2, 3, 4, 5, 6),)
+    """
+    turns = [not b.follows and b.joint.nv == 1 and bool(b.joint.turning[0]) for b in model.bodies]
+    branches = Counter(b.parent for b in model.bodies)
+    runs: dict[int, list[int]] = {}
+    for i, b in enumerate(model.bodies):  # parents come before their children
+        if turns[i]:
+            goes_on = b.parent in runs and branches[b.parent] == 1
+            runs[i] = runs[b.parent] if goes_on else []
+            runs[i].append(b.q_index)
+    found = {id(run): tuple(run) for run in runs.values() if len(run) >= _ARM}
+    return tuple(found.values())
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
