@@ -220,7 +220,7 @@ TALL = """(() => { const { stage, poses, robot, grasp } = viewer;
     return (Math.max(...y) - Math.min(...y)) / innerHeight; })()"""
 
 
-@pytest.mark.parametrize(("width", "least"), [(690, 0.40), (358, 0.25)])
+@pytest.mark.parametrize(("width", "least"), [(900, 0.45), (690, 0.45), (358, 0.25)])
 def test_the_robot_fills_the_frame_of_a_guide(at, width, least):
     """Joints and tip at the motion's start, as a share of the frame's height, on a desktop and on a phone."""
     assert at(width, 560, embed=True).run(TALL) > least

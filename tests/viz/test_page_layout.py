@@ -151,6 +151,25 @@ def test_sliders_are_at_least_24_pixels_high(sized, motion_page):
     assert min(heights) >= 24
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_torques_of_any_size_stay_in_their_column(sized, folder, width):
+    """Loads beyond any arm's, as six digits and more: columns grow, and the panel does not."""
+    path = folder / "long.html"
+    if not path.exists():
+        write_page(tw.robots.ur5(), path)
+    page = sized(path, width=width)
+    page.run("(viewer.mechanics.mass = 99999.5, viewer.refresh())")
+    page.run(SETTLE)
+    wide = """Array.from(document.querySelectorAll('#torques .number, #torques .share')).filter((e) => e.scrollWidth > e.clientWidth + 1)
+        .map((e) => e.textContent)"""
+    assert "N m" in page.run("document.querySelectorAll('#torques .number')[1].textContent")
+    assert page.run("Math.max(...viewer.tau.map(Math.abs))") > 1e5
+    assert page.run(wide) == []
+    assert page.run(
+        "['torques', 'load'].every((id) => ((e) => e.scrollWidth <= e.clientWidth)(document.getElementById(id)))"
+    )
+
+
 def luminance(colour):
     x = np.asarray(colour, float)
     linear = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)

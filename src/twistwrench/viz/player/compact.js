@@ -3,6 +3,8 @@
 
 const FITS = 12; // steps to the nearest view
 const BEHIND = 0.7; // share of the controls' height that the lowest places may lie behind
+const LOW = 0.2; // elevation [rad] in a frame, whose height is for the robot and not for the floor
+const TURNS = [0, 0.2, -0.2, 0.4, -0.4, 0.6, -0.6]; // of the azimuth [rad] from the usual one
 const SEEN = 0.6; // share of a page within another from which it is looked at
 
 class Compact {
@@ -16,6 +18,7 @@ class Compact {
     this.hint.textContent = `${/Mac|iPhone|iPad/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`;
     viewer.stage.hint = () => this.tell();
     this.homes = []; // where parts of the panel belong
+    this.usual = viewer.stage.home.azimuth;
     viewer.compact = this;
     const decide = () => this.set(this.embedded || (this.wanted && narrow.matches && !robot.book));
     narrow.addEventListener("change", decide);
@@ -34,22 +37,36 @@ class Compact {
     watch.observe(document.querySelector("main"));
   }
 
-  // The view as near as the robot's motion allows. Its lowest places may lie behind the controls.
+  // The view as near as the robot's motion allows, from the direction of those around the usual one that shows the robot tallest.
   fit() {
-    const { stage, reach, book, address } = this.viewer, { canvas, home } = stage, seen = (id) => document.getElementById(id).getBoundingClientRect();
+    const { stage, book, address, poses, robot } = this.viewer, { canvas, home } = stage;
     if (!this.embedded || book || stage.distance !== home.distance || !canvas.clientHeight) return;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight], edge = 0.03 * height, verdict = seen("verdict"), title = document.querySelector("header").getBoundingClientRect().bottom, control = seen("one").top || seen("player").top || height, above = verdict.width > 0.6 * width;
+    const bodies = [[0, 0, 0], ...robot.bodies.map((_, k) => place(poseOf(poses, k)))], turned = stage.azimuth !== home.azimuth || stage.elevation !== home.elevation;
+    const from = { target: stage.target, distance: stage.distance }, reach = this.viewer.reach;
+    const views = (turned ? [[stage.azimuth, stage.elevation]] : TURNS.map((turn) => [this.usual + turn, LOW])).map(([azimuth, elevation]) => {
+      Object.assign(stage, from, { azimuth, elevation });
+      this.approach(reach);
+      const y = stage.projected(bodies).map((p) => p[1]);
+      return { azimuth, elevation, target: stage.target.slice(), distance: stage.distance, tall: Math.max(...y) - Math.min(...y) };
+    });
+    const { tall, ...view } = views.reduce((best, each) => (each.tall > 1.01 * best.tall ? each : best)); // the first of equals is the usual one
+    Object.assign(stage, view);
+    Object.assign(home, view, { target: view.target.slice() }, turned ? { azimuth: home.azimuth, elevation: home.elevation } : {});
+    this.viewer.request();
+    address.first.camera.splice(0, 6, home.azimuth, home.elevation, home.distance, ...home.target);
+  }
+
+  approach(reach) { // until the motion fills what nothing covers; its lowest places may lie behind the controls
+    const { stage } = this.viewer, { clientWidth: width, clientHeight: height } = stage.canvas, seen = (id) => document.getElementById(id).getBoundingClientRect(), edge = 0.03 * height;
+    const verdict = seen("verdict"), title = document.querySelector("header").getBoundingClientRect().bottom, control = seen("one").top || seen("player").top || height, above = verdict.width > 0.6 * width;
     const left = 1.5 * edge, right = verdict.width && !above ? verdict.left - edge : width - 1.5 * edge, top = (above ? verdict.bottom + edge : title) + edge, bottom = control + BEHIND * (height - control);
     for (let k = 0; k < FITS; k++) {
-      const places = reach.map((p) => stage.project(p)), axis = (i) => places.map((p) => p[i]), [x, y] = [axis(0), axis(1)];
+      const places = stage.projected(reach), axis = (i) => places.map((p) => p[i]), [x, y] = [axis(0), axis(1)];
       const [wide, high] = [Math.max(...x) - Math.min(...x), Math.max(...y) - Math.min(...y)], { right: along, up } = stage.camera(), metre = stage.metre(stage.target);
       const off = [(Math.max(...x) + Math.min(...x) - left - right) / 2, (Math.max(...y) + Math.min(...y) - top - bottom) / 2];
       stage.target = add(stage.target, add(times(off[0] / metre, along), times(-off[1] / metre, up)));
       stage.distance *= Math.max(wide / (right - left), high / (bottom - top));
     }
-    Object.assign(home, { distance: stage.distance, target: stage.target.slice() });
-    this.viewer.request();
-    address.first.camera.splice(2, 4, stage.distance, ...stage.target);
   }
 
   get parts() { // the verdict, and the control that is named, or the first there is; none beside a motion that is not judged

@@ -39,11 +39,16 @@ class Orbit {
     return [azimuth, elevation, distance, ...target, covered.right, covered.top, covered.bottom, canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio].join();
   }
 
-  // Where on the canvas a point is, in its own pixels.
-  project(point) {
-    const M = this.camera().camera, [x, y, , w] = [0, 1, 2, 3].map((i) => dot(M.slice(4 * i, 4 * i + 3), point) + M[4 * i + 3]);
-    return [((x / w + 1) / 2) * this.canvas.clientWidth, ((1 - y / w) / 2) * this.canvas.clientHeight];
+  // Where on the canvas points are, in its own pixels.
+  projected(points) {
+    const M = this.camera().camera, { clientWidth: width, clientHeight: height } = this.canvas;
+    return points.map((point) => {
+      const [x, y, , w] = [0, 1, 2, 3].map((i) => dot(M.slice(4 * i, 4 * i + 3), point) + M[4 * i + 3]);
+      return [((x / w + 1) / 2) * width, ((1 - y / w) / 2) * height];
+    });
   }
+
+  project(point) { return this.projected([point])[0]; }
 
   // Where a place of the canvas looks from, and along which unit vector.
   ray(x, y) {
