@@ -416,6 +416,24 @@ def test_results_go_elsewhere_when_asked_to(bench, monkeypatch, tmp_path, capsys
     assert (elsewhere / "RESULTS.md").exists()
 
 
+# ── generated C ──
+
+
+@pytest.mark.slow
+def test_generated_c_computes_the_same_and_makes_a_table(bench, panda):
+    """As the recursions on Pinocchio's model, state by state and eight at a time; and our own C."""
+    pytest.importorskip("casadi")
+    found = bench("generated").times(1, (panda,), size=64)
+    if "missing" in found:
+        pytest.skip(found["missing"])
+    for each in found["robots"]["panda"].values():
+        assert len(each["timings"]) == 4 and len(each["agreement"]) == 3
+        assert all(0 < difference < 1e-12 for difference in each["agreement"].values())
+    text = bench("report").write({**kept(), "generated": found})
+    assert "## Generated C" in text and "the same C, gcc, 8 states at a time" in text
+    assert "processor time per state" in text
+
+
 # ── rollouts ──
 
 

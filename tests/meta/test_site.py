@@ -149,6 +149,8 @@ QUERIES = {
     "impossible inertia": "doctor",
     "contact simulation": "simulation",
     "7th axis": "cells",
+    "seventh axis": "cells",
+    "end effector": "statics",
     "linear track": "cells",
     "rail": "cells",
     "gripper": "cells",
