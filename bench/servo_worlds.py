@@ -100,8 +100,10 @@ class World:
 
     @property
     def delay_of_steps(self) -> float:
-        """Delay of the simulated commands [s]: up to the next step, of which semi-implicit steps take off a half."""
-        return float((np.ceil(self.delay / STEP - 1e-6) - 0.5) * STEP)
+        """Mean delay of the simulated commands [s]: a row comes with the next step; semi-implicit steps take off a half."""
+        rows = np.arange(self.rate) / self.rate
+        steps = np.ceil((rows + self.delay) / STEP - 1e-6)
+        return float(np.mean(STEP * (steps - 0.5) - rows))
 
     @property
     def name(self) -> str:
@@ -232,6 +234,7 @@ def judged(world: World) -> dict[str, Any]:
         "off": {name: x.round(5).tolist() for name, x in off.items()},
         "width": {name: x.round(5).tolist() for name, x in width.items()},
         "determined": {name: x.tolist() for name, x in found.determined.items()},
+        "torque_off": {name: x.round(5).tolist() for name, x in torque_errors(found, truth).items()},
         "only_ratios": found.only_ratios.tolist(),
         "delay_off": round(found.delay - world.delay_of_steps, 6),
         "delay_width": round(found.delay_half_width, 6),
@@ -240,6 +243,12 @@ def judged(world: World) -> dict[str, Any]:
         "rollouts": found.fit.replay.count[0],
         "seconds": round(seconds, 1),
     }
+
+
+def torque_errors(found: tw.identification.IdentifiedServos, truth: Array) -> dict[str, Array]:
+    """Errors of damping and Coulomb friction as shares of each joint's rms torque."""
+    errors = (found.values - truth)[:, :3] * found.sizes / found.rms_torques[:, None]
+    return {"damping": errors[:, 1], "coulomb": errors[:, 2]}
 
 
 def half(name: str) -> Iterator[World]:
@@ -289,6 +298,10 @@ def summary(results: Sequence[dict[str, Any]]) -> dict[str, str]:
             np.concatenate([np.array(one["off"][name])[one["determined"][name]] for one in sharp] or [np.zeros(0)])
         )
         found[f"{name} within {most:.0%}"] = f"{(off <= most).sum()} of {len(off)}, at most {off.max(initial=0.0):.1%}"
+    errors = np.concatenate([np.abs(one["torque_off"]["coulomb"])[one["determined"]["coulomb"]] for one in sharp])
+    found["coulomb within 2% of the joint's torque"] = (
+        f"{(errors <= 0.02).sum()} of {len(errors)}, at most {errors.max(initial=0.0):.1%}"
+    )
     for kind, names in (("values", tuple(SHARP)), ("ratios", ("armature/kp", "damping/kp", "coulomb/kp"))):
         held = np.concatenate([np.abs(one["off"][n]) <= np.array(one["width"][n]) for one in results for n in names])
         found[f"coverage of {kind}"] = f"{held.mean():.1%} of {held.size}"

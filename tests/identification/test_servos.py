@@ -107,6 +107,21 @@ def test_a_joint_on_which_nothing_hangs_is_not_determined(tmp_path):
     np.testing.assert_allclose(told.armature, [0.01], rtol=0.1)
 
 
+@pytest.mark.slow
+def test_friction_that_hardly_counts_is_stated_as_a_share_of_the_torque(arm):
+    """Friction of a thousandth of the torque has a wide interval of its own; an OK states how much of the torque is open.
+
+    The bound of 2 % of the rms torque is the one within which friction counts as determined.
+    """
+    log = tw.identification.simulated_servo_log(arm, armature=0.4, damping=3.0, coulomb=0.01, kp=90.0, delay=0.012)
+    servos = tw.identification.identify_servos(arm, log)
+    assert servos.verdict.ok
+    assert (servos.relative()["coulomb"] > 1.0).all()
+    assert "of the joint's torque" in servos.headline
+    assert (servos.torque_shares["coulomb"] <= 0.02).all()
+    assert (np.abs(servos.coulomb - 0.01) <= 0.02 * servos.rms_torques).all()
+
+
 @pytest.mark.parametrize(
     ("changed", "kind"),
     [

@@ -27,6 +27,8 @@ from ...core.estimation.noise import noise, quantum
 from ...core.typing import Array
 from .replay import QUANTITIES, ServoLog, ServoReplay
 
+WITHIN = 0.1
+"""Half width of the 95 % interval of a logarithm up to which a value counts as determined."""
 _SETTLED = 0.5
 """Time [s] from the begin of a log in which rows are not used: its initial state is not exact."""
 _ROWS = 20_000

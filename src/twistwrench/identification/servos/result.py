@@ -19,15 +19,13 @@ from ...core.typing import Array
 from ...core.verdict import Verdict
 from ...mechanics.model.actuation import with_friction
 from ...robot import Robot
-from .output_error import OutputErrorFit
+from .output_error import WITHIN, OutputErrorFit
 from .replay import QUANTITIES
 
-WITHIN = 0.1
-"""Half width of the 95 % interval up to which a value counts as determined."""
 _UNKNOWN = 10.0
 """Largest half width of a logarithm; a value that wide is unknown."""
-_LITTLE = 0.02
-"""Share of a joint's torque (rms) up to which a half width does not matter."""
+NEGLIGIBLE_SHARE = 0.02
+"""Share of a joint's torque (rms) up to which a half width of damping or friction does not matter."""
 _KP = QUANTITIES.index("kp")
 _FRICTION = {1: "damping", 2: "coulomb"}
 RATIOS = tuple(f"{name}/kp" for name in QUANTITIES[:_KP])
@@ -125,15 +123,19 @@ class IdentifiedServos(Answer):
         """(nv,) ratios to kp, which are known also where no value is: ``damping/kp``, ``coulomb/kp``, ``armature/kp``."""
         return {name: self.values[:, k] / self.kp for k, name in enumerate(RATIOS)}
 
-    def _relative(self, combined: Mapping[str, Array], level: float = 0.95) -> dict[str, Array]:
-        """(nv,) half widths of logarithms: of the unknowns (4,) of a joint, combined."""
-        n, found = len(self.joints), {}
-        for name, weights in combined.items():
-            directions = np.zeros((n, len(self.fit.p)))
-            for j in range(n):
-                directions[j, len(QUANTITIES) * j : len(QUANTITIES) * (j + 1)] = weights
-            found[name] = np.minimum([self.fit.half_width(d, level) for d in directions], _UNKNOWN)
-        return found
+    def _half_widths(self, level: float = 0.95) -> dict[str, Array]:
+        """(nv,) half widths of logarithms of the values and of their ratios to kp."""
+        unit = np.eye(len(QUANTITIES))
+        combined = {name: unit[k] for k, name in enumerate(QUANTITIES)}
+        combined |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
+        return {name: self._half_widths_along(weights, level) for name, weights in combined.items()}
+
+    def _half_widths_along(self, weights: Array, level: float) -> Array:
+        """(nv,) half widths of one linear combination of the logarithms (4,) of each joint."""
+        directions = np.zeros((len(self.joints), len(self.fit.p)))
+        for j, direction in enumerate(directions):
+            direction[len(QUANTITIES) * j : len(QUANTITIES) * (j + 1)] = weights
+        return np.array([self.fit.half_width(direction, level) for direction in directions])
 
     def relative(self, level: float = 0.95) -> dict[str, Array]:
         """Half widths of the intervals of logarithms, which are relative half widths if they are small.
@@ -144,12 +146,9 @@ class IdentifiedServos(Answer):
 
         Returns
         -------
-        widths : {name: (nv,) array}, of the values and of their ratios to kp
+        widths : {name: (nv,) array}, of the values and of their ratios to kp; 10 at most, which is unknown
         """
-        unit = np.eye(len(QUANTITIES))
-        combined = {name: unit[k] for k, name in enumerate(QUANTITIES)}
-        combined |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
-        return self._relative(combined, level)
+        return {name: np.minimum(width, _UNKNOWN) for name, width in self._half_widths(level).items()}
 
     def interval(self, level: float = 0.95) -> dict[str, Array]:
         """Intervals of the values of each joint.
@@ -188,9 +187,15 @@ class IdentifiedServos(Answer):
         """(nv,) bool for each value: within 10 %; damping and friction also within 2 % of the joint's torque."""
         width = self.relative()
         told = {name: self.live & (width[name] <= WITHIN) for name in QUANTITIES}
-        for k, name in _FRICTION.items():
-            told[name] |= told["kp"] & (width[name] * self.values[:, k] * self.sizes[:, k] <= _LITTLE * self._pull)
+        for name, share in self.torque_shares.items():
+            told[name] |= told["kp"] & (share <= NEGLIGIBLE_SHARE)
         return told
+
+    @property
+    def torque_shares(self) -> dict[str, Array]:
+        """(nv,) half widths of ``damping`` and ``coulomb`` as shares of the joint's rms torque."""
+        width, torques = self._half_widths(), self.values[:, :_KP] * self.sizes / self.rms_torques[:, None]
+        return {name: width[name] * torques[:, k] for k, name in _FRICTION.items()}
 
     @property
     def whole(self) -> Array:
@@ -200,15 +205,16 @@ class IdentifiedServos(Answer):
     @cached_property
     def only_ratios(self) -> Array:
         """(nv,) bool, True if kp is not determined, but all ratios to it are."""
-        width = self.relative()
+        width = self._half_widths()
         told = {name: width[name] <= WITHIN for name in RATIOS}
         for k in _FRICTION:
-            told[RATIOS[k]] |= width[RATIOS[k]] * self.values[:, k] * self.sizes[:, k] <= _LITTLE * self._pull
+            torques = width[RATIOS[k]] * self.values[:, k] * self.sizes[:, k]
+            told[RATIOS[k]] |= torques <= NEGLIGIBLE_SHARE * self.rms_torques
         return np.asarray(self.live & ~self.determined["kp"] & np.all(list(told.values()), axis=0))
 
     @property
-    def _pull(self) -> Array:
-        """(nv,) rms torque of the servos."""
+    def rms_torques(self) -> Array:
+        """(nv,) rms torque of the servos [N m, sliding joints: N]."""
         return self.kp * np.sqrt(self.trained.sizes / max(1, self._rows))
 
     @property

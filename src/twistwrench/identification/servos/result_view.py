@@ -12,6 +12,7 @@ from ...core.numbers import number, percent, quantity
 from ...core.text import listed
 from ...core.typing import Array
 from ...core.verdict import Word
+from .output_error import WITHIN
 from .replay import QUANTITIES, SERVO_UNITS
 
 if TYPE_CHECKING:
@@ -55,17 +56,28 @@ def _headline(found: IdentifiedServos) -> Headline:
     """Word and reasons; for OK the accuracy and the joints with ratios only."""
     if found.verdict.word is not Word.OK:
         return Headline.from_verdict(found.verdict)
-    width = found.relative()
-    widest = {name: float(width[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
-    sharp, friction = (max(widest[name] for name in names) for names in (("kp", "armature"), ("damping", "coulomb")))
     count, ratios = int(found.whole.sum()), [j for j, only in zip(found.joints, found.only_ratios, strict=True) if only]
     said = f"kp, damping, armature and friction of {count} of {len(found.joints)} joints"
     if count:
-        said += f", kp and armature {relative_width(sharp)}, damping and friction {relative_width(friction)}"
+        said += f", {_accuracy(found)}"
     said += f", delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
     if ratios:
         said += f"; {listed(ratios, 4)}: only ratios are known (hold one of the values with known=)"
     return Headline(Word.OK, f"{said}.")
+
+
+def _accuracy(found: IdentifiedServos) -> str:
+    """Widest intervals; of damping or friction wider than determined values, the share of the joint's torque."""
+    width = found.relative()
+    widest = {name: float(width[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
+    texts = [f"kp and armature {relative_width(max(widest['kp'], widest['armature']))}"]
+    for name, noun in (("damping", "damping"), ("coulomb", "friction")):
+        if widest[name] <= WITHIN:
+            texts.append(f"{noun} {relative_width(widest[name])}")
+        else:
+            share = float(found.torque_shares[name][found.whole].max())
+            texts.append(f"{noun} ± {percent(share, 2)} of the joint's torque")
+    return ", ".join(texts)
 
 
 def _values(found: IdentifiedServos) -> Table:
