@@ -284,7 +284,10 @@ def head(page, picture):
 
 
 def test_a_guess_comes_before_the_play(article):
-    """Play is off until the arrow is taken hold of; then the picture runs to the asked second, and the difference is told."""
+    """Play is off until the arrow is taken hold of; then the picture runs to the asked second, and the difference is told.
+
+    A slider that is moved afterwards does not change what was said of the guess.
+    """
     page = article()
     assert page.run("viewer.article") == "8.2"
     state = "[document.querySelector('#throw .play').disabled, document.querySelector('#throw .after').hidden]"
@@ -304,6 +307,8 @@ def test_a_guess_comes_before_the_play(article):
     page.wait("!document.querySelector('#throw .after').hidden")
     told = page.run("document.querySelector('#throw .prompt').textContent")
     assert re.match(r"You are \d+° off\. The arrow has not moved", told)
+    page.run("viewer.pictures.throw.set('spin', -2)")
+    assert page.run("document.querySelector('#throw .prompt').textContent") == f"Before you moved the slider: {told}"
     assert page.run("viewer.pictures.throw.t") == pytest.approx(1, abs=1e-9)
     assert page.complaints == []
 
@@ -384,6 +389,6 @@ def test_without_a_robot_the_command_writes_an_article_or_says_why_not(tmp_path,
     assert found.exit_code == 2
     assert message in " ".join(found.output.split())
     assert not any(tmp_path.iterdir())
-    done = CliRunner().invoke(main, ["view", "--section", "8.2", "--html", "x.html"])
+    done = CliRunner().invoke(main, ["view", "--section", "8.2", "--html", "x.html", "--overwrite"])
     assert (done.exit_code, done.output) == (0, "wrote x.html\n")
     assert (tmp_path / "x.html").read_text("utf-8") == article_text("8.2")

@@ -193,7 +193,7 @@ def _opened_page(answer: Shown, path: str) -> None:
 
 
 _NEEDS_FILE = "--section writes a page. Add --html OUT.html."
-_OF_ARTICLES = frozenset({"section", "file_html"})
+_OF_ARTICLES = frozenset({"section", "file_html", "overwrite"})
 
 
 def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:

@@ -9,6 +9,7 @@ class Orbit {
     this.home = { azimuth: -0.9, elevation: 0.35, distance: 2.05 * size };
     Object.assign(this, this.home);
     this.guest = false; // within another page, whose wheel and finger scroll
+    this.fixed = false; // a plane seen from above, which is not turned
     this.floor = -Infinity; // height of the floor, which the camera of a guest stays above
     this.hint = () => {}; // tells how to zoom
     this.touched = () => {}; // the view may have changed
@@ -77,6 +78,7 @@ class Orbit {
     let held = null, long = 0, still = true;
     for (const event of ["pointerdown", "pointermove", "pointerup", "wheel", "keydown", "dblclick"]) canvas.addEventListener(event, () => this.touched(), { passive: true });
     const orbit = (dx, dy) => {
+      if (this.fixed) return;
       this.azimuth -= 0.008 * dx;
       this.elevation = Math.min(1.55, Math.max(this.lowest, this.elevation + 0.008 * dy));
     };

@@ -2,6 +2,7 @@
 "use strict";
 
 const COLOUR_NAMES = ["twist", "momentum", "wrench", "change", "line", "floor", "edge", "axes", "paper"];
+const FROM_ABOVE = 1.5; // rad, elevation of a camera that looks down on a plane
 const LONGEST_FRAME = 0.1; // s, of a clock that was not looked at
 
 function coloursOf(element) { // of the style sheet, dark or light
@@ -31,10 +32,16 @@ class Figure {
   view(canvas) {
     const [azimuth, elevation] = this.entry.camera ?? [-0.9, 0.35], view = new View(canvas, this.entry.size, { azimuth, elevation });
     view.target = this.entry.target ?? view.target;
+    view.fixed = elevation > FROM_ABOVE;
+    if (view.fixed) canvas.style.cursor = "default";
     this.fit(view);
     for (const event of ["pointermove", "pointerdown", "wheel", "keydown", "dblclick"]) canvas.addEventListener(event, () => this.refresh(), { passive: true });
     canvas.addEventListener("pointermove", (event) => {
-      if (event.buttons) return;
+      if (event.buttons) {
+        const { azimuth, elevation: height, distance } = view;
+        this.views.forEach((other) => Object.assign(other, { azimuth, elevation: height, distance })); // both cameras turn
+        return;
+      }
       const box = canvas.getBoundingClientRect(), name = view.arrowAt(event.clientX - box.x, event.clientY - box.y);
       this.words.light(name);
     });

@@ -14,10 +14,10 @@ function armBody(angles) { // links and joints
 }
 
 // Dashed line of a force through a point, and the levers from places to it.
-function leversTo(places, point, way, [behind, ahead] = [2.2, 1.6]) {
+function leversTo(places, point, way, [behind, ahead] = [2.6, 2.6]) {
   const foot = (p) => add(p, add(add(point, times(-1, p)), times(-dot(add(point, times(-1, p)), way), way)));
-  const line = { kind: "line", name: "wrench", width: 1.5, dashed: true, points: [add(point, times(-behind, way)), add(point, times(ahead, way))] };
-  return [line, ...places.map((p) => ({ kind: "line", name: "change", width: 3, points: [p, foot(p)] }))];
+  const line = { kind: "line", name: "wrench", width: 1.5, dashed: true, label: "line of force", points: [add(point, times(-behind, way)), add(point, times(ahead, way))] };
+  return [line, ...places.map((p) => ({ kind: "line", name: "change", width: 3, label: "lever", points: [p, foot(p)] }))];
 }
 
 const momentAbout = (p, at, f) => cross(add(at, times(-1, p)), f)[2]; // of a force in the plane

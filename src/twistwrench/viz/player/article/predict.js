@@ -1,7 +1,8 @@
 // A guess before the picture is played: an arrow that is dragged, or a number. Then truth and guess stand side by side.
 "use strict";
 
-const CLOSE = { arrow: 8, number: 0.1 }; // degrees; of the truth
+const RIGHT = { arrow: 8, number: 0.01 }; // degrees; of the truth
+const CLOSE = 0.1; // of the truth
 
 class Prediction {
   constructor(figure, entry) {
@@ -20,6 +21,7 @@ class Prediction {
       element.querySelector(".guess output").textContent = `${decimal(picture.guess, entry.decimals ?? 1)} ${entry.unit}`;
       this.ready();
     });
+    picture.listeners.push(() => this.date());
     this.rest = [...figure.section.querySelectorAll(":scope > .after, form")]; // what would tell
     this.rest.forEach((element) => { element.hidden = true; });
     if (entry.kind === "arrow") this.takesArrow(figure.views[0]);
@@ -67,15 +69,27 @@ class Prediction {
     const arrow = entry.kind === "arrow", truth = arrow ? picture.truth(entry.at) : picture.truth();
     const off = guess === null ? null : arrow ? degreesOf(angleBetween(guess, truth)) : Math.abs(guess - truth) / Math.abs(truth);
     const value = arrow ? "" : `It is ${decimal(truth, entry.decimals === 0 ? 0 : 3)}${entry.unit ? ` ${entry.unit}` : ""}.`;
-    const first = off === null ? "" : off <= CLOSE[entry.kind] ? "Right. " : arrow ? `You are ${decimal(off, 0)}° off. ` : `You guessed ${decimal(guess, entry.decimals ?? 1)}. `;
-    this.ask.textContent = `${first}${value ? `${value} ` : ""}${entry.told}`;
+    const first = off === null ? "" : off <= RIGHT[entry.kind] ? "Right. " : !arrow && off <= CLOSE ? "Close. " : arrow ? `You are ${decimal(off, 0)}° off. ` : `You guessed ${decimal(guess, entry.decimals ?? 1)}. `;
+    this.result = `${first}${value ? `${value} ` : ""}${entry.told}`;
+    this.settings = this.sliders();
+    this.ask.textContent = this.result;
     this.ask.classList.add("told");
+  }
+
+  sliders() { const { time, ...others } = this.figure.picture.values; return JSON.stringify(others); }
+
+  date() { // a slider was moved: the guess was of what stood there before
+    if (!this.done || !this.settings || this.sliders() === this.settings) return;
+    this.settings = null;
+    this.figure.picture.guess = null;
+    this.ask.textContent = `Before you moved the slider: ${this.result}`;
+    this.ask.classList.remove("told");
   }
 
   again() { // a new guess may be made
     if (this.figure.picture.guess === null && !this.done) return;
     this.figure.picture.guess = null;
-    Object.assign(this, { done: false });
+    Object.assign(this, { done: false, settings: null });
     this.ask.textContent = this.entry.ask;
     this.ask.classList.remove("told");
   }

@@ -70,9 +70,12 @@ class Turned extends Arm {
     });
     const now = this.arm(), marks = now.tau.map((tau, k) => ({ kind: "dot", name: ["wrench", "axes"][k], at: at(this.values.angle, tau), label: `τ${"₁₂"[k]}` }));
     const axis = { kind: "floor", name: "line", width: 1, points: [at(0, 0), at(360, 0)] };
-    return [axis, { kind: "line", name: "wrench", width: 2.5, points: curve(0) }, { kind: "line", name: "axes", width: 2.5, points: curve(1) }, ...this.body(), ...this.arcs(now), this.push(), ...marks];
+    const angles = [0, 180, 360].map((degrees) => ({ kind: "dot", name: "line", at: at(degrees, 0), label: `${degrees}°`, below: true }));
+    return [axis, ...angles, { kind: "line", name: "wrench", width: 2.5, points: curve(0) }, { kind: "line", name: "axes", width: 2.5, points: curve(1) }, ...this.body(), ...this.arcs(now), this.push(), ...marks];
   }
 }
+
+const WIDE = 1.6; // m of a rectangle for a metre or a radian
 
 class Work extends Arm {
   state() {
@@ -85,8 +88,8 @@ class Work extends Arm {
     const area = (x, y, width, height) => ({ kind: "area", name: "wrench", corners: [[x, y, 0], [x + width, y, 0], [x + width, y + height, 0], [x, y + height, 0]] });
     const [along, scale] = [-way[0], 0.045];
     return [
-      ...moved, ...this.body(), this.push(), arrowOf("twist", tip, [...way, 0], "δx", { width: 4, beside: true }), ...this.arcs({ ...this.arm(), tau: [tau[0], 0] }),
-      area(1.35, 0.3, 3 * along, STRENGTH * scale), { kind: "dot", name: "line", at: [1.35, 0.3, 0], label: "f δx", below: true }, area(2.15 + 1.5 * along, 0.3, 3 * d, tau[0] * scale), { kind: "dot", name: "line", at: [2.15 + 1.5 * along, 0.3, 0], label: "τ δθ", below: true },
+      ...moved, ...this.body(), this.push(), arrowOf("twist", tip, [...way, 0], "δx", { width: 4 }), ...this.arcs({ ...this.arm(), tau: [tau[0], 0] }),
+      area(1.35, 0.3, WIDE * along, STRENGTH * scale), { kind: "dot", name: "line", at: [1.35, 0.3, 0], label: "f δx", below: true }, area(2.2, 0.3, WIDE * d, tau[0] * scale), { kind: "dot", name: "line", at: [2.2, 0.3, 0], label: "τ δθ", below: true },
     ];
   }
 

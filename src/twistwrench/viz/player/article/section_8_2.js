@@ -109,7 +109,7 @@ class Push extends Thrown { // spins about axis 3 and is pushed about axis 2 by 
 
   numbers() {
     const { momentum_room, wrench_room } = this.state();
-    return [["𝒫", vectorText(angular(momentum_room), 3), "N m s", "momentum"], ["ℱ", vectorText(angular(wrench_room), 3), "N m", "wrench"]];
+    return [["𝒫 in the room", vectorText(angular(momentum_room), 3), "N m s", "momentum"], ["ℱ in the room", vectorText(angular(wrench_room), 3), "N m", "wrench"]];
   }
 }
 
@@ -137,9 +137,9 @@ class Rotor extends Picture { // on a shaft along z, its own axis tilted by β; 
     return [
       ...floor(-0.86, 0.8), { kind: "floor", points: shaft, name: "edge", width: 5 }, bearing(-0.62), bearing(0.62), solid(cylinderFaces(ROTOR.radius, ROTOR.half), R),
       { kind: "line", points: fixed_, name: "momentum", width: 1.5 },
-      arrowOf("twist", HERE, times(0.006, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
+      arrowOf("twist", HERE, times(0.0145, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
       arrowOf("momentum", HERE, head(this.t), "𝒫", { width: 5 }),
-      arrowOf("wrench", head(this.t), times(0.065, angular(wrench_room)), "ℱ", { width: 4 }),
+      arrowOf("wrench", head(this.t), times(0.085, angular(wrench_room)), "ℱ", { width: 4 }),
     ];
   }
 
@@ -247,7 +247,7 @@ class Bracket extends Picture { // one leg a second
 
   numbers() {
     const { size } = this.state();
-    return [["gap", decimal(size, 4), "m", "change"], ["h²", decimal(this.h ** 2, 4), "m", "line"], ["gap / h²", decimal(size / this.h ** 2, 4), "", "change"]];
+    return [["gap", decimal(size, 4), "m", "change"], ["h²", decimal(this.h ** 2, 4), "", "line"], ["gap / h²", decimal(size / this.h ** 2, 4), "", "change"]];
   }
 
   truth() { const size = (h) => 2 * h * Math.sin(h / 2); return size(0.4) / size(0.2); }
