@@ -145,7 +145,7 @@ _OTHER = (
      "`UNSURE` if the measured torque is larger, as by friction that the file lacks; else `LOOK AGAIN`: sign or unit.",
      "[Compare measured torques](torques.md#torques-that-were-measured); [identify](identification.md) the friction."),
     ("… may … (capsules; …)", "Capsules overlap, and coal, which could decide, is not installed.",
-     "`pip install 'twistwrench[clearance]'`"),
+     "`pip install -e '.[clearance]'`"),
     ("a mesh is not closed, so it is not known whether one link is inside the other: …",
      "Capsules of the links overlap, their surfaces do not touch, and the mesh of one has holes.", "Close the mesh."),
     ("clearance not known of … of … links, whose shapes are not in the file or could not be read: …",

@@ -5,7 +5,7 @@ end is then closed onto its socket of the platform with a ball joint: 21 velocit
 motors follow the angles of a path from pick to place by proportional and derivative torques, with what holds the robot at the
 beginning; nothing else drives the joints. ``closed.simulate`` takes the steps and ends each one on the constraints.
 
-Run it: ``python examples/delta_robot.py [FOLDER]``. It writes delta_robot.png. Needs ``pip install "twistwrench[plot]"``.
+Run it: ``python examples/delta_robot.py [FOLDER]``. It writes delta_robot.png. Needs ``pip install -e ".[plot]"``.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ crank at constant speed, inverse dynamics of the one motor gives its torque, and
 let go, and the linkage swings for ten seconds under its weight: ``closed.simulate`` takes steps of Runge and Kutta's fourth
 order, and ends each at the nearest configuration with the loop closed and the nearest velocity with A dq = 0.
 
-Run it: ``python examples/four_bar.py [FOLDER]``. It writes four_bar.png. Needs ``pip install "twistwrench[plot]"``.
+Run it: ``python examples/four_bar.py [FOLDER]``. It writes four_bar.png. Needs ``pip install -e ".[plot]"``.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ steps of 2 ms until the next one are taken in one compiled kernel, for all envir
 
 ``Reach`` is a ``gymnasium.vector.VectorEnv``, ``ReachOne`` an ``Env`` of one of them. Run it: ``python
 examples/gymnasium_environment.py [--environments 1024]`` prints steps a second with random actions, and those of MuJoCo's own
-batch of rollouts with the same robot, law and steps, where it is installed. Needs ``pip install "twistwrench[gymnasium]"``.
+batch of rollouts with the same robot, law and steps, where it is installed. Needs ``pip install -e ".[gymnasium]"``.
 """
 
 from __future__ import annotations

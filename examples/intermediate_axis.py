@@ -7,7 +7,7 @@ through the middle axis they cross, so the smallest push sends the tip to the ot
 
 Run it: ``python examples/intermediate_axis.py [FOLDER]``. It writes intermediate_axis.png and intermediate_axis.gif there,
 the folder where it is run if none is named.
-Needs ``pip install "twistwrench[plot]"``.
+Needs ``pip install -e ".[plot]"``.
 """
 
 from __future__ import annotations

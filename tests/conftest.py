@@ -8,6 +8,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Generator
+from pathlib import Path
 
 import pytest
 
@@ -78,6 +79,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if not hasattr(transform, "RigidTransform"):
             for item in examples:
                 item.add_marker(pytest.mark.skip(reason="RigidTransform came with SciPy 1.16"))
+
+
+ROOT = Path(__file__).resolve().parents[1]
+IGNORED = {line.strip("/") for line in (ROOT / ".gitignore").read_text("utf-8").split()}
+
+
+@pytest.fixture(autouse=True)
+def folder_without_strays() -> Generator[None]:
+    """A test writes into a folder of its own: none may leave a file in the folder in which the tests run."""
+    place = Path.cwd()
+    before = {*os.listdir(place)}
+    yield
+    strays = {*os.listdir(place)} - before - IGNORED
+    assert not strays, f"{sorted(strays)} came into {place} while this test ran. Write into tmp_path."
 
 
 @pytest.fixture(scope="session")

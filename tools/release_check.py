@@ -17,7 +17,8 @@ import venv
 import zipfile
 from pathlib import Path
 
-from tools.release import versions
+from tools.install_lines import on_index
+from tools.release import VERSION, versions
 
 ROOT = Path(__file__).resolve().parent.parent
 NEEDED = (
@@ -59,6 +60,10 @@ def check_contents(wheel: Path, sdist: Path) -> None:
     if b"joint velocities [rad/s, m/s]" not in packed.read("twistwrench/robot/quantity_methods.py"):
         raise SystemExit(f"{wheel.name} has docstrings that hatch_build.py did not complete")
     with tarfile.open(sdist) as archive:
+        (name,) = (name for name in archive.getnames() if name.endswith("src/twistwrench/core/version.py"))
+        constants = {archive.extractfile(name).read(), packed.read("twistwrench/core/version.py")}
+        if constants != {(ROOT / VERSION).read_bytes().replace(b"ON_INDEX = False", b"ON_INDEX = %a" % on_index())}:
+            raise SystemExit("ON_INDEX of wheel or sdist is not as TWISTWRENCH_ON_INDEX says")
         inside = {name.split("/")[1] for name in archive.getnames()}
     if lacking := {"LICENSE", "THIRD_PARTY.md", "CHANGELOG.md", "tests", "docs"} - inside:
         raise SystemExit(f"{sdist.name} lacks {', '.join(lacking)}")

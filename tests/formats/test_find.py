@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
+import re
 import socket
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from places import ROOT
 from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.robots import finding
 from twistwrench.robots.finding import known_robots
 
 examples = pytest.mark.skipif(
@@ -63,6 +69,28 @@ def fetched(tmp_path, monkeypatch):
     yield there
     for name in [name for name in sys.modules if name.partition(".")[0] == "robot_descriptions"]:
         del sys.modules[name]
+
+
+def test_descriptions_that_the_page_imports_are_in_the_package_of_the_index(tmp_path, monkeypatch):
+    """Names and attributes of the page, read from the package without importing its modules, which clone repositories."""
+    spec = importlib.util.find_spec("robot_descriptions")
+    if spec is None:
+        pytest.skip("robot_descriptions is not installed")
+    package = Path(spec.submodule_search_locations[0])
+    text = (ROOT / "docs" / "formats.md").read_text("utf-8")
+    imported = re.search(r"^from robot_descriptions import (.+)$", text, re.MULTILINE)[1].split(", ")
+    used = dict(re.findall(r"tw\.load\((\w+_description)\.(\w+)\)", text))
+    assert list(used) == imported
+    for module, attribute in used.items():
+        assigned = ast.walk(ast.parse((package / f"{module}.py").read_text("utf-8")))
+        assert attribute in {node.id for node in assigned if isinstance(node, ast.Name)}, module
+
+    monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(tmp_path))  # as after a download, by the package's own tables
+    places = {name: tmp_path / place for name, place in finding._repositories(package / "_repositories.py").items()}
+    file = finding._path_said(package / "iiwa14_description.py", places)
+    file.parent.mkdir(parents=True)
+    file.write_text('<robot name="iiwa14"><link name="base"/></robot>')
+    assert tw.find("iiwa14") == file
 
 
 def test_bundled_robots_come_first():

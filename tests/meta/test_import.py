@@ -11,10 +11,13 @@ import subprocess
 import sys
 import types
 from importlib import resources
+from pathlib import Path
 
 import pytest
 
 import twistwrench as tw
+
+ROOT = Path(__file__).resolve().parents[2]
 
 LATER = (
     "llvmlite",
@@ -200,3 +203,35 @@ def test_a_repr_says_what_it_is_in_a_line():
         assert words in repr(thing)
         assert len(repr(thing)) < 120
         assert "array(" not in repr(thing)
+
+
+# ── Public names: a release keeps them, or the minor version before it warned of the change
+
+LISTED = Path(__file__).with_name("public_names.txt")
+
+
+def public_names():
+    """Names of functions, classes and their members, by the module in which users find them."""
+    packages = [tw, *(getattr(tw, name) for name in dir(tw) if inspect.ismodule(getattr(tw, name)))]
+    for package in packages:
+        for name in getattr(package, "__all__", ()):
+            value = getattr(package, name)
+            place = f"{package.__name__}.{name}"
+            yield place
+            if inspect.isclass(value):
+                own = [base for base in value.__mro__ if base.__module__.startswith("twistwrench.")]
+                yield from (f"{place}.{member}" for base in own for member in vars(base) if not member.startswith("_"))
+
+
+def test_no_public_name_goes_without_notice():
+    """Names that come are listed by the release that brings them, and at once while a release is prepared."""
+    listed, now = {*LISTED.read_text("utf-8").split()}, {*public_names()}
+    assert sorted(listed - now) == [], (
+        "keep the name with a DeprecationWarning for a minor version, then take it from the list"
+    )
+    if "not yet released" not in (ROOT / "CHANGELOG.md").read_text("utf-8"):
+        assert sorted(now - listed) == [], "python tests/meta/test_import.py"
+
+
+if __name__ == "__main__":
+    LISTED.write_text("\n".join(sorted({*public_names()})) + "\n", "utf-8")

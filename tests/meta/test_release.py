@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 from places import ROOT
-from tools import conda_recipe, release
+from tools import conda_recipe, install_lines, release
 
 import twistwrench as tw
+from twistwrench.core import errors
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 ADDRESS = "https://forge.example/tw/twistwrench"
@@ -146,6 +147,59 @@ def test_for_an_index_the_recipe_has_the_hash_of_the_sdist(tmp_path):
 def test_a_dependency_for_some_platforms_is_not_taken_silently():
     with pytest.raises(SystemExit, match="marker"):
         conda_recipe.conda_name("colorama>=0.4; sys_platform == 'win32'")
+
+
+# ── Commands that install an extra
+
+PAGES = [
+    *ROOT.glob("*.md"),
+    *(ROOT / "docs").rglob("*.md"),
+    *ROOT.glob("notebooks/*.ipynb"),
+    *ROOT.glob("examples/*.py"),
+]
+EXTRAS = PROJECT["project"]["optional-dependencies"]
+
+
+def test_pages_install_extras_as_in_a_checkout_which_always_works():
+    by_name = re.compile(r"pip (?!install --no-index)[^\n`]*twistwrench\[[^\n`]*")
+    assert {path.name: found for path in PAGES if (found := by_name.findall(path.read_text("utf-8")))} == {}
+
+
+def test_every_extra_that_a_page_or_a_message_names_exists():
+    texts = [path.read_text("utf-8") for path in [*PAGES, *(ROOT / "src").rglob("*.py")]]
+    on_pages = {
+        name for text in texts for _, _, names in install_lines.CHECKOUT.findall(text) for name in names.split(",")
+    }
+    in_messages = {name for text in texts for name in re.findall(r'MissingExtraError\.advice\("(\w+)"\)', text)}
+    assert (on_pages | in_messages) - {"NAME", "…"} <= set(EXTRAS)
+    assert {"plot", "symbolic", "logs", "clearance", "viz", "xacro"} <= on_pages | in_messages
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_of_a_version_on_an_index_no_page_installs_from_a_checkout(page):
+    before = page.read_text("utf-8")
+    after = install_lines.for_index(before)
+    assert not install_lines.CHECKOUT.search(after) and "in a checkout of this repository" not in after
+    assert after.count("twistwrench[") - before.count("twistwrench[") == len(install_lines.CHECKOUT.findall(before))
+
+
+@pytest.mark.parametrize(
+    ("on_index", "last"), [(False, "in a checkout of twistwrench"), (True, "pip install 'twistwrench[plot]'")]
+)
+def test_a_message_names_the_index_only_if_the_version_is_on_one(on_index, last, monkeypatch):
+    monkeypatch.setattr(errors, "ON_INDEX", on_index)
+    said = str(tw.MissingExtraError.from_extra("matplotlib", "plot", "Drawing"))
+    assert "pip install -e '.[plot]' in a checkout" in said and said.removesuffix(".").endswith(last)
+    assert ("twistwrench[" in said) == on_index
+
+
+def test_the_constant_is_decided_at_build(monkeypatch):
+    """release_check compares it in wheel and sdist with the setting; here: the source has it once, and says no."""
+    assert install_lines.VERSION.read_text("utf-8").count(install_lines.CONSTANT.format(False)) == 1
+    monkeypatch.delenv("TWISTWRENCH_ON_INDEX", raising=False)
+    assert not install_lines.on_index()
+    monkeypatch.setenv("TWISTWRENCH_ON_INDEX", "1")
+    assert install_lines.on_index()
 
 
 # ── Locked environment

@@ -77,6 +77,7 @@ def test_what_is_published_is_what_was_checked():
     assert (jobs["attest"]["needs"], jobs["publish"]["needs"]) == ("build", "attest")
     commands = [step["run"] for step in jobs["build"]["steps"] if "run" in step]
     assert commands == ['python -m tools.release --check "$GITHUB_REF_NAME"', "make release-check LOCKED=1 DIST=dist"]
+    assert jobs["build"]["steps"][-2]["env"] == {"TWISTWRENCH_ON_INDEX": "1"}, "messages name the index"
     kept = jobs["build"]["steps"][-1]
     assert kept["uses"].startswith("actions/upload-artifact@") and kept["with"]["path"] == "dist/"
     for name in ("attest", "publish"):

@@ -122,7 +122,7 @@ def test_a_robot_without_joints_has_nothing_to_check():
 
 def test_libraries_that_are_not_installed_are_said_to_be_missing(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pinocchio", None)
-    assert "pip install 'twistwrench[peers]'" in row(verify(tw.robots.ur5(), states=1), "Pinocchio").skipped
+    assert "pip install -e '.[peers]'" in row(verify(tw.robots.ur5(), states=1), "Pinocchio").skipped
 
 
 class Wrong:

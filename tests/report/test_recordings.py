@@ -177,7 +177,7 @@ def test_a_missing_extra_is_named_before_the_motion_is_read(option, module, extr
     with pytest.raises(SystemExit) as ended:
         main(["torques", "ur5", "--trajectory", str(DEMO), option, str(tmp_path / "out")])
     assert ended.value.code == 2
-    assert f"twistwrench[{extra}]" in capsys.readouterr().err
+    assert f"'.[{extra}]'" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -115,7 +115,7 @@ def test_without_sympy_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "sympy", None)
     result = derive("planar_2r")
     assert result.exit_code == 2
-    assert "twistwrench[symbolic]" in result.stderr
+    assert "'.[symbolic]'" in result.stderr
 
 
 def test_step_names_take_hyphens():

@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from .glossary import complete
 from .text import Argument, bounded_message, clipped, listed, visible, with_arguments
+from .version import ON_INDEX
 
 __all__ = [
     "CacheWarning",
@@ -227,7 +228,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
     @staticmethod
     def advice(extra: str) -> str:
-        """Command that installs an extra, from a package index and from a checkout.
+        """Command that installs an extra in a checkout, and from a package index if this version is on one.
 
         Parameters
         ----------
@@ -236,9 +237,10 @@ class MissingExtraError(TwistWrenchError, ImportError):
         Examples
         --------
         >>> MissingExtraError.advice("plot")
-        "pip install 'twistwrench[plot]', or in a checkout pip install -e '.[plot]'"
+        "pip install -e '.[plot]' in a checkout of twistwrench"
         """
-        return f"pip install 'twistwrench[{extra}]', or in a checkout pip install -e '.[{extra}]'"
+        checkout = f"pip install -e '.[{extra}]' in a checkout of twistwrench"
+        return f"{checkout}, or pip install 'twistwrench[{extra}]'" if ON_INDEX else checkout
 
 
 class CacheWarning(UserWarning):
