@@ -120,6 +120,13 @@ def test_titles_of_pages_are_those_of_the_navigation():
         assert page.read_text("utf-8").partition("\n")[0] == f"# {titles[page.name]}", page.name
 
 
+def test_synonyms_stand_on_a_last_line():
+    """Words of other fields, which the search finds: a line at the end, before words for the search alone."""
+    texts = [page.read_text("utf-8") for page in PAGES]
+    found = [re.search(r"^Also: .+\.\n*(?:<!-- search: .+ -->\n)?\Z", text, re.MULTILINE) for text in texts]
+    assert sum(map(bool, found)) == sum("\nAlso: " in text for text in texts) >= 12
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):
