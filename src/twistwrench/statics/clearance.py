@@ -166,7 +166,8 @@ class LinkPairs:
         if not len(every):
             return found
         always = found._always_in_contact()
-        kept = with_pairs(every[~always[np.unique(capsules.links[every], axis=0, return_inverse=True)[1]]])
+        place = np.unique(capsules.links[every], axis=0, return_inverse=True)[1].ravel()  # of two axes in NumPy 2.0
+        kept = with_pairs(every[~always[place]])
         left_out = found.named(np.flatnonzero(always).tolist())
         return replace(kept, touching=left_out) if exact else replace(kept, undecided=left_out)
 
