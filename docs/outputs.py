@@ -49,7 +49,9 @@ def agree(shown: str, printed: str) -> bool:
 
 def _tokens(text: str) -> list[str]:
     """Numbers, and the words and signs between them."""
-    return re.findall(rf"{_NUMBER.pattern}|[^\W\d]+|[^\w\s]", re.sub("─+", "─", text))  # rules as long as a table is wide
+    return re.findall(
+        rf"{_NUMBER.pattern}|[^\W\d]+|[^\w\s]", re.sub("─+", "─", text)
+    )  # rules as long as a table is wide
 
 
 def _equal(shown: list[str], printed: list[str]) -> bool:
