@@ -99,3 +99,15 @@ def test_laws_widen_intervals_by_what_is_uncertain_of_them():
     (clean, clean_whole, _), (certain, whole, fit) = sizes
     assert max(one.S for one in fit.joint_causes) > 1.0
     assert certain < 0.1 * whole and clean <= 0.5 * clean_whole
+
+
+@pytest.mark.parametrize(("start", "named"), [(0.5, False), (0.0, True)])
+def test_a_copied_column_has_the_values_and_not_only_the_motion_of_another_joint(start, named):
+    """Two joints that a plan moves alike from different positions have columns of their own."""
+    t = np.arange(0.0, 20.0, 0.01)
+    first = np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t)
+    q = np.stack([first, first + start], axis=1)
+    tau = tw.Motion(t, q, robot=ARM, in_seconds=True).torques()
+    tau += 0.05 * np.random.default_rng(0).normal(size=tau.shape)
+    found = identify(ARM, tw.Motion(t, q, tau=tau, robot=ARM, in_seconds=True), **GIVEN)
+    assert ("copied" in [doubt.kind for doubt in found.doubts]) == named

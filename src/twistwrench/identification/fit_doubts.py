@@ -154,7 +154,6 @@ def _copies(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts about pairs of columns that are equal up to a factor in nearly all rows."""
     for what, live in (("torque", ~seen.dead), ("position", np.ones(len(seen.names), bool))):
         x = np.concatenate([log.tau if what == "torque" else log.q[:, : len(seen.names)] for log in seen.logs])
-        x = x - x[0] if what == "position" else x
         size = x.std(axis=0)
         for j, k in combinations(np.flatnonzero(live & (size > 0)).tolist(), 2):
             factor = float(x[:, j] @ x[:, k] / (x[:, j] @ x[:, j]))
