@@ -554,15 +554,8 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
 
 def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
     """Joints outside the chain between two frames; raises UnknownNameError, and ValueRangeError if the chain has no joint."""
-
-    def above(frame: str) -> set[int]:
-        found, k = set(), model.frame(frame).body
-        while k != BASE:
-            found.add(k)
-            k = model.bodies[k].parent
-        return found
-
-    between = {model.bodies[k].q_index for k in above(base) ^ above(tip)}
+    ends = (model.ancestors(model.frame(frame).body) for frame in (base, tip))
+    between = {model.bodies[k].q_index for k in set.symmetric_difference(*ends)}
     if not between:
         raise ValueRangeError(
             "{0}: no joint moves one of these frames from the other. Name two others.", Argument("chain", (base, tip))

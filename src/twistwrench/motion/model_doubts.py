@@ -88,10 +88,23 @@ def as_it_hangs(excess: str) -> str:
     return sentence("hangs", word=str(Word.OVER_LIMIT), excess=excess)
 
 
+def with_open_loops(excess: str) -> str:
+    """Sentence on an excess of a joint in a loop that is left open, which is not certain."""
+    return sentence("opened", word=str(Word.OVER_LIMIT), excess=excess)
+
+
 # ── Warnings of the model: missing masses and contacts
 
 _APART = 1e-3
 """Distance [m] between tips above which the choice of the tip with the payload matters."""
+
+
+def open_loop_joints(model: Model) -> list[str]:
+    """Names of the velocities between the frames that closures of the file join: the closure's force moves their torques."""
+    ends = [(model.frame(c.frame_a).body, model.frame(c.frame_b).body) for c in model.closures.values()]
+    moved = {k for a, b in ends for k in model.ancestors(a) ^ model.ancestors(b)}
+    entries = {model.bodies[k].v_index + i for k in moved for i in range(model.bodies[k].joint.nv)}
+    return [model.velocity_names[k] for k in sorted(entries)]
 
 
 def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
@@ -103,6 +116,12 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
     if joints and (force := missing_force(model, joints)):
         words = force_in_words(model, force)
         clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
+    if joints_of_loops := open_loop_joints(model):
+        first, *more = model.closures.items()
+        others = f" and {len(more)} more" if more else ""
+        given = ", ".join(repr(each) for each in (first[1].frame_a, first[1].frame_b, first[1].rows))
+        names = listed(joints_of_loops, 4)
+        clauses.append(sentence("open loops", loops=first[0] + others, joints=names, given=given))
     return clauses
 
 

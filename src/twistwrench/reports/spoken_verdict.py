@@ -31,6 +31,7 @@ from ..motion.model_doubts import (
     base_velocities,
     force_remark,
     model_warnings,
+    open_loop_joints,
 )
 from ..motion.motion_log import ASKED
 from .statistics import INTERVAL
@@ -300,4 +301,6 @@ def why_fixed(load: LoadCase) -> str | None:
         return f"there are {len(load.payloads)} payloads"
     if any(payload.body is not None for payload in load.payloads):
         return "the payload has moments of inertia"
+    if open_loop_joints(model):
+        return "loops of the robot's file are open"
     return None

@@ -19,7 +19,15 @@ from ..mechanics.model.model import BASE
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
 from ..motion.load_case import cause_label, limit_doubts, limits_remedy, unlimited
-from ..motion.model_doubts import PeakTorque, as_it_hangs, base_doubts, missing_force, model_warnings
+from ..motion.model_doubts import (
+    PeakTorque,
+    as_it_hangs,
+    base_doubts,
+    missing_force,
+    model_warnings,
+    open_loop_joints,
+    with_open_loops,
+)
 from ..motion.plausibility import Origin
 from .log_quality import MeasuredTorque
 from .statistics import INTERVAL
@@ -34,6 +42,8 @@ KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effo
     "tilting": "tilting moment",
 }
 """Quantity of each kind of limit."""
+_LOADS = ("effort", *BEARINGS)
+"""Kinds of limits that depend on what holds the robot."""
 _ERROR = 0.025
 """Probability that noise makes some joint appear over its limit, or hides that one is."""
 _SURE = 5.0
@@ -61,14 +71,15 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     passed = [(e, text) for e, text in passed if not (e.kind in _STOPS and e.joint in wound)]
     doubted, hanging = doubted_excesses(report), base_doubts(report.load.robot.model, "hanging, feet")
     certain = [(e, text) for e, text in (*over, *passed) if (e.joint, e.kind) not in doubted]
-    if hanging:
-        certain = [(e, text) for e, text in certain if e.kind not in ("effort", *BEARINGS)]
+    loaded = open_loop_joints(report.load.robot.model)
+    certain = [(e, text) for e, text in certain if not (e.kind in _LOADS and (hanging or e.joint in loaded))]
     stated = _grouped(certain)
     typed = [str(found) for found in (*doubts_of_limits(report), *report.load.doubts) if found.level == "unsure"]
     instead = [*typed, *rows_in_doubt(report)]
     if not certain and (over or passed):
         excess = _grouped([*over, *passed])[0]
-        instead.append(f"{as_it_stands(report)} {Word.OVER_LIMIT}: {excess}" if doubted else as_it_hangs(excess))
+        doubtful = as_it_hangs(excess) if hanging else with_open_loops(excess)
+        instead.append(f"{as_it_stands(report)} {Word.OVER_LIMIT}: {excess}" if doubted else doubtful)
     small = [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     stated += [] if hanging else small
     instead += map(as_it_hangs, small) if hanging else ()

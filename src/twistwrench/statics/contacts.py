@@ -10,13 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.errors import ValueRangeError
+from ..core.errors import ConstraintError, ValueRangeError
 from ..core.numbers import number, printed, vector
 from ..core.text import listed
 from ..core.typing import Array
+from ..mechanics.algorithms.constraints import Closure, place_of
+from ..mechanics.model.model import BASE
 from .cone_programme import Cones, ForceBounds
 
 if TYPE_CHECKING:
+    from ..mechanics.algorithms.constraints import Constraint
     from ..robot import Robot
 
 
@@ -151,6 +154,32 @@ def contacts_of(given: Any) -> tuple[Contact, ...]:
     if not found or not all(isinstance(c, Contact) for c in found):
         raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact, at least one.")
     return found
+
+
+def refuse_loops(robot: Robot, what: str) -> None:
+    """Raise ConstraintError if the robot's loops are closed: their forces and friction cones are not decided together."""
+    if not robot.constraints:
+        return
+    first, *more = robot.constraints
+    others = f" and {len(more)} more" if more else ""
+    outside = [c.name for c in robot.constraints if not _joins_links(robot, c)]
+    remedy = (
+        f"In place of {outside[0]} give a contact that holds there, with pull=, on a robot without it."
+        if outside
+        else "Loops of its links change neither contact forces nor margins: robot.open() gives them here. Torques with these "
+        "forces are robot.inverse_dynamics(q, dq, ddq, actuated=…, wrench_on_robot=…)."
+    )
+    raise ConstraintError(
+        f"{what}: robot {robot.name!r} is closed by {first.name}{others}, and forces of closures and contacts are not computed "
+        f"together. {remedy}"
+    )
+
+
+def _joins_links(robot: Robot, constraint: Constraint) -> bool:
+    """True for a closure of two links that move."""
+    if not isinstance(constraint, Closure):
+        return False
+    return all(place_of(robot.model, name).body != BASE for name in (constraint.frame_a, constraint.frame_b))
 
 
 def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from ..mechanics.lie import so3
 from ..mechanics.lie.labelled import TWIST, WRENCH
 from ..mechanics.model.couplings import refuse_couplings
 from .cone_programme import ForceBounds, cone_programme, least_norm_in_cones, two_sided
-from .contacts import Contact, cones_of, contact_maps
+from .contacts import Contact, cones_of, contact_maps, refuse_loops
 from .torque_limits import effort_limits, one_configuration, resting_torques
 
 if TYPE_CHECKING:
@@ -216,6 +216,7 @@ def _system(
     limits: ArrayLike | None,
     wrench_on_robot: Mapping[str, ArrayLike] | None,
 ) -> _System:
+    refuse_loops(robot, "robot_equilibrium")
     refuse_couplings(robot.model, "robot_equilibrium")
     contacts = _clean(contacts)
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is decided on its own")

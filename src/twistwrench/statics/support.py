@@ -19,7 +19,7 @@ from ..mechanics.lie import so3
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot.task_space_methods import require_robot
 from .cone_programme import ConeOptimum, Cones, ForceBounds, Sense, cone_programme, least_norm_in_cones, two_sided
-from .contacts import Contact, cones_of, contact_maps, contacts_of, tangents
+from .contacts import Contact, cones_of, contact_maps, contacts_of, refuse_loops, tangents
 from .torque_limits import effort_limits, floating_entries
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ def support(
 
     Raises
     ------
-    ShapeError, ValueRangeError, ModelError
-        The base is not free, there is no contact, the sizes differ, or joints are coupled.
+    ShapeError, ValueRangeError, ModelError, ConstraintError
+        The base is not free, there is no contact, the sizes differ, joints are coupled, or loops are closed.
 
     Notes
     -----
@@ -161,6 +161,7 @@ def support(
     >>> found.how.tolist(), found.friction.round(3).tolist(), found.speed.round(3).tolist()
     (['holds'], [0.204], [1.566])
     """
+    refuse_loops(robot, "support")
     refuse_couplings(require_robot(robot, "support").model, "support")
     contacts = contacts_of(contacts)
     free = floating_entries(robot)

@@ -30,6 +30,9 @@ SENTENCES = MappingProxyType(
         "hangs": "as it hangs {word}: {excess}",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",
+        "open loops": "the file closes {loops}, and torques of {joints} are those of the open tree; closed, in Python: "
+        "robot.close({given}, redundant='accept').inverse_dynamics(q, dq, ddq)",
+        "opened": "with loops of its file open {word}: {excess}",
         "no contact": "{words}, so contacts are missing from the torques",
         "contact": "{words}. The joints' torques lack what contacts take: constant wrenches are given with "
         "<wrench_on_robot=...>, "

@@ -416,6 +416,14 @@ class Model:
         """Coordinates with every joint at zero; (nq,)."""
         return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
 
+    def ancestors(self, body: int) -> set[int]:
+        """Indices of a moving body and of those between it and the base; empty for the base."""
+        found = set[int]()
+        while body != BASE:
+            found.add(body)
+            body = self.bodies[body].parent
+        return found
+
     def frame(self, name: str | None) -> Frame:
         """Frame by name; None: the tip.
 

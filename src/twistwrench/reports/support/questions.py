@@ -19,6 +19,7 @@ from ...motion.motion_file import open_motion_file
 from ...motion.motion_log import MotionLog
 from ...robot import Robot
 from ...robots.finding import bundled_file
+from ...statics.contacts import refuse_loops
 from .answers import SupportAnswers
 from .grip import Holder, HolderGiven, grip_support
 from .ground import FeetGiven, FramesGiven, FrictionGiven, GroundGiven, InContactGiven
@@ -74,6 +75,8 @@ class SupportQuestion:
             raise ValueRangeError(
                 "{0} and {1} hold the same payload. Leave out one.", Argument("grip"), Argument("cup")
             )
+        if ground is not None:
+            refuse_loops(robot, "check")
         if self.mounted:
             return Robot(replace(robot.model, mounted=True))
         if ground is not None and motion is None:
