@@ -142,3 +142,33 @@ def test_equilibrium_at_rest_and_support_agree_on_500_poses():
     assert [bool(a) for a in answers if a is not None] == [
         bool(h) for h, a in zip(holds, answers, strict=True) if a is not None
     ]
+
+
+def test_what_no_friction_holds_tips_by_a_motion_without_sliding():
+    """Random boxes on four corners under random loads: with a coefficient for which a motion slides too, the answer is that of
+    unlimited friction, and its motion proves the failure with every coefficient up to 10."""
+    rng = np.random.default_rng(8)
+    corners = [statics.Contact((x, y, 0), friction=0.9) for x in (-0.3, 0.3) for y in (-0.2, 0.2)]
+    load = np.concatenate(
+        [rng.uniform(-60, 60, (300, 3)), rng.uniform(-220, 220, (300, 2)), np.full((300, 1), -200.0)], axis=1
+    )
+    found = statics.hold(load, corners)
+    tips = np.isinf(found.friction)
+    assert tips.sum() > 50 and (~found.holds & ~tips).sum() > 20
+    assert (found.how[tips] == "tips").all() and (found.how[~found.holds & ~tips] == "slips").all()
+    motion = found.motion[tips]
+    for c in corners:
+        v = motion[:, 3:] + np.cross(motion[:, :3], c.point)
+        assert (v[:, 2] >= 10 * np.hypot(v[:, 0], v[:, 1]) - 1e-6).all()
+    assert_allclose((motion * load[tips]).sum(axis=1), found.power[tips], rtol=1e-9)
+    assert (found.power[tips] > 0).all()
+
+
+def test_a_caster_slides_though_no_friction_of_the_wheels_helps():
+    """A cart whose wheels carry nothing: friction grows at the wheels alone, and the cart slips."""
+    wheel, casters = (
+        statics.Contact((0, 0, 0), friction=0.6),
+        [statics.Contact((1, y, 0), friction=0.0) for y in (-0.3, 0.3)],
+    )
+    found = statics.hold([0, 100, -30, 0, -30, -100], [wheel, *casters])
+    assert np.isinf(found.friction[0]) and found.how[0] == "slips"

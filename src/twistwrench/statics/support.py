@@ -349,13 +349,25 @@ class _Balance:
         forces = np.full(first.forces.shape, np.nan)
         least_norm = np.zeros(len(forces), bool)
         forces[holds], least_norm[holds] = self._least_norm(first.forces, holds)
+        failed, friction = decided & ~holds, self._friction()
+        self._tip(np.flatnonzero(failed & (how == "slips") & np.isinf(friction)), motion, power, how)
         how = np.where(decided, np.where(holds, "holds", how), "undecided")
-        failed = decided & ~holds
         speed, slowest = self._speeds(holds)
         return _Found(
-            holds, decided, how, forces, speed, slowest, self._payloads(holds), self._friction(),
+            holds, decided, how, forces, speed, slowest, self._payloads(holds), friction,
             np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan), least_norm,
         )  # fmt: skip
+
+    def _tip(self, rows: Array, motion: Array, power: Array, how: Array) -> None:
+        """Replace motions that slide, of rows that no friction holds, by those that no friction resists."""
+        if not len(rows):
+            return
+        share = self._shares()
+        cones = replace(self.cones, friction=_MOST_FRICTION * share)
+        found = self._programme(self.b[rows], rows=rows, cones=cones)
+        other, driven, tips = self._motions(found.prices, rows, slippery=share == 0)
+        better = np.isnan(found.s) & found.settled & (driven > 0)
+        motion[rows[better]], power[rows[better]], how[rows[better]] = other[better], driven[better], tips[better]
 
     def forces(self) -> tuple[Array, Array, Array]:
         """Forces (n, c, 3), NaN where none balance, masks of those of least norm and of rows with forces."""
@@ -407,8 +419,7 @@ class _Balance:
 
         Rows whose torques are within them at ``friction``, or above them even with ``most``, keep ``friction``.
         """
-        found, largest = friction.copy(), float(self.cones.friction.max())
-        share = self.cones.friction / largest if largest > 0 else np.ones_like(self.cones.friction)
+        found, share = friction.copy(), self._shares()
         able = np.flatnonzero(np.isfinite(friction) & (friction < most))
         cones = replace(self.cones, friction=friction[able][:, None] * share)
         forces, small = least_norm_in_cones(
@@ -461,9 +472,7 @@ class _Balance:
 
     def _friction(self) -> Array:
         """Least coefficient that holds, by bisection: what holds with one coefficient holds with a larger one."""
-        mu = self.cones.friction
-        largest = float(mu.max())
-        share = mu / largest if largest > 0 else np.ones_like(mu)
+        share = self._shares()
         low, high = np.zeros(len(self.b)), np.full(len(self.b), _MOST_FRICTION)
         suffices = self._holds_with(share, high)
         needs = suffices & ~self._holds_with(share, low)
@@ -474,25 +483,37 @@ class _Balance:
             high[rows[holds]], low[rows[~holds]] = middle[rows[holds]], middle[rows[~holds]]
         return np.where(suffices, np.where(needs, high, 0.0), np.inf)
 
+    def _shares(self) -> Array:
+        """Coefficients (c,) of the contacts as shares of the largest, all of which grow together."""
+        mu = self.cones.friction
+        largest = float(mu.max())
+        return mu / largest if largest > 0 else np.ones_like(mu)
+
     def _holds_with(self, share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
         cones = replace(self.cones, friction=friction[rows][:, None] * share)
         found = self._programme(self.b[rows], rows=rows, cones=cones)
         return ~np.isnan(found.s) & found.settled
 
-    def _motions(self, prices: Array) -> tuple[Array, Array, Array]:
-        """Motions of Farkas' lemma, largest entry 1, their power, and what the contacts do in them."""
+    def _motions(
+        self, prices: Array, rows: Any = slice(None), slippery: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Motions of Farkas' lemma, largest entry 1, their power, and what the contacts do in them.
+
+        ``slippery`` (c,) are the contacts that may slide; None: all.
+        """
         motion = prices / self.units
         size = np.abs(motion).max(axis=1, initial=0.0, keepdims=True)
         size = np.where(size > 0, size, 1.0)
-        motion, y = motion / size, prices / size
-        velocities = np.einsum("nmck,nm->nck", self.maps, y)
-        power = -(y * self.load).sum(axis=1)
+        motion, y, active = motion / size, prices / size, self.active[rows]
+        velocities = np.einsum("nmck,nm->nck", self.maps[rows], y)
+        power = -(y * self.load[rows]).sum(axis=1)
         rise = (velocities * self.cones.normals).sum(axis=-1)
         slide = np.linalg.norm(velocities - rise[..., None] * self.cones.normals, axis=-1)
         small = _STILL * np.abs(velocities).max(axis=(1, 2), initial=0.0)[:, None]
-        along_cone = (slide > small) & (rise - self.cones.friction * slide < small) & self.active
+        along_cone = (slide > small) & (rise - self.cones.friction * slide < small) & active
+        along_cone &= True if slippery is None else slippery
         preloaded = np.array([c.pull > 0 for c in self.contacts])
-        leaves = (rise > small) & preloaded & self.active & ~along_cone
+        leaves = (rise > small) & preloaded & active & ~along_cone
         slips, pulls = along_cone.any(axis=1), leaves.any(axis=1)
         return motion, power, np.where(pulls, "pulls off", np.where(slips, "slips", "tips"))
 

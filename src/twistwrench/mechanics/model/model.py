@@ -417,7 +417,22 @@ class Model:
         return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
 
     def ancestors(self, body: int) -> set[int]:
-        """Indices of a moving body and of those between it and the base; empty for the base."""
+        """Indices of a moving body and of those between it and the base; empty for the base.
+
+        Parameters
+        ----------
+        body : int, index of the moving body
+
+        Returns
+        -------
+        found : set of int
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> sorted(tw.robots.planar_3r().model.ancestors(1))
+        [0, 1]
+        """
         found = set[int]()
         while body != BASE:
             found.add(body)

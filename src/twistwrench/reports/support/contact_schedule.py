@@ -45,8 +45,8 @@ def with_schedule(ground: Ground, given: InContactGiven, log: MotionLog) -> Grou
 def _check_feet(ground: Ground, given: Mapping[str, object]) -> None:
     """Raise UnknownNameError or ValueRangeError unless there is one entry for each foot."""
     for frame in given:
-        if frame not in ground.feet:
-            raise UnknownNameError.from_choices("foot of in_contact", frame, ground.feet)
+        if frame not in ground.frames:
+            raise UnknownNameError.from_choices("foot of in_contact", frame, ground.frames)
     if missing := [frame for frame in ground.feet if frame not in given]:
         raise ValueRangeError(
             f"in_contact has no entry for {missing[0]!r}. Give a column of the log for each foot, {{0}}: 0 or 1, or a force in "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -40,6 +41,8 @@ UNLIMITED = 10.0
 """Coefficient of friction that counts as unlimited."""
 _HEIGHT, SLOW = 0.01, 0.05
 """Height above the lowest contact [m] and speed [m/s] up to which a contact carries."""
+_ALIGNED = math.cos(math.radians(1.0))
+"""Cosine of the angle from the ground's normal, or the vertical, up to which a contact is on the ground."""
 AUTO = "auto"
 
 
@@ -67,7 +70,10 @@ class Ground:
     given: bool
     """True if the coefficient of friction is given."""
     automatic: tuple[bool, ...]
-    """For each contact True if it carries where it is low and slow, as a foot; False if at every instant, as a wheel."""
+    """For each contact True if it carries where it is low and slow, as a foot; False if at every instant, as a wheel or a hand
+    on a wall."""
+    on_ground: Array
+    """(c,) of bool: False for contacts with another normal, as a hand on a wall or a magnet at a ceiling."""
     normal: Array
     """(3,): normal of the ground in the base frame, along which heights are measured."""
     normal_given: bool = False
@@ -107,7 +113,7 @@ class Ground:
         points, velocities = self.points_and_velocities(robot, s)
         speeds = np.linalg.norm(velocities, axis=-1)
         heights = points @ self.normal
-        low = heights <= heights.min(axis=1, keepdims=True) + _HEIGHT
+        low = heights <= heights[:, self.on_ground].min(axis=1, keepdims=True) + _HEIGHT
         return np.asarray((low & (speeds < SLOW)) | ~np.array(self.automatic))
 
     def points_and_velocities(self, robot: Robot, s: MotionSamples) -> tuple[Array, Array]:
@@ -186,10 +192,12 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     rubbing = [*feet, *wheels]
     if not rubbing and not casters:
         raise ValueRangeError("{0} is empty. Name the frames that stand on the ground.", Argument("feet"))
-    automatic = (True,) * len(feet) + (False,) * len(wheels + casters)
+    grounds = np.stack([normal, upward(robot)])
+    on_ground = np.array([float((grounds @ c.normal).max()) > _ALIGNED for c in (*rubbing, *casters)])
+    automatic = (*on_ground[: len(feet)].tolist(), *(False,) * len(wheels + casters))
     if given.friction is None:
         known = not wheels and all(isinstance(one, Contact) for one in entries)
-        return Ground((*rubbing, *casters), known, automatic, normal, given.normal is not None)
+        return Ground((*rubbing, *casters), known, automatic, on_ground, normal, given.normal is not None)
     frames = sorted({str(c.frame) for c in rubbing})
     own = given.friction if isinstance(given.friction, Mapping) else dict.fromkeys(frames, given.friction)
     for frame in own:
@@ -202,7 +210,7 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
         )
     mu = {frame: _coefficient(value) for frame, value in own.items()}
     every = (*(replace(c, friction=mu[str(c.frame)]) for c in rubbing), *casters)
-    return Ground(every, True, automatic, normal, given.normal is not None)
+    return Ground(every, True, automatic, on_ground, normal, given.normal is not None)
 
 
 def _normal(robot: Robot, given: ArrayLike | None) -> Array:

@@ -55,19 +55,21 @@ def ground_doubt(load: StandingCase, motion: Motion, in_contact: Array, failing:
     robot on a slope stand at different heights. A normal that the user states is not doubted.
     """
     ground, gravity = load.ground, load.robot.model.gravity
-    if not any(contact.pull > 0 for contact in ground.contacts) and not float(-gravity @ ground.normal) > 0.0:
+    pulled = any(contact.pull > 0 for contact in ground.contacts)
+    if not pulled and ground.on_ground.all() and not float(-gravity @ ground.normal) > 0.0:
         return _nothing_presses(gravity, ground.normal)
     worst: tuple[float, str] = (0.0, "")
     frames = [str(contact.frame) for contact in ground.contacts]
-    always = ~np.array(ground.automatic) if ground.schedule is None else np.ones(len(frames), bool)
+    wheels = ~np.array(ground.automatic) & ground.on_ground
+    always = wheels if ground.schedule is None else ground.on_ground
     for start in range(0, len(motion), _ROWS):
         rows = slice(start, start + _ROWS)
         points, velocities = ground.points_and_velocities(load.robot, samples(motion, rows))
-        if leaves := _leaving(frames, velocities @ ground.normal, ~np.array(ground.automatic), motion.time[rows]):
+        if leaves := _leaving(frames, velocities @ ground.normal, wheels, motion.time[rows]):
             return leaves
         if ground.normal_given:
             continue
-        carrying, slow = in_contact[rows] & always, np.linalg.norm(velocities, axis=-1) < SLOW
+        carrying, slow = in_contact[rows] & always, (np.linalg.norm(velocities, axis=-1) < SLOW) & ground.on_ground
         asked = failing[rows] | (np.arange(start, start + len(points)) == 0)
         for k in np.flatnonzero(carrying.any(axis=1) | asked):
             mine = carrying[k] | slow[k] if asked[k] and ground.schedule is None else carrying[k]
