@@ -2,8 +2,9 @@
 
     python -m bench.holds [SECTION ...]
 
-Sections: inverse, scenes, payload, mounting, bearings, systems, times. Each writes its part of ``holds.json``. Scenes of the
-half "tuned" (even seeds) served to choose displacement and amplitudes of the generator; "kept" (odd seeds) was run afterwards.
+Sections: inverse, scenes, masts, payload, mast payload, mounting, bearings, systems, times. Each writes its part of
+``holds.json``. Scenes of the half "tuned" (even seeds) served to choose displacement and amplitudes of the generator; "kept"
+(odd seeds) was run afterwards.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from scipy.optimize import linprog
 
 import twistwrench as tw
 from bench import holds_scenes
+from bench.holds_displacement import expected
 from twistwrench import statics
 from twistwrench.core.typing import Array
 from twistwrench.robots.finding import known_robots
@@ -175,30 +177,50 @@ def cases(kind: Callable[[int], Any], judge: Callable[[Any], Any], half: str, mo
     return list(islice(found, most))
 
 
+def speed_case(scene: Any) -> dict[str, Any] | None:
+    """Speed of the first motion of a contact: predicted, simulated, and expected from the load beyond the margin."""
+    found = holds_scenes.speed_case(scene)
+    return None if found is None else found | expected(scene, found["speed"], scene.payload, grows="speed")
+
+
+def payload_case(scene: Any) -> dict[str, Any] | None:
+    """Load of the first motion of a contact: predicted, simulated, and expected from the load beyond the margin."""
+    found = holds_scenes.payload_case(scene)
+    return None if found is None else found | expected(scene, found["speed"], found["load"], grows="load")
+
+
 def scenes() -> dict[str, Any]:
     """Speed of the first motion of a contact by MuJoCo, relative to the predicted one, of 15 carts and 15 frames a half."""
-    return {half: _speeds([
-        *cases(holds_scenes.cart, holds_scenes.speed_case, half, 15),
-        *cases(holds_scenes.frame, holds_scenes.speed_case, half, 15),
+    return {half: _summary([
+        *cases(holds_scenes.cart, speed_case, half, 15),
+        *cases(holds_scenes.frame, speed_case, half, 15),
     ]) for half in HALVES}  # fmt: skip
 
 
-def _speeds(found: list[Any]) -> dict[str, Any]:
-    first, seen = np.array([x["first"] for x in found]), np.array([x["seen"] for x in found])
-    return {
-        "first": [first.min(), float(np.median(first)), first.max()],
-        "seen": [seen.min(), float(np.median(seen)), seen.max()],
-        "as predicted": sum(x["predicted"] == x["goes"] for x in found),
-        "scenes": found,
-    }
+def masts() -> dict[str, Any]:
+    """The same of 15 masts a half, whose load is beyond the margin for 0.4 of the motion."""
+    return {half: _summary(cases(holds_scenes.mast, speed_case, half, 15)) for half in HALVES}
 
 
 def payload() -> dict[str, Any]:
     """Load of the first motion of a contact, relative to the predicted one, of 10 carts a half."""
-    found = {half: cases(holds_scenes.cart, holds_scenes.payload_case, half, 10) for half in HALVES}
-    return {
-        half: {"first": [min(f), max(f)], "scenes": x} for half, x in found.items() if (f := [c["first"] for c in x])
+    return {half: _summary(cases(holds_scenes.cart, payload_case, half, 10)) for half in HALVES}
+
+
+def mast_payload() -> dict[str, Any]:
+    """The same of 10 masts a half."""
+    return {half: _summary(cases(holds_scenes.mast, payload_case, half, 10)) for half in HALVES}
+
+
+def _summary(found: list[Any]) -> dict[str, Any]:
+    """Least, median and largest ratios, to the margin and to what is expected beyond it."""
+    columns = {
+        name: np.array([x[name] for x in found]) for name in ("first", "seen", "first expected", "seen expected")
     }
+    columns |= {f"{name} / expected": columns[name] / columns[f"{name} expected"] for name in ("first", "seen")}
+    spread = {name: [x.min(), float(np.median(x)), x.max()] for name, x in columns.items()}
+    told = [x["predicted"] == x["goes"] for x in found if "predicted" in x]
+    return {**spread, **({"as predicted": sum(told)} if told else {}), "scenes": found}
 
 
 # ── Random systems
@@ -347,8 +369,8 @@ def _seconds(call: Callable[[], object], turns: int = 1) -> float:
 
 
 SECTIONS: dict[str, Callable[[], Any]] = {
-    "inverse": inverse, "scenes": scenes, "payload": payload, "mounting": mounting, "bearings": bearings, "systems": systems,
-    "times": times,
+    "inverse": inverse, "scenes": scenes, "masts": masts, "payload": payload, "mast payload": mast_payload,
+    "mounting": mounting, "bearings": bearings, "systems": systems, "times": times,
 }  # fmt: skip
 
 

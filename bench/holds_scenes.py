@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
+from scipy.interpolate import PPoly
 
 import twistwrench as tw
 from twistwrench import statics
@@ -33,6 +34,10 @@ _XML = """<mujoco><compiler angle="radian"/><option timestep="{step}" cone="elli
 _FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
 
 
+Profile: TypeAlias = Callable[[Array], tuple[Array, Array, Array]]
+"""Position, velocity and acceleration of a motion from 0 to 1, by the share of its duration."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Robot on contacts, with a motion of duration 1 from rest to rest; joints and base as functions of its share."""
@@ -51,6 +56,7 @@ class Scene:
     """(nv - 6,): change of the joints over the motion."""
     payload: float
     """Mass of the load [kg]; NaN without one."""
+    profile: Profile
 
     def support(self, speed: float = 1.0) -> statics.Support:
         """Contact forces and margins of the motion at a speed."""
@@ -64,6 +70,22 @@ def quintic(share: Array) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration of a motion from 0 to 1 at rest at both ends."""
     x = np.clip(share, 0.0, 1.0)
     return x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+
+
+_RAMP = 0.05
+"""Share of the motion in which a held acceleration rises."""
+_TIMES = np.array([0.0, _RAMP, 0.5 - _RAMP, 0.5 + _RAMP, 1.0 - _RAMP, 1.0])
+_LEVELS = np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0])
+_ACCELERATION = PPoly(np.stack([np.diff(_LEVELS) / np.diff(_TIMES), _LEVELS[:-1]]), _TIMES)
+_PARTS = [_ACCELERATION.antiderivative(2), _ACCELERATION.antiderivative(), _ACCELERATION]
+
+
+def held(share: Array) -> tuple[Array, Array, Array]:
+    """Motion from 0 to 1 at rest at both ends, whose acceleration and deceleration are held for 0.4 of its duration each."""
+    x = np.clip(share, 0.0, 1.0)
+    whole = float(_PARTS[0](1.0))
+    position, velocity, acceleration = (part(x) / whole for part in _PARTS)
+    return position, velocity, acceleration
 
 
 def _vector(x: Array) -> str:
@@ -93,7 +115,9 @@ def cart(seed: int) -> Scene:
         joint = f'<joint name="j{k}" axis="{_vector(axis / np.linalg.norm(axis))}"/>'
         arm = f'<body name="link{k}" pos="0 0 {0.1 if k == 0 else length:.12g}">{joint}{inner}{arm}</body>'
     start, change = rng.uniform(-0.8, 0.8, joints), rng.uniform(1.2, 3.0, joints) * rng.choice([-1, 1], joints)
-    return _scene("cart", base + arm, height, friction, points, ["base"] * count, start, change, np.zeros(3), load)
+    return _scene(
+        "cart", base + arm, height, friction, points, ["base"] * count, start, change, np.zeros(3), load, quintic
+    )
 
 
 def frame(seed: int) -> Scene:
@@ -115,17 +139,53 @@ def frame(seed: int) -> Scene:
     moved = rng.uniform(0.1, 0.3) * np.array([np.cos(angle), np.sin(angle), rng.uniform(-0.3, 0.3)])
     start, change = np.zeros(12), -np.tile(moved, 4)
     return _scene(
-        "frame", base, height, friction, np.zeros((4, 3)), [f"001of{k}" for k in range(4)], start, change, moved, np.nan
+        "frame",
+        base,
+        height,
+        friction,
+        np.zeros((4, 3)),
+        [f"001of{k}" for k in range(4)],
+        start,
+        change,
+        moved,
+        np.nan,
+        quintic,
+    )
+
+
+def mast(seed: int) -> Scene:
+    """Cart on 3 to 5 braked wheels with a load that a boom carries beyond them and a mast lifts.
+
+    The load on the wheels depends on the acceleration alone, which is held: a violation lasts for 0.4 of the motion.
+    """
+    rng = np.random.default_rng([3, seed])
+    count, friction = int(rng.integers(3, 6)), float(rng.uniform(0.3, 1.0))
+    angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count + rng.uniform(0, 7)
+    places = rng.uniform(0.25, 0.45, (count, 1)) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    height = float(rng.uniform(0.2, 0.35))
+    points = np.c_[places, np.full(count, RADIUS - height)]
+    base = _inertial(rng.uniform(20, 60), 0.6, [*rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.1, 0.05)])
+    base += "".join(f'<geom name="foot{k}" size="{RADIUS}" pos="{_vector(p)}"/>' for k, p in enumerate(points))
+    azimuth, length, load = rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 1.0), float(rng.uniform(4, 12))
+    boom = length * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    arm = f'<body name="load" pos="{_vector(boom)}">{_inertial(load, 0.05)}</body>'
+    arm = (
+        f'<body name="lift" pos="0 0 0.2"><joint name="j0" type="slide" axis="0 0 1"/>{_inertial(2.0, 0.3)}{arm}</body>'
+    )
+    change = np.array([rng.uniform(0.5, 1.0) * rng.choice([-1, 1])])
+    still = np.zeros(3)
+    return _scene(
+        "mast", base + arm, height, friction, points, ["base"] * count, np.zeros(1), change, still, load, held
     )
 
 
 def _scene(
     kind: str, base: str, height: float, friction: float, points: Array, frames: list[str], start: Array, change: Array,
-    moved: Array, payload: float,
+    moved: Array, payload: float, profile: Profile,
 ) -> Scene:  # fmt: skip
     text = {"step": STEP, "friction": f"{friction:.12g}", "height": f"{height:.12g}", "base": base}
     robot = tw.load(_XML.format(floor="", **text), inertia="accept")
-    share, rate, growth = quintic(np.linspace(0.0, 1.0, ROWS))
+    share, rate, growth = profile(np.linspace(0.0, 1.0, ROWS))
     root = np.c_[np.tile([1.0, 0, 0, 0], (ROWS, 1)), np.array([0, 0, height]) + share[:, None] * moved]
     q = np.c_[root, start + share[:, None] * change]
     whole = np.concatenate([np.zeros(3), moved, change])
@@ -133,7 +193,7 @@ def _scene(
         statics.Contact(p - [0, 0, RADIUS], friction=friction, frame=f) for p, f in zip(points, frames, strict=True)
     )
     velocities = (x[:, None] * whole for x in (rate, growth))
-    return Scene(kind, _XML.format(floor=_FLOOR, **text), robot, contacts, q, *velocities, change, payload)
+    return Scene(kind, _XML.format(floor=_FLOOR, **text), robot, contacts, q, *velocities, change, payload, profile)
 
 
 # ── Forward simulation
@@ -159,7 +219,7 @@ def simulated(scene: Scene, speed: float, most: float = FIRST, load: float | Non
     feet = [k for k in range(model.ngeom) if model.geom(k).name.startswith("foot")]
     settled = round(SETTLING / STEP)
     steps = settled + round((1.0 / speed + 0.05) / STEP)
-    _, rates, _ = quintic(speed * (np.arange(1, steps + 1) - settled) * STEP)
+    _, rates, _ = scene.profile(speed * (np.arange(1, steps + 1) - settled) * STEP)
     wanted = speed * rates[:, None] * scene.joints
     for k in range(steps):
         if k == settled:
@@ -218,4 +278,7 @@ def payload_case(scene: Scene) -> dict[str, Any] | None:
         return None
     load = scene.payload + more
     first = first_motion(lambda k: simulated(scene, speed, load=k * load))
-    return {"kind": scene.kind, "load": load, "first": first.factor, "goes": first.how}
+    seen = first_motion(lambda k: simulated(scene, speed, MOVED, k * load), first.factor, first.factor + 0.16)
+    return {
+        "kind": scene.kind, "speed": speed, "load": load, "first": first.factor, "seen": seen.factor, "goes": first.how,
+    }  # fmt: skip
