@@ -32,7 +32,7 @@ def test_results_are_those_that_the_page_states(results):
         found = results["scenes"][half]
         least, _, most = found["first"]
         assert len(found["scenes"]) == 30 and least > 0.99 and most < 1.08 and found["as predicted"] >= 26
-        least, most = results["payload"][half]["first"]
+        least, _, most = results["payload"][half]["first"]
         assert least > 0.98 and most < 1.085
     systems = results["systems"]
     assert systems["hold"] + systems["fail"] == 5000
@@ -48,6 +48,24 @@ def test_what_moves_by_2_mm_begins_where_the_margin_ends(results):
     assert len(onset) == 60 and min(onset) > 0.98 and max(onset) < 1.01
     growth = sorted((scene["seen"] - 1) / (scene["first"] - 1) for scene in scenes)
     assert abs(growth[30] / 10**0.5 - 1) < 0.08  # the speed is found to 0.0025, a tenth of the smaller excess
+
+
+def test_a_load_that_stays_beyond_the_margin_moves_a_contact_by_2_mm_soon(results):
+    """On masts the violation lasts for 0.4 of the motion; with speed and with load."""
+    for name, count in (("masts", 15), ("mast payload", 10)):
+        for half in ("tuned", "kept"):
+            found = results[name][half]
+            least, _, most = found["seen"]
+            assert len(found["scenes"]) == count and least > 0.99 and most < 1.08
+            assert found.get("as predicted", count) == count
+
+
+def test_rigid_contacts_by_time_stepping_move_as_those_of_mujoco(results):
+    """Speeds and loads of 2 mm are those that the balance alone expects, without stiffness; 5 % for MuJoCo's soft contacts."""
+    for name in ("scenes", "masts", "payload", "mast payload"):
+        for half in ("tuned", "kept"):
+            least, median, most = results[name][half]["seen / expected"]
+            assert 0.95 < least and most < 1.03 and abs(median - 1.0) < 0.02
 
 
 @pytest.mark.slow
