@@ -372,7 +372,7 @@ def test_control_is_drawn_only_when_asked(monkeypatch):
     assert all(np.array_equal(a, b) for a, b in zip(quiet, drawn, strict=True))
     pyplot.close("all")
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.pyplot", None)
-    with pytest.raises(tw.MissingExtraError, match=r"plot=True.*twistwrench\[plot\]"):
+    with pytest.raises(tw.MissingExtraError, match=r"plot=True.*\[plot\]"):
         mr.SimulateControl(*arguments, plot=True)
 
 

@@ -95,7 +95,7 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     for call in (require_matplotlib, lambda: figure(3, 2, "a title").__enter__()):
-        with pytest.raises(MissingExtraError, match=r"needs 'matplotlib'.*twistwrench\[plot\]"):
+        with pytest.raises(MissingExtraError, match=r"needs 'matplotlib'.*\[plot\]"):
             call()
 
 
