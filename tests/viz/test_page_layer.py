@@ -81,6 +81,26 @@ def test_errors_of_a_calibration_are_those_of_the_readings(opened, calibrated):
     assert page.complaints == []
 
 
+def test_the_workspace_has_the_predicted_errors_of_the_calibration(opened, calibrated):
+    """Six equal steps from the least to the largest; places are those of the calibrated tip, and a switch hides them."""
+    errors = 1e3 * calibrated.remaining_at(calibrated.reference)
+    tips = calibrated.robot.forward_kinematics(calibrated.reference)[:, :3, 3]
+    page = opened(calibrated)
+    groups = page.run("viewer.layer.workspace.map((group) => group.places)")
+    steps = np.minimum(np.floor(6 * (errors - errors.min()) / np.ptp(errors)), 5)
+    assert sum(map(len, groups)) == len(errors) == 500
+    for k, group in enumerate(groups):
+        np.testing.assert_allclose(np.reshape(group, (-1, 3)), tips[steps == k], atol=1e-6)
+    drawn = "(() => { const items = []; viewer.layer.marks(items); return items.length; })()"
+    told = f"predicted error, {errors.min():.3f} to {errors.max():.3f} mm"
+    assert told in page.run("document.querySelector('#layer .legend').innerText")
+    before = page.run(drawn)
+    page.run("viewer.panel.show('workspace', false)")
+    assert page.run(drawn) == before - sum(map(bool, groups))
+    assert page.run("viewer.layer.chip.hidden")
+    assert page.complaints == []
+
+
 def test_other_readings_have_no_layer(folder, standing):
     """A report without contacts: no layer is invented."""
     robot = tw.robots.ur5()

@@ -477,6 +477,37 @@ def test_without_a_file_the_page_is_written_and_opened(monkeypatch):
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
+def test_curves_of_a_page_have_the_places_of_the_picture(tmp_path):
+    """To a hundredth of a point: steps from place to place add up to the same, over 2000 of them."""
+    import matplotlib
+
+    from twistwrench.viz.style import figure, page_svg, save
+
+    x = np.linspace(0.0, 9.0, 2000)
+    picture = tmp_path / "curve.svg"
+
+    def plot(path):
+        with figure(4, 3, "curve") as drawn:
+            drawn.add_subplot().plot(x, np.sin(7 * x) * x)
+            save(drawn, path)
+
+    with matplotlib.rc_context({"path.simplify_threshold": 0.5}):  # as in pages
+        plot(picture)
+    longest = max(re.findall(r' d="([^"]*)"', picture.read_text("utf-8")), key=len)
+    there = np.array(re.findall(r"[ML] (\S+) (\S+)", longest), float)
+    written = max(re.findall(r' d="([^"]*)"', page_svg(plot)), key=len)
+    begin, steps = re.fullmatch(r"M(.*?)l(.*)", written).groups()
+    numbers = re.compile(r"-?(?:\d+\.?\d*|\.\d+)")
+    here = np.cumsum([[float(v) for v in numbers.findall(part)] for part in (begin, *pairs(steps))], axis=0)
+    np.testing.assert_allclose(here, there[: len(here)], atol=0.011)
+    assert len(written) < 0.7 * len(longest)
+
+
+def pairs(steps):
+    numbers = re.findall(r"-?(?:\d+\.?\d*|\.\d+)", steps)
+    return [f"{x} {y}" for x, y in zip(numbers[::2], numbers[1::2], strict=True)]
+
+
 def test_without_a_browser_the_path_is_printed(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
         monkeypatch.delenv(name, raising=False)

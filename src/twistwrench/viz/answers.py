@@ -137,11 +137,9 @@ def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
 
 @viewer_of.register
 def _(answer: CalibratedRobot) -> Viewer | None:
-    """Calibrated robot at the first reading, with the errors at the measured points; None for other kinds of readings."""
-    layer = calibration_layer(answer)
-    if layer is None:
-        return None
-    return _of_size(page.viewer_page(answer.robot, q=answer.fit.problem.measured[0].q[0], embed=True, layer=layer))
+    """Calibrated robot at the first reading, with the errors at measured points and over the workspace."""
+    first, layer = answer.fit.problem.measured[0].q[0], calibration_layer(answer)
+    return _of_size(page.viewer_page(answer.robot, q=first, embed=True, layer=layer))
 
 
 @plots_of.register

@@ -118,9 +118,14 @@ def _body(
         yield f"<details><summary>{_marked(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
     yield "<h2>Go on</h2>"
     own = f"twistwrench view my_arm.urdf --section {article.get('instrument', section)} --html page.html"
-    yield f"<p>The first picture, in Python:</p><pre>{html.escape(article['python'].strip())}</pre>"
+    yield f"<p>The first picture, in Python:</p>{_code(article['python'].strip())}"
     link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
-    yield f"<p>The same with your own arm{link}:</p><pre>{own}</pre>"
+    yield f"<p>The same with your own arm{link}:</p>{_code(own)}"
+
+
+def _code(text: str) -> str:
+    """Lines to copy, which the keyboard can scroll if they are wide."""
+    return f'<pre tabindex="0" role="region" aria-label="Code">{html.escape(text)}</pre>'
 
 
 def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:

@@ -507,6 +507,7 @@ def _switches(
         ("drives", "Drives hold", book is None and "mass" in data["programs"] and _driven(data), False),
         ("feet", "Feet on the floor", data["standing"] is not None, True),
         ("layer", data["layer"]["label"] if data["layer"] else "", data["layer"] is not None, True),
+        ("workspace", "Predicted error", bool(data["layer"] and data["layer"]["workspace"]), True),
         ("path", "Path of the tip", data["motion"] is not None and data["payload"] is not None, True),
     )
     shown = {key: bool(on and there) if book is None else key in book.shown for key, _, there, on in known}

@@ -1,4 +1,4 @@
-"""Results drawn over the robot of a page: contact forces along a motion, errors of readings before and after a calibration."""
+"""Results drawn over the robot of a page: contact forces along a motion, errors before, after and beside a calibration."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import numpy as np
 from ..calibration.result import CalibratedRobot
 from ..core.answers.data import plain
 from ..core.colours import COLOURS, Style
+from ..core.numbers import number
 from ..core.typing import Array
 from ..reports.support.judgement import GroundSupport, ground_words
 from ..statics.contacts import contact_maps
 from .colours import COLOURS as MARKS
+from .colours import SEQUENTIAL
 
+_MILLI = 1e3
+"""Millimetres of a metre."""
 _MAGNIFIED = 100
 """Length of an error's arrow over the error."""
 _LONGEST = 0.35
@@ -39,6 +43,29 @@ class ArrowGroup:
 
 
 @dataclass(frozen=True, eq=False)
+class ColouredPoints:
+    """Places coloured by a quantity, in equal steps from its least to its largest value."""
+
+    name: str
+    unit: str
+    points: Array
+    """(n, 3) [m]."""
+    values: Array
+    """(n,) in the unit."""
+
+    def data(self, put: Put) -> dict[str, Any]:
+        """Header entry."""
+        least, most = float(self.values.min()), float(self.values.max())
+        edges = np.linspace(least, most, len(SEQUENTIAL) + 1)[1:-1]
+        return {
+            "name": f"{self.name}, {number(least, 2)} to {number(most, 2)} {self.unit}",
+            "points": put(self.points, "f4"),
+            "steps": put(np.digitize(self.values, edges), "u2"),
+            "colours": SEQUENTIAL,
+        }
+
+
+@dataclass(frozen=True, eq=False)
 class PageLayer:
     """Result drawn over the robot."""
 
@@ -51,6 +78,8 @@ class PageLayer:
     """Length of the largest arrow as a share of the robot's size; 0: arrows have their own length."""
     time: Array | None = None
     """(n,) times of a motion [s]; None without a motion."""
+    workspace: ColouredPoints | None = None
+    """Quantity over the places of the tip; None if the result has none."""
 
     def data(self, put: Put, size: float) -> dict[str, Any]:
         """Header entry for a robot of this size."""
@@ -60,6 +89,7 @@ class PageLayer:
             "label": self.label,
             "told": self.told,
             "time": None if self.time is None else put(self.time, "f8"),
+            "workspace": None if self.workspace is None else self.workspace.data(put),
             "groups": [
                 {
                     "name": group.name, "colour": group.colour, "count": group.points.shape[-2],
@@ -71,17 +101,26 @@ class PageLayer:
         }  # fmt: skip
 
 
-def calibration_layer(found: CalibratedRobot) -> PageLayer | None:
-    """Errors at the measured points before and after the calibration; None if no reading is a pose or a position."""
+def calibration_layer(found: CalibratedRobot) -> PageLayer:
+    """Errors at the measured points before and after the calibration, and the error predicted over the workspace.
+
+    Readings other than poses and positions have no arrows.
+    """
     points, before, after = found.error_vectors
-    if not len(points):
-        return None
-    told = f"{plain(next(iter(found.blocks())))}\nArrows: errors at {len(points)} measured points, {_MAGNIFIED} times enlarged."
+    arrows = f"Arrows: errors at {len(points)} measured points, {_MAGNIFIED} times enlarged. " if len(points) else ""
+    dots = f"Dots: error predicted for the tip at {len(found.reference)} configurations."
+    told = f"{plain(next(iter(found.blocks())))}\n{arrows}{dots}"
+    tips = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
+    workspace = ColouredPoints("predicted error", "mm", tips, _MILLI * found.remaining_at(found.reference))
     groups = (
-        ArrowGroup("with the file", points, _MAGNIFIED * before, COLOURS[Style.QUIET].scene),
-        ArrowGroup("calibrated", points, _MAGNIFIED * after, COLOURS[Style.POINTED].scene),
+        ()
+        if not len(points)
+        else (
+            ArrowGroup("with the file", points, _MAGNIFIED * before, COLOURS[Style.QUIET].scene),
+            ArrowGroup("calibrated", points, _MAGNIFIED * after, COLOURS[Style.POINTED].scene),
+        )
     )
-    return PageLayer("Errors", told, groups)
+    return PageLayer("Errors", told, groups, workspace=workspace)
 
 
 def contact_layer(found: GroundSupport, time: Array) -> PageLayer:

@@ -202,6 +202,7 @@ def page_svg(plot: Callable[[Path], object]) -> str:
     text = re.sub(r' id="([\w.-]+)"', lambda found: found[0] if found[1] in used else "", text)
     text = re.sub(r"#[0-9a-f]{6}\b", lambda found: f"var(--{_PAGE[found[0]]})" if found[0] in _PAGE else found[0], text)
     text = re.sub(r"<[^>]*>", lambda found: _LONG.sub(r"\1", found[0]), text)
+    text = _POLYLINE.sub(lambda found: f' d="{_relative_path(found[1])}"', text)
     text = re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
     # Matplotlib derives names from hashes of coordinates, whose last digit differs between runs.
     names = dict.fromkeys(name for _, name in _NAMES.findall(text))
@@ -213,6 +214,32 @@ def page_svg(plot: Callable[[Path], object]) -> str:
 _NAMES = re.compile(r'(\bid="|href="#|url\(#)([\w.-]+)')
 _LONG = re.compile(r"(\d\.\d\d)\d+")
 """Numbers of an SVG element, to be rounded to hundredths of a point."""
+_POLYLINE = re.compile(r' d="((?:[ML] -?[\d.]+ -?[\d.]+\s*|z\s*)+)"')
+"""Path of straight lines between absolute places, as Matplotlib writes it."""
+
+
+def _relative_path(absolute: str) -> str:
+    """The same path in steps from place to place, counted in whole hundredths so that rounding does not add up."""
+    found, begin, place = "", (0, 0), (0, 0)
+    for command, x, y in re.findall(r"([MLz])(?: (\S+) (\S+))?", " ".join(absolute.split())):
+        if command == "z":
+            found, place = f"{found}z", begin
+            continue
+        there = round(100 * float(x)), round(100 * float(y))
+        if command == "M":
+            begin, found = there, f"{found}M{_hundredths(there[0])} {_hundredths(there[1])}l"
+        else:
+            found += f"{_hundredths(there[0] - place[0])} {_hundredths(there[1] - place[1])} "
+        place = there
+    return re.sub(r"l(?=M|$)", "", found).replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
+
+
+def _hundredths(value: int) -> str:
+    """Shortest numeral of hundredths: .29, -1.5, 0."""
+    digits = f"{abs(value) / 100:.2f}".strip("0").rstrip(".") or "0"
+    return f"-{digits}" if value < 0 else digits
+
+
 _MINUS = re.compile(r"(?<![\w.-])-(?=[\d.])")
 
 

@@ -53,7 +53,6 @@ class Book {
     const tab = (letter, title) => {
       const button = head.appendChild(document.createElement("button")), k = buttons.length;
       Object.assign(button, { innerHTML: letter, title, id: `tab-${k}` });
-      button.setAttribute("aria-label", title);
       button.addEventListener("click", () => show(k));
       buttons.push(button);
     };
@@ -181,7 +180,7 @@ class NumberTable {
     scroll.className = heat ? "scroll heat" : "scroll";
     scroll.appendChild(table);
     if (heat) this.tell(table, rows, columns);
-    add_(head, "th");
+    add_(head, "td");
     columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
     this.cells = rows.map(([name, xs]) => {
       const row = body.insertRow();

@@ -84,6 +84,9 @@ class Compact {
     this.viewer.stage.visit(this.embedded || window.parent !== window);
     this.homes.reverse().forEach(([part, parent, next]) => parent.insertBefore(part, next));
     this.homes = [];
+    const book = document.getElementById("book");
+    if (on) book.tabIndex = 0; // it scrolls by itself
+    else book.removeAttribute("tabindex");
     if (on) {
       const places = [main, document.querySelector("#one ul")];
       for (const part of this.parts) {
