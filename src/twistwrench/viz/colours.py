@@ -44,10 +44,11 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
     }
 )
 SEQUENTIAL = (
-    (0.267, 0.005, 0.329), (0.254, 0.265, 0.530), (0.164, 0.471, 0.558),
-    (0.135, 0.659, 0.518), (0.478, 0.821, 0.319), (0.993, 0.906, 0.144),
+    (0.230, 0.322, 0.546), (0.164, 0.471, 0.558), (0.119, 0.611, 0.539),
+    (0.267, 0.749, 0.441), (0.606, 0.851, 0.237), (0.993, 0.906, 0.144),
 )  # fmt: skip
-"""Steps of a quantity without a limit: Matplotlib's viridis, even in lightness for readers who do not see the colours."""
+"""Steps of a quantity without a limit: Matplotlib's viridis from a quarter on, even in lightness for readers
+who do not see the colours, and lighter than a dark scene."""
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "twist": ("#00775a", "#35c9a0"),

@@ -214,7 +214,7 @@ def page_svg(plot: Callable[[Path], object]) -> str:
 _NAMES = re.compile(r'(\bid="|href="#|url\(#)([\w.-]+)')
 _LONG = re.compile(r"(\d\.\d\d)\d+")
 """Numbers of an SVG element, to be rounded to hundredths of a point."""
-_POLYLINE = re.compile(r' d="((?:[ML] -?[\d.]+ -?[\d.]+\s*|z\s*)+)"')
+_POLYLINE = re.compile(r' d="((?:M -?[\d.]+ -?[\d.]+\s*(?:L -?[\d.]+ -?[\d.]+\s*)*(?:z\s*)?)+)"')
 """Path of straight lines between absolute places, as Matplotlib writes it."""
 
 
@@ -231,7 +231,7 @@ def _relative_path(absolute: str) -> str:
         else:
             found += f"{_hundredths(there[0] - place[0])} {_hundredths(there[1] - place[1])} "
         place = there
-    return re.sub(r"l(?=M|$)", "", found).replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
+    return re.sub(r"l(?=[Mz]|$)", "", found).replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
 
 
 def _hundredths(value: int) -> str:

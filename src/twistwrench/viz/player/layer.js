@@ -19,7 +19,9 @@ class Layer {
     this.workspace = layer.workspace && this.dots(layer.workspace, array);
     const place_ = document.getElementById("layer"), legend = place_.querySelector("p");
     place_.hidden = false;
-    place_.querySelector("span").textContent = viewer.motion ? "" : printed(layer.told); // a motion's verdict says it
+    const [verdict, meaning] = viewer.motion ? [] : printed(layer.told).split("\n"); // a motion's verdict says it
+    place_.querySelector("span").textContent = verdict || "";
+    place_.querySelector("div").textContent = meaning || "";
     for (const { name, colour } of this.groups) {
       const chip = legend.appendChild(document.createElement("span"));
       chip.appendChild(document.createElement("i")).style.background = css(colour);
