@@ -236,7 +236,8 @@ def _relative_path(absolute: str) -> str:
 
 def _hundredths(value: int) -> str:
     """Shortest numeral of hundredths: .29, -1.5, 0."""
-    digits = f"{abs(value) / 100:.2f}".strip("0").rstrip(".") or "0"
+    whole, part = divmod(abs(value), 100)
+    digits = f"{whole}.{part:02d}".strip("0").rstrip(".") or "0"
     return f"-{digits}" if value < 0 else digits
 
 
