@@ -180,7 +180,7 @@ class NumberTable {
     scroll.className = heat ? "scroll heat" : "scroll";
     scroll.appendChild(table);
     if (heat) this.tell(table, rows, columns);
-    add_(head, "td");
+    add_(head, "th");
     columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
     this.cells = rows.map(([name, xs]) => {
       const row = body.insertRow();
