@@ -97,9 +97,8 @@ def _inertial(mass: float, size: float, at: Array = (0.0, 0.0, 0.0)) -> str:
     return f'<inertial pos="{_vector(at)}" mass="{mass:.12g}" diaginertia="{i:.12g} {1.2 * i:.12g} {1.1 * i:.12g}"/>'
 
 
-def cart(seed: int) -> Scene:
-    """Cart on 3 to 5 braked wheels with an arm of 2 to 4 joints and a load."""
-    rng = np.random.default_rng([1, seed])
+def _wheels(rng: np.random.Generator) -> tuple[str, Array, float, float]:
+    """Base on 3 to 5 braked wheels: its text, their points (count, 3), its height and the coefficient of friction."""
     count, friction = int(rng.integers(3, 6)), float(rng.uniform(0.3, 1.0))
     angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count + rng.uniform(0, 7)
     places = rng.uniform(0.25, 0.45, (count, 1)) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -107,6 +106,13 @@ def cart(seed: int) -> Scene:
     points = np.c_[places, np.full(count, RADIUS - height)]
     base = _inertial(rng.uniform(20, 60), 0.6, [*rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.1, 0.05)])
     base += "".join(f'<geom name="foot{k}" size="{RADIUS}" pos="{_vector(p)}"/>' for k, p in enumerate(points))
+    return base, points, height, friction
+
+
+def cart(seed: int) -> Scene:
+    """Cart on 3 to 5 braked wheels with an arm of 2 to 4 joints and a load."""
+    rng = np.random.default_rng([1, seed])
+    base, points, height, friction = _wheels(rng)
     load, joints = float(rng.uniform(1, 8)), int(rng.integers(2, 5))
     arm = f'<body name="load" pos="0 0 {rng.uniform(0.1, 0.3):.12g}">{_inertial(load, 0.05)}</body>'
     for k in reversed(range(joints)):
@@ -116,7 +122,7 @@ def cart(seed: int) -> Scene:
         arm = f'<body name="link{k}" pos="0 0 {0.1 if k == 0 else length:.12g}">{joint}{inner}{arm}</body>'
     start, change = rng.uniform(-0.8, 0.8, joints), rng.uniform(1.2, 3.0, joints) * rng.choice([-1, 1], joints)
     return _scene(
-        "cart", base + arm, height, friction, points, ["base"] * count, start, change, np.zeros(3), load, quintic
+        "cart", base + arm, height, friction, points, ["base"] * len(points), start, change, np.zeros(3), load, quintic
     )
 
 
@@ -159,13 +165,7 @@ def mast(seed: int) -> Scene:
     The load on the wheels depends on the acceleration alone, which is held: a violation lasts for 0.4 of the motion.
     """
     rng = np.random.default_rng([3, seed])
-    count, friction = int(rng.integers(3, 6)), float(rng.uniform(0.3, 1.0))
-    angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count + rng.uniform(0, 7)
-    places = rng.uniform(0.25, 0.45, (count, 1)) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    height = float(rng.uniform(0.2, 0.35))
-    points = np.c_[places, np.full(count, RADIUS - height)]
-    base = _inertial(rng.uniform(20, 60), 0.6, [*rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.1, 0.05)])
-    base += "".join(f'<geom name="foot{k}" size="{RADIUS}" pos="{_vector(p)}"/>' for k, p in enumerate(points))
+    base, points, height, friction = _wheels(rng)
     azimuth, length, load = rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 1.0), float(rng.uniform(4, 12))
     boom = length * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     arm = f'<body name="load" pos="{_vector(boom)}">{_inertial(load, 0.05)}</body>'
@@ -175,7 +175,7 @@ def mast(seed: int) -> Scene:
     change = np.array([rng.uniform(0.5, 1.0) * rng.choice([-1, 1])])
     still = np.zeros(3)
     return _scene(
-        "mast", base + arm, height, friction, points, ["base"] * count, np.zeros(1), change, still, load, held
+        "mast", base + arm, height, friction, points, ["base"] * len(points), np.zeros(1), change, still, load, held
     )
 
 
