@@ -193,9 +193,14 @@ class IdentifiedServos(Answer):
 
     @property
     def torque_shares(self) -> dict[str, Array]:
-        """(nv,) half widths of ``damping`` and ``coulomb`` as shares of the joint's rms torque."""
-        width, torques = self._half_widths(), self.values[:, :_KP] * self.sizes / self.rms_torques[:, None]
-        return {name: width[name] * torques[:, k] for k, name in _FRICTION.items()}
+        """(nv,) half widths of ``damping`` and ``coulomb`` as shares of the joint's rms torque; inf without torque."""
+        width, torques, loaded = self._half_widths(), self.values[:, :_KP] * self.sizes, self.rms_torques > 0.0
+        return {
+            name: np.divide(
+                width[name] * torques[:, k], self.rms_torques, out=np.full(len(loaded), np.inf), where=loaded
+            )
+            for k, name in _FRICTION.items()
+        }
 
     @property
     def whole(self) -> Array:
