@@ -290,7 +290,7 @@ def test_a_guess_comes_before_the_play(article):
     """
     page = article()
     assert page.run("viewer.article") == "8.2"
-    state = "[document.querySelector('#throw .play').disabled, document.querySelector('#throw .after').hidden]"
+    state = "[document.querySelector('#throw .play').disabled, getComputedStyle(document.querySelector('#throw .after')).visibility === 'hidden']"
     assert page.run(state) == [True, True]
     x, y, width, height = head(page, "throw")
     frames(page)
@@ -304,13 +304,59 @@ def test_a_guess_comes_before_the_play(article):
     page.drag((x + u, y + v), (x + u + 90, y + v + 40))
     assert page.run(state) == [False, True]
     page.click("#throw .play")
-    page.wait("!document.querySelector('#throw .after').hidden")
+    page.wait("!document.querySelector('#throw .after').classList.contains('later')")
     told = page.run("document.querySelector('#throw .prompt').textContent")
     assert re.match(r"You are \d+° off\. The arrow has not moved", told)
     page.run("viewer.pictures.throw.set('spin', -2)")
     assert page.run("document.querySelector('#throw .prompt').textContent") == f"Before you moved the slider: {told}"
     assert page.run("viewer.pictures.throw.t") == pytest.approx(1, abs=1e-9)
     assert page.complaints == []
+
+
+@pytest.mark.parametrize(("section", "width"), [("8.2", 1280), ("8.2", 390), ("5.2", 390)])
+def test_what_is_told_after_a_guess_has_its_place_before(article, section, width):
+    """Headings stay where they are when every picture with a guess is played."""
+    page = article(section, width=width)
+    heads = "[...document.querySelectorAll('h2')].map((head) => head.getBoundingClientRect().y + scrollY)"
+    before = page.run(heads)
+    assert page.run("document.querySelectorAll('.later').length") > 0
+    for name in page.run("Object.keys(viewer.pictures).filter((name) => viewer.pictures[name].entry.predict)"):
+        page.run(f"document.querySelector('#{name} figure').scrollIntoView()")
+        page.click(f"#{name} .skip")
+        page.wait(f"!document.querySelector('#{name} .later')")
+        frames(page)
+    np.testing.assert_allclose(page.run(heads), before, atol=1)
+    assert page.complaints == []
+
+
+def test_a_choice_is_a_guess(article):
+    """Which of two joints: the one that is chosen is told, with the right one."""
+    page = article("5.2")
+    play = "document.querySelector('#along .play').disabled"
+    assert page.run(play)
+    page.run("document.querySelector('#along figure').scrollIntoView()")
+    page.click("#along .choice label:nth-child(1) input")
+    assert not page.run(play)
+    page.click("#along .play")
+    told = page.wait("document.querySelector('#along .prompt.told')?.textContent")
+    assert told.startswith("You chose joint 1, the shoulder. It is joint 2, the elbow. ")
+    page.click("#along .again")
+    page.click("#along .choice label:nth-child(2) input")
+    page.click("#along .play")
+    assert page.wait("document.querySelector('#along .prompt.told')?.textContent").startswith("Right. It is joint 2")
+    assert page.complaints == []
+
+
+def test_rows_of_the_transposed_jacobian_are_shown(tmp_path):
+    """As the library's Jacobian has them, in the picture and in the text."""
+    J = plane_jacobian(np.radians([30, 60]))
+    work = "({ turned: p }) => p.numbers().map(([label, text]) => [label, text.replaceAll('−', '-')])"
+    found = dict(pictures_under_node("5.2", work, tmp_path))
+    for k in (0, 1):
+        shown = [float(x) for x in found[f"row {k + 1} of Jᵀ"].strip("()").split(", ")]
+        np.testing.assert_allclose(shown, J[:, k], atol=5e-4)
+    assert "−1.5 · (−10) + 0.866 · 0 = 15 N m" in article_of("5.2")["picture"][2]["after"]
+    np.testing.assert_allclose(J[:, 0], [-1.5, 0.866], atol=5e-4)
 
 
 def test_a_number_in_the_sentence_is_moved_by_keys_and_typed(article):

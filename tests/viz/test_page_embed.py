@@ -226,6 +226,31 @@ def test_the_robot_fills_the_frame_of_a_guide(at, width, least):
     assert at(width, 560, embed=True).run(TALL) > least
 
 
+@pytest.mark.parametrize(("width", "least"), [(900, 0.45), (690, 0.45), (358, 0.25)])
+def test_a_robot_to_be_let_go_fills_its_frame_until_it_falls(page, folder, width, least):
+    """Then the view draws back to its floor, and stays there when it is stopped."""
+    path = write_page(tw.robots.ur5(), folder / "falling.html", embed=True, control="fall")
+    page.call("Emulation.setDeviceMetricsOverride", width=width, height=560, deviceScaleFactor=1, mobile=False)
+    try:
+        page.call("Page.navigate", url="about:blank")
+        page.complaints.clear()
+        page.open(path.as_uri())
+        page.wait("!!window.viewer")
+        assert page.run(TALL) > least
+        near = page.run("viewer.stage.distance")
+        floor = "viewer.stage.project([0, 0, viewer.ground])[1]"
+        assert page.run(floor) > 560
+        page.click("#let-go")
+        page.wait("!viewer.glide && viewer.fall.time > 0.1")
+        assert page.run(floor) < 560
+        page.click("#let-go")
+        assert page.run("viewer.fall") is None
+        assert page.run("viewer.stage.distance") > 1.3 * near
+        assert page.complaints == []
+    finally:
+        page.call("Emulation.clearDeviceMetricsOverride")
+
+
 def test_without_scripts_the_sentence_of_the_verdict_is_there(page, at, motion):
     page.call("Emulation.setScriptExecutionDisabled", value=True)
     try:

@@ -12,6 +12,9 @@ LEVEL = [0.0, 0.0, 0.0, -np.pi / 2, np.pi / 2, 0.0]
 PULL = """(() => { const { held } = viewer.grab, q = viewer.q;
     return { q, body: viewer.robot.bodies[held.body].name, p: viewer.grab.at(q), f: viewer.grab.force(q), tau: viewer.tau, k: held.k, target: held.target }; })()"""
 
+FOREARM = """(() => { const { body, middle } = viewer.robot.fall.spheres.find(({ body }) => viewer.robot.bodies[body].name === 'forearm_link');
+    const T = viewer.poses[body]; return viewer.stage.project(add(place(T), turn(T, middle))); })()"""
+
 
 def press(page, kind, x, y):
     """Mouse with Ctrl held down."""
@@ -20,9 +23,7 @@ def press(page, kind, x, y):
 
 def pulled(page, away=(40.0, -30.0)):
     """Takes hold of the forearm and pulls; what the page then has."""
-    x, y = page.run(
-        "(() => { const { body, middle } = viewer.robot.fall.spheres.find(({ body }) => viewer.robot.bodies[body].name === 'forearm_link'); const T = viewer.poses[body]; return viewer.stage.project(add(place(T), turn(T, middle))); })()"
-    )
+    x, y = page.run(FOREARM)
     press(page, "mousePressed", x, y)
     press(page, "mouseMoved", x + away[0], y + away[1])
     return page.run(PULL), (x, y)
@@ -88,6 +89,49 @@ def test_drives_hold_within_their_limits_and_slip_beyond(show, mass, holds):
     assert (sag > 0.3) != holds
     assert (tau <= robot.limits.effort * (1 + 1e-12)).all()
     assert page.complaints == []
+
+
+def touch(page, kind, *points):
+    """Fingers on the screen; those that are lifted are left out."""
+    page.call("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y} for x, y in points])
+
+
+def test_a_long_press_on_a_phone_pulls_a_link_and_a_short_one_turns_the_view(show):
+    page = show("ur5_touch", tw.robots.ur5())
+    page.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+    try:
+        page.wait("innerWidth === 390 && viewer.stage.canvas.matches('.compact *')")
+        frames = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        page.run(frames)
+        x, y = page.run(FOREARM)
+        azimuth = page.run("viewer.stage.azimuth")
+        touch(page, "touchStart", (x, y))
+        touch(page, "touchMove", (x + 30, y))
+        assert page.run("viewer.grab.held") is None
+        touch(page, "touchEnd")
+        assert page.run("viewer.stage.azimuth") != azimuth
+        x, y = page.run(FOREARM)
+        touch(page, "touchStart", (x, y))
+        page.wait("viewer.grab.held")
+        turned = page.run("viewer.stage.azimuth")
+        touch(page, "touchMove", (x + 40, y - 30))
+        page.run(frames)
+        seen = page.run(PULL)
+        assert seen["body"] == "forearm_link"
+        pull = np.linalg.norm(seen["f"])
+        assert pull == pytest.approx(seen["k"] * np.linalg.norm(np.subtract(seen["target"], seen["p"])), rel=1e-9)
+        shown = page.run("document.getElementById('pull').textContent")
+        assert shown.endswith(" N")
+        assert float(shown.removesuffix(" N")) == pytest.approx(pull, rel=5e-3)
+        assert page.run("viewer.stage.azimuth") == turned
+        touch(page, "touchEnd")
+        page.run(frames)
+        assert page.run("[viewer.grab.held, document.getElementById('pull').hidden]") == [None, True]
+        assert page.complaints == []
+    finally:
+        page.call("Emulation.setTouchEmulationEnabled", enabled=False)
+        page.call("Emulation.clearDeviceMetricsOverride")
 
 
 def test_without_limits_there_are_no_drives(show):

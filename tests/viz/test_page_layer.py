@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from page_files import read_page
 from standing_robots import dog
 
 import twistwrench as tw
 from twistwrench.statics.contacts import contact_maps
+from twistwrench.viz import plots
+from twistwrench.viz.colours import SEQUENTIAL
 
 pytest_plugins = ("page_fixtures",)
 
@@ -99,6 +102,16 @@ def test_the_workspace_has_the_predicted_errors_of_the_calibration(opened, calib
     assert page.run(drawn) == before - sum(map(bool, groups))
     assert page.run("viewer.layer.chip.hidden")
     assert page.complaints == []
+
+
+def test_the_chart_of_a_report_has_the_colours_of_the_page(calibrated):
+    """The same six steps of the same error."""
+    axis = Figure().subplots()
+    plots.calibration._draw_remaining(axis, calibrated)
+    errors = 1e3 * calibrated.remaining_at(calibrated.reference)
+    steps = np.minimum(np.floor(6 * (errors - errors.min()) / np.ptp(errors)), 5).astype(int)
+    drawn = axis.collections[0].to_rgba(errors)[:, :3]
+    np.testing.assert_allclose(drawn, np.array(SEQUENTIAL)[steps], atol=1e-12)
 
 
 def test_other_readings_have_no_layer(folder, standing):

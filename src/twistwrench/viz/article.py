@@ -34,6 +34,8 @@ _SCRIPTS = (
 )  # fmt: skip
 _MARKUP = re.compile(r"\{(\w+):((?:[^{}]|\{[^{}]*\})*)\}|\*\*(.+?)\*\*")
 """``{kind:text}`` with at most one level of braces in the text, and ``**text**``."""
+_STOPPED = re.compile(r'(<span class="slider[^>]*>[^<]*</span>)([.,;:?]+)')
+"""Slider before a full stop or the like."""
 _VIEW = (
     '<div class="view"><canvas data-view="{view}" tabindex="0" role="img" aria-label="{label}"></canvas>'
     '<b>{caption}</b><p class="hint" hidden>Ctrl + scroll to zoom</p></div>'
@@ -142,9 +144,9 @@ def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
     yield '</div><figcaption><button class="play">Play</button><button class="again">Again</button>'
     yield '<button class="skip" hidden>Show me</button>'
     if predict is not None:
-        yield f'<p class="prompt" role="status" hidden>{html.escape(predict["ask"])}</p>'
-        if predict["kind"] == "number":
-            yield _guess(name, predict)
+        yield f'<p class="prompt" role="status" hidden><span>{html.escape(predict["ask"])}</span></p>'
+        if predict["kind"] != "arrow":
+            yield (_guess if predict["kind"] == "number" else _choice)(name, predict)
     yield '<div class="numbers"></div></figcaption></figure>'
     yield '<div class="after">'
     yield from _paragraphs(picture["after"], sliders)
@@ -161,6 +163,13 @@ def _guess(name: str, predict: Mapping[str, Any]) -> str:
     span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}" value="{predict["least"]}"'
     label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
     return f'<div class="guess">{label}<input id="guess-{name}" type="range" {span}><output></output></div>'
+
+
+def _choice(name: str, predict: Mapping[str, Any]) -> str:
+    """Answers of which one is guessed."""
+    rows = enumerate(map(html.escape, predict["choices"]), 1)
+    labels = (f'<label><input type="radio" name="guess-{name}" value="{k}">{words}</label>' for k, words in rows)
+    return f'<div class="guess choice" role="radiogroup" aria-label="{html.escape(predict["label"])}">{"".join(labels)}</div>'
 
 
 def _paragraphs(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
@@ -186,7 +195,8 @@ def _marked(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
             return f'<div class="display formula">{formula_html(inner)}</div>'
         return f'<span class="word {kind}" data-arrow="{kind}">{inner}</span>'
 
-    return _MARKUP.sub(shown, html.escape(text, quote=False))
+    marked = _MARKUP.sub(shown, html.escape(text, quote=False))
+    return _STOPPED.sub(r'<span class="whole">\1\2</span>', marked)
 
 
 complete(globals())

@@ -49,6 +49,19 @@ SEQUENTIAL = (
 )  # fmt: skip
 """Steps of a quantity without a limit: Matplotlib's viridis from a quarter on, even in lightness for readers
 who do not see the colours, and lighter than a dark scene."""
+
+
+def quantity_steps() -> Any:
+    """Colormap of :data:`SEQUENTIAL`, the steps of pages, for charts.
+
+    >>> quantity_steps().N
+    6
+    """
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(SEQUENTIAL)
+
+
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "twist": ("#00775a", "#35c9a0"),

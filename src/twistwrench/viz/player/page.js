@@ -87,6 +87,7 @@ class Viewer {
   advance(now) {
     const past = Math.min(0.1, (now - (this.now ?? now)) / 1000);
     this.now = now;
+    if (this.glide) this.gliding(now);
     if (this.fall) this.fallOn(past);
     if (!this.playing) return;
     const { begin, end, pace } = this.motion;
@@ -103,7 +104,7 @@ class Viewer {
     const { robot, motion, mechanics } = this, n = motion ? motion.q.length : 1;
     const rows = motion ? Array.from({ length: REACH }, (_, k) => Array.from(motion.q[Math.round((k * (n - 1)) / (REACH - 1))])) : [this.q];
     const corners = robot.box ? Array.from({ length: 8 }, (_, k) => [0, 1, 2].map((i) => robot.box[(k >> i) & 1][i])) : [];
-    const low = this.raised ? [[0, 0, this.ground]] : [];
+    const low = this.raised && (this.fall || !this.compact.embedded) ? [[0, 0, this.ground]] : []; // in a frame, the arm alone until it falls
     return [...corners, ...low, ...(this.layer ? this.layer.reach : [])].concat(rows.flatMap((q) => {
       const poses = mechanics.poses(q), places = robot.bodies.map((_, k) => place(poseOf(poses, k)));
       return [place(poseOf(poses, -1)), ...places, ...(robot.payload === null ? [] : [place(mechanics.tipPose(q))])];
@@ -162,10 +163,20 @@ class Viewer {
   }
 
   lower() { // the view, so that a pedestal and what hangs from it are seen
-    const { stage, robot } = this, top = Math.max(...this.reach.map(([, , z]) => z)), height = top - this.ground;
-    if (!this.raised || this.compact.embedded) return;
+    const { stage, robot, compact, reach } = this, top = Math.max(...reach.map(([, , z]) => z)), height = top - this.ground;
+    if (!this.raised) return;
     this.above = { target: stage.target, distance: stage.distance };
-    Object.assign(stage, { target: [stage.target[0], stage.target[1], this.ground + height / 2], distance: Math.max(stage.distance, 2.1 * Math.max(height, robot.size)) });
+    if (compact.embedded) compact.approach(reach);
+    else Object.assign(stage, { target: [stage.target[0], stage.target[1], this.ground + height / 2], distance: Math.max(stage.distance, 2.1 * Math.max(height, robot.size)) });
+    this.glide = { begun: null, from: this.above, to: { target: stage.target, distance: stage.distance } };
+  }
+
+  gliding(now) { // towards what is seen below
+    const { from, to } = this.glide;
+    this.glide.begun ??= now;
+    const share = UNMOVED.matches ? 1 : Math.min(1, (now - this.glide.begun) / GLIDE), eased = share * share * (3 - 2 * share), between_ = (a, b) => a + eased * (b - a);
+    Object.assign(this.stage, { target: from.target.map((x, i) => between_(x, to.target[i])), distance: between_(from.distance, to.distance) });
+    if (share === 1) this.glide = null;
   }
 
   drop(dq) {
@@ -191,9 +202,9 @@ class Viewer {
 
   stop() { this.setCoordinates(this.q); }
 
-  lift() { // the view, back to where it was
-    if (this.above) Object.assign(this.stage, this.above);
-    this.above = null;
+  lift() { // the view, back to where it was; in a frame an arm that was stopped hangs below it
+    if (this.above && !this.compact.embedded) Object.assign(this.stage, this.above);
+    this.above = this.glide = null;
   }
 
   chooseTip(k) { // payload, push, dragging and ellipsoids go with it
@@ -429,6 +440,9 @@ class Viewer {
 
 const isOver = (share) => Math.abs(share) > 1 + 1e-6; // as the limit check of twistwrench
 const reddened = (colour, { colours }) => colour.map((c, i) => 0.1 * c + 0.9 * colours.shares[colours.shares.length - 1][1][i]);
+
+const GLIDE = 600; // ms, of the view when a robot is let go
+const UNMOVED = matchMedia("(prefers-reduced-motion: reduce)");
 
 const COLUMN = [0.55, 0.59, 0.64]; // of a pedestal
 

@@ -12,6 +12,7 @@ from ...calibration.poses import MeasuringPoses
 from ...calibration.result import CalibratedRobot
 from ...core.numbers import number
 from .. import style
+from ..colours import quantity_steps
 
 _MILLI = 1e3
 
@@ -62,9 +63,8 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
 def _draw_remaining(axis: Any, found: CalibratedRobot) -> None:
     """Predicted error at the tip's places, side view."""
     p = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
-    shown = axis.scatter(
-        np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=_MILLI * found.remaining_at(found.reference), s=12, cmap="viridis"
-    )
+    errors = _MILLI * found.remaining_at(found.reference)
+    shown = axis.scatter(np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=errors, s=12, cmap=quantity_steps())
     axis.figure.colorbar(shown, ax=axis, label="predicted to remain [mm]")
     axis.set_xlabel("distance from the z axis [m]")
     axis.set_ylabel("z [m]")

@@ -27,6 +27,7 @@ class Figure {
     this.picture.listeners.push(() => this.refresh());
     this.exercise();
     this.say();
+    this.list(); // which takes its place before it is seen
   }
 
   view(canvas) {
@@ -92,12 +93,19 @@ class Figure {
 
   draw() {
     this.stale = false;
-    const asked = this.prediction && !this.prediction.done ? this.entry.predict : {}, hidden = asked.hides ?? [];
+    const { hides: hidden = [], keeps = [] } = this.asked;
+    this.list();
     this.views.forEach((view) => {
       const from = view.canvas.dataset.view;
-      const things = this.picture.scene(from).filter(({ name, label }) => !hidden.includes(name) || asked.keeps?.includes(label));
+      const things = this.picture.scene(from).filter(({ name, label }) => !hidden.includes(name) || keeps.includes(label));
       view.draw(things, this.article.colours, from === "body" ? this.picture.frame() : UPRIGHT, this.lit);
     });
+  }
+
+  get asked() { return this.prediction && !this.prediction.done ? this.entry.predict : {}; } // of a guess that is not made yet
+
+  list() {
+    const { hides: hidden = [] } = this.asked;
     this.numbers.innerHTML = this.picture.numbers().filter(([, , , name]) => !hidden.includes(name)).map(([label, value, unit_, name]) => `<span class="${name}"><i>${label}</i> ${value}${unit_ ? ` ${unit_}` : ""}</span>`).join("");
   }
 

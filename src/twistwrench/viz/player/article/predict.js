@@ -1,33 +1,46 @@
-// A guess before the picture is played: an arrow that is dragged, or a number. Then truth and guess stand side by side.
+// A guess before the picture is played: an arrow that is dragged, a number, or a choice. Then truth and guess stand side by side.
 "use strict";
 
 const RIGHT = { arrow: 8, number: 0.01 }; // degrees; of the truth
 const CLOSE = 0.1; // of the truth
+const MOVED = "Before you moved the slider: ";
 
 class Prediction {
   constructor(figure, entry) {
     Object.assign(this, { figure, entry, done: false });
     const { element, picture } = figure;
-    this.ask = element.querySelector(".prompt");
-    this.field = element.querySelector(".guess input");
-    this.ask.hidden = false;
+    this.prompt = element.querySelector(".prompt");
+    this.ask = this.prompt.firstChild;
+    this.prompt.hidden = false;
+    Object.assign(this.prompt.dataset, { ask: entry.ask, longest: `${MOVED}${this.told(0.001, 0.01)}` }); // the place that either takes
     figure.play.disabled = true;
     this.skip = element.querySelector(".skip");
     this.skip.hidden = false;
     this.skip.addEventListener("click", () => { this.ready(); figure.start(); });
-    for (const event of ["input", "pointerup", "keyup"]) this.field?.addEventListener(event, () => {
-      if (this.done) return;
-      picture.guess = Number(this.field.value);
-      element.querySelector(".guess output").textContent = `${decimal(picture.guess, entry.decimals ?? 1)} ${entry.unit}`;
+    this.fields = [...element.querySelectorAll(".guess input")];
+    for (const field of this.fields) for (const event of ["input", "pointerup", "keyup"]) field.addEventListener(event, () => {
+      if (this.done || (field.type === "radio" && !field.checked)) return;
+      picture.guess = Number(field.value);
+      if (entry.kind === "number") element.querySelector(".guess output").textContent = `${this.number(picture.guess)} ${entry.unit}`;
       this.ready();
     });
     picture.listeners.push(() => this.date());
     this.rest = [...figure.section.querySelectorAll(":scope > .after, form")]; // what would tell
-    this.rest.forEach((element) => { element.hidden = true; });
+    this.rest.forEach((element) => element.classList.add("later")); // its place is kept
     if (entry.kind === "arrow") this.takesArrow(figure.views[0]);
   }
 
   ready() { this.figure.play.disabled = false; }
+  number(guess) { return decimal(guess, this.entry.decimals ?? 1); }
+
+  // What is told of a guess, or null, in degrees, numbers or places among the choices.
+  told(guess, truth, degrees = 180) {
+    const { kind, unit, choices, decimals, told } = this.entry, off = kind === "arrow" ? degrees : Math.abs(guess - truth) / Math.abs(truth);
+    const guessed = { arrow: () => `You are ${decimal(off, 0)}° off. `, number: () => `You guessed ${this.number(guess)}. `, choice: () => `You chose ${choices[guess - 1] ?? choices[0]}. ` }[kind];
+    const first = guess === null ? "" : off <= (RIGHT[kind] ?? 0) ? "Right. " : kind === "number" && off <= CLOSE ? "Close. " : guessed();
+    const value = { arrow: () => "", number: () => `It is ${decimal(truth, decimals === 0 ? 0 : 3)}${unit ? ` ${unit}` : ""}. `, choice: () => `It is ${choices[truth - 1] ?? choices[0]}. ` }[kind];
+    return `${first}${value()}${told}`;
+  }
 
   // The head of the arrow follows the pointer, or Shift and the arrow keys, on a sphere.
   takesArrow(view) {
@@ -64,16 +77,13 @@ class Prediction {
     const { figure, entry } = this, { picture } = figure, { guess } = picture;
     if (this.done) return;
     this.done = true;
-    this.skip.hidden = true;
-    this.rest.forEach((element) => { element.hidden = false; });
+    this.skip.classList.add("spent");
+    this.rest.forEach((element) => element.classList.remove("later"));
     const arrow = entry.kind === "arrow", truth = arrow ? picture.truth(entry.at) : picture.truth();
-    const off = guess === null ? null : arrow ? degreesOf(angleBetween(guess, truth)) : Math.abs(guess - truth) / Math.abs(truth);
-    const value = arrow ? "" : `It is ${decimal(truth, entry.decimals === 0 ? 0 : 3)}${entry.unit ? ` ${entry.unit}` : ""}.`;
-    const first = off === null ? "" : off <= RIGHT[entry.kind] ? "Right. " : !arrow && off <= CLOSE ? "Close. " : arrow ? `You are ${decimal(off, 0)}° off. ` : `You guessed ${decimal(guess, entry.decimals ?? 1)}. `;
-    this.result = `${first}${value ? `${value} ` : ""}${entry.told}`;
+    this.result = this.told(guess, truth, arrow && guess ? degreesOf(angleBetween(guess, truth)) : 0);
     this.settings = this.sliders();
     this.ask.textContent = this.result;
-    this.ask.classList.add("told");
+    this.prompt.classList.add("told");
   }
 
   sliders() { const { time, ...others } = this.figure.picture.values; return JSON.stringify(others); }
@@ -82,8 +92,8 @@ class Prediction {
     if (!this.done || !this.settings || this.sliders() === this.settings) return;
     this.settings = null;
     this.figure.picture.guess = null;
-    this.ask.textContent = `Before you moved the slider: ${this.result}`;
-    this.ask.classList.remove("told");
+    this.ask.textContent = `${MOVED}${this.result}`;
+    this.prompt.classList.remove("told");
   }
 
   again() { // a new guess may be made
@@ -91,6 +101,7 @@ class Prediction {
     this.figure.picture.guess = null;
     Object.assign(this, { done: false, settings: null });
     this.ask.textContent = this.entry.ask;
-    this.ask.classList.remove("told");
+    this.prompt.classList.remove("told");
+    this.fields.forEach((field) => { field.checked = false; });
   }
 }

@@ -105,7 +105,7 @@ class Screw extends Picture { // force along z, moment tilted from it
     return [
       ...floor(-0.3, 0.9), ...axes(UPRIGHT, HERE, 0.25, "{s}"), { kind: "line", name: "change", width: 2, dashed: true, points: [add(q, [0, 0, -0.3]), add(q, [0, 0, 1.35])] },
       arrowOf("momentum", HERE, times(0.3, [a, b, c]), "m", { width: 4 }), arrowOf("wrench", HERE, times(0.18, f), "f", { width: 4 }), { kind: "line", name: "change", width: 2, points: [HERE, q] },
-      arrowOf("wrench", q, times(0.18, f), "push", { width: 6, beside: true }), ...(norm(turn_) > 0.02 ? [arrowOf("momentum", add(q, [0, 0, 0.8]), times(0.22, turn_), "turn", { width: 4 })] : []),
+      arrowOf("wrench", q, times(0.18, f), "push", { width: 6, beside: -1, along: 0.75 }), ...(norm(turn_) > 0.02 ? [arrowOf("momentum", add(q, [0, 0, 0.8]), times(0.22, turn_), "turn", { width: 4 })] : []),
     ];
   }
 

@@ -37,8 +37,17 @@ class Arm extends Picture {
   }
 }
 
+// A wall or ceiling on the far side of a place that is pushed or pulled at, with what is behind it hatched. along: unit vector of the wall.
+function wallAt(p, along, half = 0.32) {
+  const back = [along[1], -along[0], 0], at = (s, depth) => add(p, add(times(s, along), times(depth, back))), line = (points, width) => ({ kind: "floor", name: "edge", width, points });
+  return [line([at(-half, 0), at(half, 0)], 4), ...Array.from({ length: 9 }, (_, k) => half * (k / 4 - 1)).map((s) => line([at(s, 0), at(s - 0.06, 0.07)], 1.5))];
+}
+
+const stringFrom = (p, way) => ({ kind: "floor", name: "edge", width: 2, points: [p, add(p, way)] });
+
 class Lever extends Arm {
   get angles() { return [radiansOf(this.values.shoulder), BEND]; }
+  scene() { return [...wallAt(add(this.arm().tip, [-0.06, 0, 0]), [0, -1, 0]), ...super.scene()]; }
 
   numbers() {
     const { tip, elbow, tau } = this.state();
@@ -56,22 +65,33 @@ class Lever extends Arm {
 
 class Along extends Arm {
   get force() { return [0, -this.values.load]; }
-  truth() { return 2; }
+  truth() { return 2; } // joint 2, the second choice
+
+  scene() { // a string from the ceiling
+    const { tip } = this.arm(), up = [0, 0.27, 0];
+    return [...wallAt(add(tip, up), [-1, 0, 0]), stringFrom(tip, up), ...super.scene()];
+  }
 }
 
 class Turned extends Arm {
   get force() { const angle = radiansOf(this.values.angle); return [STRENGTH * Math.cos(angle), STRENGTH * Math.sin(angle)]; }
 
   scene() { // beside the arm, both torques over the angle
-    const at = (degrees, tau) => [1.25 + degrees / 225, 0.75 + 0.045 * tau, 0], count = 72;
+    const at = (degrees, tau) => [1.5 + degrees / 260, 0.75 + 0.045 * tau, 0], count = 72;
     const curve = (k) => Array.from({ length: count + 1 }, (_, i) => {
       const degrees = (360 * i) / count, angle = radiansOf(degrees);
       return at(degrees, this.arm(this.angles, [STRENGTH * Math.cos(angle), STRENGTH * Math.sin(angle)]).tau[k]);
     });
     const now = this.arm(), marks = now.tau.map((tau, k) => ({ kind: "dot", name: ["wrench", "axes"][k], at: at(this.values.angle, tau), label: `τ${"₁₂"[k]}` }));
-    const axis = { kind: "floor", name: "line", width: 1, points: [at(0, 0), at(360, 0)] };
-    const angles = [0, 180, 360].map((degrees) => ({ kind: "dot", name: "line", at: at(degrees, 0), label: `${degrees}°`, below: true }));
-    return [axis, ...angles, { kind: "line", name: "wrench", width: 2.5, points: curve(0) }, { kind: "line", name: "axes", width: 2.5, points: curve(1) }, ...this.body(), ...this.arcs(now), this.push(), ...marks];
+    const rule = (from, to, name) => ({ kind: "floor", name, width: 1, points: [at(...from), at(...to)] });
+    const scale = [-20, -10, 0, 10, 20].flatMap((tau) => [rule([0, tau], [360, tau], tau ? "floor" : "line"), { kind: "note", at: at(-26, tau), label: decimal(tau, 0) }]);
+    const angles = [90, 180, 270, 360].flatMap((degrees) => [rule([degrees, -20], [degrees, 20], "floor"), { kind: "note", at: at(degrees, -23.5), label: degrees % 180 ? "" : `${degrees}°` }]);
+    return [...scale, ...angles, rule([0, -20], [0, 20], "line"), { kind: "note", at: at(0, 23.5), label: "N m" }, { kind: "line", name: "wrench", width: 2.5, points: curve(0) }, { kind: "line", name: "axes", width: 2.5, points: curve(1) }, ...this.body(), ...this.arcs(now), this.push(), ...marks];
+  }
+
+  numbers() { // rows of the transposed Jacobian: levers of a force along x, and along y
+    const { J, tau } = this.state();
+    return [...tau.map((x, k) => [`τ${"₁₂"[k]}`, decimal(x, 3), "N m", "wrench"]), ...tau.map((_, k) => [`row ${k + 1} of Jᵀ`, vectorText([J[0][k], J[1][k]], 3), "m", "change"])];
   }
 }
 
@@ -104,6 +124,7 @@ const PULLED = 0.1; // m/s, of the tip towards the shoulder
 class Straight extends Arm {
   get angles() { const bend = radiansOf(this.values.bend); return [SHOULDER + BEND / 2 - bend / 2, bend]; }
   get force() { const [a, b] = this.angles, angle = a + b / 2; return [-STRENGTH * Math.cos(angle), -STRENGTH * Math.sin(angle)]; }
+  scene() { const { tip, force } = this.arm(); return [stringFrom(tip, times(-1 / STRENGTH, [...force, 0])), ...super.scene()]; }
 
   state() {
     const now = super.state(), lever = LINK * Math.sin(radiansOf(this.values.bend) / 2);

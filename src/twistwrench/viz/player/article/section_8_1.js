@@ -94,7 +94,7 @@ class Energy extends Turning {
     const now = this.state(), { energy, power } = now, bar = (x, height, name) => ({ kind: "area", name, corners: [[x, 0.2, 0], [x + 0.3, 0.2, 0], [x + 0.3, 0.2 + height, 0], [x, 0.2 + height, 0]] });
     return [
       ...this.body(now), ...this.spins(now), ...this.torques(now), ...[now.v[0], now.v[1]].map((v, k) => arrowOf("twist", [now.elbow, now.tip][k], times(PER_SPEED, v), k ? "v₂" : "v₁", { width: 4 })),
-      bar(2.4, energy / 6, "momentum"), { kind: "dot", name: "momentum", at: [2.4, 0.2, 0], label: "energy", below: true }, bar(3.1, power / 3, "wrench"), { kind: "dot", name: "wrench", at: [3.1, 0.2, 0], label: "power", below: power >= 0 },
+      bar(2.15, energy / 6, "momentum"), { kind: "note", name: "momentum", at: [2.3, 0.06, 0], label: "energy" }, bar(2.75, power / 3, "wrench"), { kind: "note", name: "wrench", at: [2.9, power < 0 ? 0.34 : 0.06, 0], label: "power" },
     ];
   }
 

@@ -130,15 +130,15 @@ class Rotor extends Picture { // on a shaft along z, its own axis tilted by β; 
   frame() { return this.state().R; }
 
   scene() {
-    const { R, momentum_room, wrench_room, twist_body } = this.state(), long = 0.8, perMomentum = 0.5 / (ROTOR.speed * ROTOR.moments[2]);
+    const { R, momentum_room, wrench_room, twist_body } = this.state(), long = 0.76, perMomentum = 0.4 / (ROTOR.speed * ROTOR.moments[2]);
     const head = (t) => times(perMomentum, angular(this.at(t, this.tilt).momentum_room)), period = (2 * Math.PI) / ROTOR.speed;
     const shaft = [[0, 0, -long], [0, 0, long]], bearing = (z) => solid(cylinderFaces(0.09, 0.05, 12), UPRIGHT, [0, 0, z], [150, 140, 130]);
     const fixed_ = trail("momentum", head, period, period, period / 60).points;
     return [
       ...floor(-0.86, 0.8), { kind: "floor", points: shaft, name: "edge", width: 5 }, bearing(-0.62), bearing(0.62), solid(cylinderFaces(ROTOR.radius, ROTOR.half), R),
       { kind: "line", points: fixed_, name: "momentum", width: 1.5 },
-      arrowOf("twist", HERE, times(0.0145, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
-      arrowOf("momentum", HERE, head(this.t), "𝒫", { width: 5 }),
+      arrowOf("twist", HERE, times(0.011, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
+      arrowOf("momentum", HERE, head(this.t), "𝒫", { width: 5, beside: -1, along: 0.72 }),
       arrowOf("wrench", head(this.t), times(0.085, angular(wrench_room)), "ℱ", { width: 4 }),
     ];
   }
@@ -240,8 +240,8 @@ class Bracket extends Picture { // one leg a second
     const way = [...Array(41).keys()].map((k) => shifted_(this.at((this.t * k) / 40).p));
     return [
       ...grid(0.6, 0.1), { kind: "line", points: way, name: "twist", width: 3 }, solid(cylinderFaces(0.05, 0.02), R, shifted_(p)), wheel(1), wheel(-1),
-      ...axes(R, shifted_(p), 0.1, ""), { kind: "dot", at: shifted_(HERE), name: "edge", label: "start", below: true },
-      ...(arrived ? [arrowOf("change", shifted_(HERE), end, "gap", { width: 4, beside: true })] : []),
+      ...axes(R, shifted_(p), 0.1, ""), { kind: "dot", at: shifted_(HERE), name: "edge", label: "" }, { kind: "note", at: shifted_([0.09, -0.05, 0]), name: "edge", label: "start" },
+      ...(arrived ? [arrowOf("change", shifted_(HERE), end, "", { width: 4 }), { kind: "note", at: add(shifted_(times(0.5, end)), [-0.11, 0, 0]), name: "change", label: "gap" }] : []),
     ];
   }
 

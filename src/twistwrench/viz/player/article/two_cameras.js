@@ -39,7 +39,7 @@ class View extends Orbit {
     const arrows = of("arrow").map((each) => ({ ...each, middle: times(0.5, add(each.from, each.to)) })).sort(far);
     arrows.forEach((each) => this.arrow(each));
     of("arc").forEach((each) => this.arc(each));
-    for (const each of [...arrows, ...of("dot", "arc")]) this.letter(each);
+    for (const each of [...arrows, ...of("dot", "arc", "note")]) this.letter(each);
   }
 
   shade(name) { return this.lit && name && this.lit !== name ? 0.22 : 1; }
@@ -128,9 +128,11 @@ class View extends Orbit {
     pen.globalAlpha = 1;
   }
 
-  letter({ kind, from, to, middle, radius, at, label, name = "line", beside = false, below = false }) {
-    const { pen, colours } = this, end = kind === "arrow" ? this.onScreen(to) : this.onScreen(at ?? add(middle, [radius, 0, 0])), start = kind === "arrow" ? this.onScreen(from) : add(end, kind !== "dot" ? [-1, 1] : below ? [0, -1] : [1, 1]);
-    const way = add(end, times(-1, start)), length = Math.hypot(...way) || 1, out = times(15 / length, way), [x, y] = add(end, beside ? [out[1], -out[0]] : out);
+  // The letter of a thing: at the end of an arrow or a share `along` it, or beside that, to its left or (-1) right; a note has no dot.
+  letter({ kind, from, to, along = 1, middle, radius, at, label, name = "line", beside = false, below = false }) {
+    const { pen, colours } = this, end = this.onScreen(kind === "arrow" ? add(times(1 - along, from), times(along, to)) : at ?? add(middle, [radius, 0, 0]));
+    const start = kind === "arrow" ? this.onScreen(from) : add(end, kind === "arc" ? [-1, 1] : below ? [0, -1] : [1, 1]), side = Number(beside);
+    const way = add(end, times(-1, start)), length = Math.hypot(...way) || 1, out = times(kind === "note" ? 0 : 15 / length, way), [x, y] = add(end, side ? times(side, [out[1], -out[0]]) : out);
     if (kind === "dot") { pen.beginPath(); pen.arc(...end, 4, 0, 2 * Math.PI); pen.fillStyle = colours[name]; pen.fill(); }
     if (!label) return;
     Object.assign(pen, { font: '600 17px "STIX Two Math", "Cambria Math", "DejaVu Sans", sans-serif', textAlign: "center", textBaseline: "middle", lineWidth: 4, lineJoin: "round", strokeStyle: colours.paper, fillStyle: colours[name] });
