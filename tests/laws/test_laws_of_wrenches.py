@@ -7,7 +7,7 @@ import pytest
 from quick import mostly_slow
 from random_trees import ROUNDING, UNDRIVEN, body_poses, frames
 
-from twistwrench import Ad, ad, se3
+from twistwrench import Ad, FrameError, Pose, Wrench, ad, se3
 from twistwrench.testing import assert_close, random_robot
 
 pytest_plugins = ("random_tree_fixtures",)
@@ -24,6 +24,18 @@ def test_a_wrench_on_what_does_not_move_takes_no_torque(bundled):
     for sign in ("wrench_by_robot", "wrench_on_robot"):
         found = arm.inverse_dynamics(q, dq, ddq, **{sign: {arm.link_names[0]: np.ones(6)}})
         assert_close(found, wanted, ROUNDING, "a wrench on the base")
+
+
+def test_a_wrench_labelled_with_the_base_is_refused_and_the_same_wrench_at_the_tip_taken(bundled):
+    """As J_s'F_s = J_b'F_b: a label says where a wrench acts, so one of the base would cost no torque."""
+    arm = bundled("planar_2r")
+    q, F_b = np.array([0.4, 1.2]), np.array([0.0, 0.0, 0.0, 3.0, 5.0, 0.0])
+    T_sb = Pose(arm.forward_kinematics(q), to="base", of="tip")
+    F_s = T_sb @ Wrench(F_b, "tip")
+    with pytest.raises(FrameError, match="acts on the base"):
+        arm.wrench_torques(q, F_s)
+    expected = arm.jacobian(q, kind="space").T @ F_s.values
+    assert_close(arm.wrench_torques(q, T_sb.inverse @ F_s), expected, ROUNDING, "J_s'F_s", scale=10.0)
 
 
 def test_wrench_torques_are_the_transposed_jacobian_times_the_wrench(robot, state, rng):

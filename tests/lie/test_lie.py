@@ -13,6 +13,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+import twistwrench as tw
 from twistwrench.mechanics.lie import quaternion, se3, series, so3
 from twistwrench.mechanics.lie.adjoint import Ad, ad
 
@@ -214,7 +215,7 @@ def test_operators_broadcast_and_refuse_the_wrong_side():
     V = random_twists(4)
     assert (Ad(T) @ V).shape == (5, 4, 6)
     assert np.array_equal((Ad(T) @ V)[3, 2], Ad(T[3, 0]) @ V[2])
-    with pytest.raises(TypeError):
+    with pytest.raises(tw.ShapeError, match="stands to its right"):
         V @ Ad(T)
 
 
@@ -247,3 +248,25 @@ def test_cross_is_numpy_s():
         np.array_equal(so3.cross(a, b), (so3.hat(a) @ b[..., None])[..., 0])
         or difference(so3.cross(a, b), (so3.hat(a) @ b[..., None])[..., 0]) <= ROUNDING
     )
+
+
+def test_the_books_product_needs_brackets_and_a_matrix_is_not_six_vectors():
+    """``ad(V).T @ G @ V`` is read from the left; as rows of G it would lose the whole velocity term."""
+    V, G = random_twists(3)[0], np.diag([0.05, 0.1, 0.13, 12.0, 12.0, 12.0])
+    T, J = se3.exp(random_twists(3)[1]), random_twists(7).T
+    with pytest.warns(tw.ShapeWarning, match=r"ad\(…\)\.T @ x takes the rows .* A @ \(G @ V\)"):
+        ad(V).T @ G
+    with pytest.raises(tw.ShapeError, match=r"shape \(6, 7\).*Ad\(…\)\.matrix @ x"):
+        Ad(T) @ J
+    with pytest.raises(tw.ShapeError, match=r"x @ Ad\(…\)\.matrix"):
+        G @ Ad(T)
+    with pytest.raises(tw.ShapeError, match=r"@ \(G @ V\)"):
+        ad(V).T @ tw.SpatialInertia.from_com(1.0) @ V
+    assert difference(ad(V).T @ (G @ V), ad(V).matrix.T @ G @ V) <= 100 * ROUNDING
+    assert difference(Ad(T).matrix @ J, Ad(T).apply(J.T).T) <= 100 * ROUNDING
+
+
+def test_six_labelled_vectors_are_a_batch():
+    """Labels tell twists from matrices, so that six of them are taken as any other number of them."""
+    T, V = tw.Pose(se3.exp(random_twists(1)[0]), to="a", of="b"), random_twists(6)
+    assert difference((T @ tw.Twist(V, "b")).values, Ad(T.matrix).apply(V)) == 0.0

@@ -20,10 +20,10 @@
     └── MissingExtraError (ImportError)     an optional package is not installed
 
     CacheWarning (UserWarning)              compiled code cannot be cached
-    ConstraintWarning (UserWarning)         a singular configuration of constraints, a closed one far from the start, or
-    a path
-                                            beyond position limits
+    ConstraintWarning (UserWarning)         a singular configuration of constraints, a closed one far from the start,
+                                            or a path beyond position limits
     ModelWarning (UserWarning)              a doubtful entry in a robot file; the robot still loads
+    ShapeWarning (UserWarning)              an array whose shape has two meanings
 
 Each message names the cause, the allowed values, and a remedy.
 """
@@ -51,6 +51,7 @@ __all__ = [
     "PathError",
     "RobotFileError",
     "ShapeError",
+    "ShapeWarning",
     "SimulationError",
     "SingularMassMatrixError",
     "TrajectoryError",
@@ -257,6 +258,10 @@ class ConstraintWarning(UserWarning):
 
 class ModelWarning(UserWarning):
     """Doubtful entry in a robot file; the robot loads, and ``robot.defects`` keeps the remark."""
+
+
+class ShapeWarning(UserWarning):
+    """Array whose shape has two meanings: six vectors in rows, or a matrix (6, 6)."""
 
 
 complete(globals())

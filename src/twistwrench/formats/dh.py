@@ -203,7 +203,7 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     chain = [np.eye(4), *frames, M]
     steps = [se3.inverse(a) @ b for a, b in itertools.pairwise(chain)]
     Slist = np.array(screws).T
-    return ScrewLists(M, Slist, (Ad(se3.inverse(M)) @ Slist.T).T, np.array(steps), np.array(inertias))
+    return ScrewLists(M, Slist, Ad(se3.inverse(M)).apply(Slist.T).T, np.array(steps), np.array(inertias))
 
 
 def from_screws(

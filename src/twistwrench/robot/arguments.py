@@ -12,6 +12,7 @@ from ..core import arguments
 from ..core.arguments import is_table
 from ..core.errors import FrameError, ShapeError
 from ..core.typing import Array
+from ..mechanics.model.model import BASE
 
 if TYPE_CHECKING:
     from ..mechanics.lie.twist_wrench import Wrench
@@ -158,6 +159,15 @@ def unlabelled(F: Wrench, frame: str) -> Array:
             f"T = Pose(…, to={frame!r}, of={F.frame!r})."
         )
     return F.values
+
+
+def refuse_base(model: Model, frame: str) -> None:
+    """Raise FrameError for a frame of the base: a wrench on the base takes no torque of a joint."""
+    if model.frame(frame).body == BASE:
+        raise FrameError(
+            f"a wrench labelled with {frame!r}, a frame of the base, acts on the base, so no joint carries it. If it acts on "
+            f"the tip, move it there first: T @ F with T = Pose(…, to=tip, of={frame!r})."
+        )
 
 
 def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..core.errors import UnknownNameError
 from ..core.glossary import complete
 from ..core.typing import Array
-from .arguments import Kind, Wrenches, unlabelled
+from .arguments import Kind, Wrenches, refuse_base, unlabelled
 from .base import Motion, Slopes, Torques
 from .derivatives import DerivativeMethods
 
@@ -388,7 +388,7 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         Parameters
         ----------
         wrench_by_robot : (6,) array_like or Wrench, (m, f) the robot applies at the frame, in its axes [N m, N]
-            A labelled wrench has its own frame.
+            A labelled wrench acts at the frame of its label, on the link that carries it.
 
         Returns
         -------
@@ -397,20 +397,22 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         Raises
         ------
         FrameError
-            No frame is given and the robot has no single tip; or the wrench is labelled with another frame.
+            No frame is given and the robot has no single tip; or the wrench is labelled with another frame, or with one of
+            the base.
 
         Examples
         --------
         >>> import twistwrench as tw
         >>> arm = tw.robots.planar_2r()
-        >>> arm.wrench_torques([0, 0], [0, 0, 0, 0, 0, 10.0]).round(12).tolist()
-        [0.0, 0.0]
+        >>> arm.wrench_torques([0, 0], [0, 0, 0, 0, 10.0, 0]).round(12).tolist()
+        [20.0, 10.0]
         """
         from ..mechanics.lie.twist_wrench import Wrench
 
         if isinstance(wrench_by_robot, Wrench):
             frame = wrench_by_robot.frame if frame is None else frame
             F: Any = unlabelled(wrench_by_robot, frame)
+            refuse_base(self.model, frame)
         else:
             F = wrench_by_robot
         return self._call("wrench_torques", q, F, frame=frame, out=out)

@@ -134,7 +134,7 @@ def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Ar
 def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
     """(body, contribution of its joint to the twist of {b} in {c}, (k, 6)) along the path, and the position p of {b} in {c}."""
     walk, T_cb = _walk(model, q, closure)
-    return [(b, sign * b.ratio * (Ad(X) @ b.joint.axes)) for b, X, sign in walk], T_cb[:3, 3]
+    return [(b, sign * b.ratio * Ad(X).apply(b.joint.axes)) for b, X, sign in walk], T_cb[:3, 3]
 
 
 def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:

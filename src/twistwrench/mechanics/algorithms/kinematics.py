@@ -92,7 +92,7 @@ def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Bo
         seen = {i: se3.pose(T_s[i][:3, :3], T_s[i][:3, 3] - shift) for i in path}
     for i in reversed(path):
         body = model.bodies[i]
-        yield body, body.ratio * (Ad(seen[i]) @ body.joint.axes)
+        yield body, body.ratio * Ad(seen[i]).apply(body.joint.axes)
 
 
 def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
@@ -116,7 +116,7 @@ def _rate(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str)
     observer = {"space": zeros(6), "body": V, "world_aligned": np.concatenate([zeros(3), V[3:]])}[kind]
     rate = zeros(6, model.nv)
     for (body, axes), V_i in zip(columns, twists, strict=True):
-        _add(rate, body, ad(V_i - observer) @ axes)
+        _add(rate, body, ad(V_i - observer).apply(axes))
     return rate
 
 

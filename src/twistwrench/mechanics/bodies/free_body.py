@@ -143,7 +143,7 @@ class FreeBody:
 
     def state(self, T_sb: Array, V_b: Array) -> tuple[Array, Array, Array, Array]:
         """Quaternion (4,), position (3,), spatial angular momentum about the centre of mass and linear momentum (3,)."""
-        T, V = T_sb @ self.T_bc, se3.Ad(self.T_cb) @ V_b
+        T, V = T_sb @ self.T_bc, se3.Ad(self.T_cb).apply(V_b)
         R = T[:3, :3]
         return quaternion.from_matrix(R), T[:3, 3], R @ (self.moments * V[:3]), self.mass * (R @ V[3:])
 

@@ -2,20 +2,22 @@
 
 ``Ad(T) @ V`` takes two rotations and a cross product, not a 6×6 product. ``.T`` is the transpose, which acts on wrenches.
 ``.matrix`` (or ``np.asarray``) is the matrix of the book. Operators act along the last axis, and batches broadcast:
-``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols. An operator made from a labelled pose or
+``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). So ``ad(V).T @ G @ V`` with a matrix G, which Python reads from the left, is
+not the book's product; ``ad(V).T @ (G @ V)`` is. Elements may be numbers or symbols. An operator made from a labelled pose or
 twist keeps the frame names, and labelled twists and wrenches check them.
 """
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core import arguments
-from ...core.errors import FrameError
+from ...core.errors import FrameError, ShapeError, ShapeWarning
 from ...core.typing import Array
 from .so3 import cross
 
@@ -44,6 +46,49 @@ class _Operator(ABC):
     def __matmul__(self, x: Any) -> Any:
         if hasattr(x, "frame"):
             return NotImplemented  # its __rmatmul__ checks frames
+        if hasattr(x, "moment_about_origin"):
+            raise ShapeError(f"{self._name} @ G: it acts on twists and wrenches. Write {self._name} @ (G @ V).")
+        shape = np.shape(x)
+        if len(shape) == 2 and shape[0] == 6:
+            self._check_rows(shape[1])
+        return self.apply(x)
+
+    def __rmatmul__(self, x: Any) -> NoReturn:
+        raise ShapeError(f"x @ {self._name}: it acts on what stands to its right. Write x @ {self._name}.matrix.")
+
+    @property
+    def _name(self) -> str:
+        return f"{type(self).__name__}(…)" + ".T" * self.transposed
+
+    def _check_rows(self, columns: int) -> None:
+        """Refuse a matrix (6, n), such as a Jacobian, and warn of a matrix (6, 6), whose rows would be taken as vectors."""
+        remedy = f"For the product of two matrices, write {self._name}.matrix @ x"
+        if columns != 6:
+            raise ShapeError(f"{self._name} @ x: x has shape (6, {columns}), expected vectors (..., 6). {remedy}.")
+        if self._batch == ():
+            warnings.warn(
+                f"{self._name} @ x takes the rows of x, of shape (6, 6), as six vectors. {remedy}; for A @ G @ V, write "
+                f"A @ (G @ V). If six vectors are meant, write {self._name}.apply(x).",
+                ShapeWarning,
+                stacklevel=3,
+            )
+
+    def apply(self, x: ArrayLike) -> Array:
+        """Image of each vector along the last axis; ``@`` is the same, with a warning for arrays (6, 6).
+
+        Parameters
+        ----------
+        x : (..., 6) array_like, twists, or wrenches for a transpose
+
+        Returns
+        -------
+        images : (..., 6) array
+
+        Examples
+        --------
+        >>> ad([0, 0, 1, 0, 0, 0]).apply(np.eye(6))[0].tolist()
+        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+        """
         x = arguments.array(x, f"{type(self).__name__}(…) @ x: x", 6)
         try:
             return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)

@@ -177,7 +177,7 @@ class Labelled:
                 f"{name} @ {self._kind} in {self.frame!r}: the operator takes a {self._kind} in {of!r} to {to!r}; missing is "
                 f"{missing_pose(of, self.frame)}."
             )
-        return type(self)(operator @ self.values, to)
+        return type(self)(operator.apply(self.values), to)
 
     def _same(self, other: Any, sign: str) -> tuple[Array, ...]:
         """Numbers of this object and of another one of the same kind in the same frame."""
