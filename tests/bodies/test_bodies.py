@@ -401,3 +401,12 @@ def test_a_matrix_without_the_form_of_an_inertia_is_refused(wrong):
     lists = tw.robots.planar_2r().screws
     with pytest.raises(tw.InertiaError, match="link2: no spatial inertia"):
         tw.from_screws(lists.M, lists.Slist, lists.Mlist, [lists.Glist[0], wrong])
+
+
+def test_a_matrix_where_an_inertia_is_wanted_is_refused_with_the_call_for_matrices():
+    G = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    with pytest.raises(tw.ShapeError, match=r"SpatialInertia\.from_matrix\(G\)"):
+        tw.SpatialInertia(G)
+    with pytest.raises(tw.InertiaError, match=r"SpatialInertia\.from_matrix\(G\)"):
+        tw.RigidBody(G)
+    assert tw.RigidBody(tw.SpatialInertia.from_matrix(G)).inertia.mass == 2.0

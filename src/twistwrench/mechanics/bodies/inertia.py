@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core import arguments
-from ...core.errors import FrameError, HintedClass, InertiaError, ValueRangeError
+from ...core.errors import FrameError, HintedClass, InertiaError, ShapeError, ValueRangeError
 from ...core.glossary import complete
 from ...core.numbers import number, vector, without_noise
 from ...core.typing import Array
@@ -51,6 +51,10 @@ class SpatialInertia(metaclass=HintedClass):
         self.parameters.setflags(write=False)  # unpickled arrays are writable
 
     def __post_init__(self) -> None:
+        if np.shape(self.parameters) == (6, 6):
+            raise ShapeError(
+                "SpatialInertia takes ten parameters, got a matrix (6, 6). Write SpatialInertia.from_matrix(G)."
+            )
         what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
         pi = np.array(arguments.one(self.parameters, f"{what} the array", 10, symbols=True))
         pi.setflags(write=False)

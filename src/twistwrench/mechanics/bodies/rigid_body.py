@@ -86,7 +86,10 @@ class RigidBody:
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, SpatialInertia):
-            raise InertiaError(f"a RigidBody is made of a SpatialInertia, got {type(self.inertia).__name__}.")
+            raise InertiaError(
+                f"a RigidBody is made of a SpatialInertia, got {type(self.inertia).__name__}. Write "
+                "SpatialInertia.from_com(mass, com, moment_about_com), or SpatialInertia.from_matrix(G) for a matrix (6, 6)."
+            )
         problem = "; ".join(self.inertia.defects()) or ("" if self.inertia.mass > 0 else "it has no mass")
         if problem:
             raise InertiaError(f"no rigid body has this inertia: {problem}. See nearest_consistent() and repair().")
