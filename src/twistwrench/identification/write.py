@@ -74,7 +74,9 @@ def actuator_text(
             entry["friction"] = law
     content["actuators"] = entries
     head = f"# {SIGNATURE}: friction and motor inertias, reflected to the joints\n"
-    head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
+    head += "".join(
+        f"# offset of the measured torque of {name}, not read: {number(value, 6)}\n" for name, value in offset.items()
+    )
     together = found.of_several_joints.items()
     head += "".join(f"# of several joints, not read: {name} {value!r}\n" for name, value in together)
     return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

@@ -177,8 +177,9 @@ def _joints(found: IdentifiedRobot, rows: int) -> Table:
             for law, of in of_laws.items()
             if of
         ]
-    if offsets := found.offsets:
-        columns.append(numbers("offset", [offsets.get(name, MISSING) for name in names], unit=_unit("tau", turning)))
+    if found.offsets:
+        offsets = [found.offsets.get(name) or MISSING for name in names]  # 0 has its interval around it
+        columns.append(numbers("offset", offsets, unit=_unit("tau", turning)))
     return Table(
         "",
         words("joint", names),
