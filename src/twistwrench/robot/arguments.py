@@ -12,7 +12,6 @@ from ..core import arguments
 from ..core.arguments import is_table
 from ..core.errors import FrameError, ShapeError
 from ..core.typing import Array
-from ..mechanics.model.model import BASE
 
 if TYPE_CHECKING:
     from ..mechanics.lie.twist_wrench import Wrench
@@ -163,6 +162,8 @@ def unlabelled(F: Wrench, frame: str) -> Array:
 
 def refuse_base(model: Model, frame: str) -> None:
     """Raise FrameError for a frame of the base: a wrench on the base takes no torque of a joint."""
+    from ..mechanics.model.model import BASE
+
     if model.frame(frame).body == BASE:
         raise FrameError(
             f"a wrench labelled with {frame!r}, a frame of the base, acts on the base, so no joint carries it. If it acts on "
