@@ -277,6 +277,18 @@ def test_a_frame_without_scripts_has_a_picture_of_its_first_frame(motion, tmp_pa
     assert not image.search(write_page(motion.load.robot, tmp_path / "page.html", motion=motion).read_text("utf-8"))
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_typed_loads_fit_their_fields(at, width):
+    """Six digits and a minus sign, in the panel and in the one row of a phone."""
+    page = at(width, 844)
+    put = """(id, text) => { const field = document.getElementById(`${id}-typed`); field.value = text; field.dispatchEvent(new Event("change"));
+        return [field.value, field.scrollWidth <= field.clientWidth]; }"""
+    assert page.run(f"({put})('payload', '8.33333')") == ["8.33333 kg", True]
+    if width == 1280:
+        assert page.run(f"({put})('push-x', '-123.456')") == ["−123.456 N", True]
+    assert page.complaints == []
+
+
 SMALL = """[...document.querySelectorAll('button, input, select, summary, #open-full')].filter((e) => e.checkVisibility({ visibilityProperty: true }))
     .map((e) => [e.id || e.textContent, e.getBoundingClientRect().height]).filter(([, height]) => height < 39.5)"""
 
