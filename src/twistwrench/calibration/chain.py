@@ -238,7 +238,7 @@ class TipChain:
             point = self.centres[k] + shifts[k]
             twists.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
             T = T @ (self.placements[k] @ bends[k])
-            screw = np.asarray(Ad(T).matrix) @ self.screws[k]
+            screw = Ad(T) @ self.screws[k]
             gears.append(screw * q[:, column, None])
             sags.append(-screw * loads[:, k, None])
             turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
@@ -272,11 +272,13 @@ def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> A
 
     The velocity of rotation is J(w) dw with the left Jacobian J.
     """
-    local = np.zeros((6, 6))
-    local[:3, :3], local[3:, 3:] = np.asarray(so3.left_jacobian(turn)) @ axes, axes
-    shifted = T.copy()
-    shifted[:, :3, 3] += T[:, :3, :3] @ point
-    return np.asarray(Ad(shifted).matrix @ local)
+    R = T[:, :3, :3]
+    angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)
+    columns = np.zeros((len(T), 6, 6))
+    columns[:, :3, :3] = angular
+    columns[:, 3:, :3] = so3.hat(T[:, :3, 3] + R @ point) @ angular  # [p] ω
+    columns[:, 3:, 3:] = R @ axes
+    return columns
 
 
 def point_columns(T: Array, columns: Array) -> Array:
