@@ -421,6 +421,44 @@ def test_joints_outside_their_limits_in_all_rows_are_a_doubt():
     assert "calibration-limits" in [one.kind for one in found.doubts] and not found.verdict.ok
 
 
+def test_one_row_outside_the_limits_is_no_doubt_of_the_joint():
+    """A joint that passes its limit once is where it is; only one that is never inside them counts from another zero."""
+    robot = tw.robots.ur5()
+    world = World.drawn(robot, 12)
+    q = world.configurations(40)
+    q[7, 2] = robot.limits.upper[2] * 1.5
+    found = tw.calibration.calibrate(robot, world.readings("position", q))
+    assert "calibration-limits" not in [one.kind for one in found.doubts]
+
+
+def test_a_given_noise_is_that_of_lengths_and_then_of_angles():
+    """0.2 mm and 3 mrad are the deviations of the readings; a place of three coordinates is off by √3 times 0.2 mm.
+
+    Thirty poses give 180 equations, of which each group takes one, and parameters that no reading tells take none.
+    """
+    world = World.drawn(tw.robots.ur5(), 4)
+    found = tw.calibration.calibrate(world.robot, world.measured("pose", 30), noise=(2e-4, 3e-3), outliers="keep")
+    np.testing.assert_allclose(found.fit.deviations, [(2e-4, 3e-3)], rtol=1e-9)
+    assert found.fit.noise == pytest.approx(np.sqrt(3.0) * 2e-4, rel=1e-9)
+    assert {group.freedom for group in found.parameter_groups.all} == {180.0 - found.rank}
+    assert found.rank < len(found.fit.names)
+
+
+def test_another_seed_draws_other_folds():
+    """Each reading is predicted from other ones, so the error held out differs in some digit, and by a few per cent."""
+    first, other = (tw.calibration.calibrate("ur5", "demo", seed=seed).held_out.rms for seed in (1, 2))
+    assert first != other and abs(first / other - 1.0) < 0.2
+
+
+def test_a_foot_that_is_five_millimetres_higher_moves_the_tip_by_five_millimetres(tmp_path):
+    """d_1 lies along the first axis: at every configuration the whole arm is shifted by it, and turned by nothing."""
+    zeros = "[0, 0, 0, 0, 0, 0]"
+    lists = f"delta_theta = {zeros}\ndelta_a = {zeros}\ndelta_d = [0.005, 0, 0, 0, 0, 0]\ndelta_alpha = {zeros}\n"
+    (tmp_path / "calibration.conf").write_text(f"[mounting]\n{lists}")
+    found = tw.calibration.FactoryCalibration.from_file(tw.robots.ur5(), tmp_path / "calibration.conf")
+    assert found.displacement == pytest.approx(5e-3, abs=1e-9)
+
+
 def test_missing_joints_and_wrong_options_are_refused(tmp_path):
     path = tmp_path / "m.csv"
     path.write_text("elbow_joint,x,y,z\n" + "0.1,1,2,3\n" * 5)

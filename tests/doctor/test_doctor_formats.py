@@ -175,6 +175,20 @@ def test_a_centre_of_mass_that_is_not_mirrored_is_found_with_its_torque():
     assert finding.effect.effort_percent == pytest.approx(100 * finding.effect.torque / 20)
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_shapes_speak_for_the_side_whose_centre_of_mass_lies_in_their_middle(side):
+    """Both arms are boxes about (0.1, ±0.02, 0.2); the centre of mass of the other side lies 100 mm below the middle of its box."""
+    text = sides("0.1 -0.02 0.2" if side == "right" else "0.1 -0.02 0.1")
+    if side == "right":
+        text = text.replace('<origin xyz="0.1 0.02 0.2"/>', '<origin xyz="0.1 0.02 0.1"/>')
+    for name, y in (("left", 0.02), ("right", -0.02)):
+        mesh = f'<visual><geometry><mesh filename="{name}.stl"/>'
+        text = text.replace(mesh, f'<visual><origin xyz="0.1 {y} 0.2"/><geometry><box size="0.2 0.1 0.6"/>')
+    (finding,) = tw.doctor(text, only="mirror").findings
+    assert f"the shapes speak for the {side} one" in finding.repair.sentence
+    assert "0 mm from theirs, not 100" in finding.repair.sentence
+
+
 def test_products_that_keep_their_signs_on_the_other_side_are_found():
     (finding,) = tw.doctor(sides("0.1 -0.02 0.2", sign=1.0), only="mirror").findings
     assert "tensors" in finding.sentence

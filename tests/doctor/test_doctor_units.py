@@ -151,3 +151,35 @@ def test_a_helper_body_parked_far_away_changes_no_finding(tmp_path):
         return [finding.sentence for finding in tw.doctor(path, only="units").findings if "helper" not in finding.where]
 
     assert units(arm) == units(arm + parked) == []
+
+
+def test_degrees_on_one_side_of_zero_alone_are_repaired_to_radians():
+    """150° are 5 π / 6 rad on whichever side they stand; the end at zero keeps its number."""
+    for text, lower, upper in (
+        ('lower="-150" upper="0"', -5.0 * np.pi / 6.0, 0.0),
+        ('lower="0" upper="150"', 0.0, 5.0 * np.pi / 6.0),
+    ):
+        report = tw.doctor(arm().replace('lower="-2.5" upper="2.5"', text, 1), only="degrees")
+        assert [(f.check, f.where) for f in report.findings] == [("degrees", "joint 'j2'")]
+        limits = report.repaired().limits
+        assert limits.lower[1] == pytest.approx(lower, rel=1e-9) and limits.upper[1] == pytest.approx(upper, rel=1e-9)
+
+
+def test_a_limit_at_zero_leaves_the_robot_its_zero():
+    """Zero is inside of [0, 2], outside of [0.1, 2] and of [-2, -0.1]."""
+    for text, is_outside in (
+        ('lower="0" upper="2"', False),
+        ('lower="-2" upper="0"', False),
+        ('lower="0.1" upper="2"', True),
+        ('lower="-2" upper="-0.1"', True),
+    ):
+        findings = tw.doctor(arm().replace('lower="-2.5" upper="2.5"', text, 1), only="limits").findings
+        assert [f.where for f in findings] == (["joint 'j2'"] if is_outside else []), text
+
+
+def test_an_axis_of_another_length_is_offered_with_length_one_and_its_direction():
+    """(0, 3, 4) has the length 5: the unit vector along it is (0, 0.6, 0.8)."""
+    (finding,) = tw.doctor(arm().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 3 4"/>', 1), only="axis").findings
+    assert finding.numbers["length"] == pytest.approx(5.0)
+    (edit,) = finding.repair.edits
+    np.testing.assert_allclose([float(x) for x in edit.text.split()], [0.0, 0.6, 0.8], atol=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from twistwrench import SpatialInertia
 from twistwrench.cli.main import main
 from twistwrench.core.errors import UnknownNameError, ValueRangeError
 from twistwrench.identification.assumed import JOINTS_OF_CAUSE, WantedCause, wanted_causes
+from twistwrench.identification.causes import laws, time_scale
+from twistwrench.identification.diagnosis import _is_part
 
 ARM = tw.robots.planar_2r()
 NAMES = ARM.model.velocity_names
@@ -89,6 +92,85 @@ def test_a_cause_that_a_log_does_not_tell_is_refused(log):
         tw.identification.identify(ARM, log, assume="tilt", cutoff=10.0, friction_speed=0.05, shift=0.0)
     with pytest.raises(ValueRangeError, match="late is assumed"):
         tw.identification.identify(ARM, log, assume="late", shift=0.0)
+
+
+def test_a_clock_that_runs_twice_too_fast_is_taken_off(log):
+    """Times that are twice the true ones halve velocities and quarter accelerations; without that, the groups are the same."""
+    fixed = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
+    doubled = tw.Motion(2.0 * log.time, log.q, tau=log.tau, robot=ARM)
+    right = tw.identification.identify(ARM, log, **fixed)
+    found = tw.identification.identify(ARM, doubled, assume="time-scale", **fixed)
+    (scale,) = found.settings.assumed
+    assert scale.value == 2.0
+    np.testing.assert_allclose(found.values, right.values, rtol=0.02, atol=0.02)
+
+
+def test_a_drift_of_the_training_log_is_not_taken_off_a_test_log(log):
+    """Another log has another drift, here none: the test log is predicted as well as by a training log without drift."""
+    fixed = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
+    drift = 20.0 * np.array([0.0, 1.0]) * (log.time / log.time[-1])[:, None]
+    drifting = tw.Motion(log.time, log.q, tau=np.asarray(log.tau) + drift, robot=ARM)
+    right = tw.identification.identify(ARM, log, test=log, **fixed)
+    found = tw.identification.identify(ARM, drifting, test=log, assume=f"drift:{NAMES[1]}", **fixed)
+    assert found.settings.assumed[0].value == pytest.approx(20.0, rel=0.05)
+    assert found.held_out.joints[NAMES[1]] < 1.5 * right.held_out.joints[NAMES[1]]
+
+
+def test_each_of_two_causes_has_its_own_interval(log):
+    """A gain of one joint and a drift of the other hardly meet: each is as sure beside the other as it is alone."""
+    fixed = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
+    tau = np.asarray(log.tau) * [1.0, 1.5] + np.array([20.0, 0.0]) * (log.time / log.time[-1])[:, None]
+    both = [f"gain:{NAMES[1]}", f"drift:{NAMES[0]}"]
+    faulty = tw.Motion(log.time, log.q, tau=tau, robot=ARM)
+    gain, drift = tw.identification.identify(ARM, faulty, assume=both, **fixed).settings.assumed
+    alone = tw.Motion(log.time, log.q, tau=tau / [1.0, 1.5], robot=ARM)
+    (other,) = tw.identification.identify(ARM, alone, assume=both[1], **fixed).settings.assumed
+    assert gain.interval[0] <= 1.5 <= gain.interval[1] and drift.interval[0] <= 20.0 <= drift.interval[1]
+    assert np.ptp(drift.interval) == pytest.approx(np.ptp(other.interval), rel=0.3)
+    assert np.ptp(gain.interval) < 0.2 * np.ptp(drift.interval)
+
+
+TIME = np.linspace(0.0, 4.0, 401)
+SWINGING = SimpleNamespace(
+    gain=np.ones(1), time=TIME, dq=np.sin(np.pi * TIME)[:, None], ddq=np.pi * np.cos(np.pi * TIME)[:, None],
+    friction_speed=np.array([0.01]), slope=lambda x: np.gradient(x, TIME, axis=0), changed=dict,
+)  # fmt: skip
+"""A joint that swings at 0.5 Hz for 4 s."""
+
+
+def law_column(kind, fitted):
+    law = next(one for one in laws(SWINGING) if one.kind == kind)
+    return law.columns(SWINGING, fitted)[:, 0, 0]
+
+
+def test_rates_of_a_clock_change_by_the_chain_rule():
+    """Times that are twice the true ones: dq/dt doubles, and d²q/dt² is four times as large."""
+    found = time_scale(SWINGING, 2.0)
+    np.testing.assert_allclose(found["dq"], 2.0 * SWINGING.dq)
+    np.testing.assert_allclose(found["ddq"], 4.0 * SWINGING.ddq)
+
+
+def test_a_late_torque_is_less_by_its_slope():
+    """τ(t - δ) = τ(t) - δ dτ/dt, here of a sine: the difference of a torque that is late by 1 ms."""
+    whole = np.sin(3.0 * TIME)[:, None]
+    column = law_column("late-joint", SimpleNamespace(whole=whole))
+    np.testing.assert_allclose(1e-3 * column[5:-5], np.sin(3.0 * (TIME - 1e-3))[5:-5] - whole[5:-5, 0], atol=2e-5)
+
+
+def test_friction_that_warms_up_works_against_the_motion():
+    """It grows with time from none to Coulomb's friction, 7 N m, and its power is never negative."""
+    column = law_column("warming", SimpleNamespace(coulomb=np.array([7.0])))
+    assert (column * SWINGING.dq[:, 0] >= 0.0).all()
+    fast = abs(SWINGING.dq[:, 0]) > 0.1
+    np.testing.assert_allclose(abs(column)[fast], 7.0 * TIME[fast] / 4.0, rtol=1e-6)
+
+
+def test_two_changes_of_a_joint_within_a_second_are_one():
+    """A gain that changes scales the offset too; what changes three seconds later, or at another joint, is another cause."""
+    gain = SimpleNamespace(kind="gain-change", span=(9.0, 20.0), joints=(1,), log=0)
+    for begin, joint, is_part in ((9.4, 1, True), (12.0, 1, False), (9.4, 0, False)):
+        offset = SimpleNamespace(kind="offset-step", span=(begin, 20.0), joints=(joint,), log=0)
+        assert _is_part(offset, [gain]) == is_part
 
 
 # ── Values, parameters and another motion: the first three joints of an arm, against torques of a robot with other bodies

@@ -12,6 +12,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import BaseParameters, MotorSide, UnknownParameters
+from twistwrench.identification.parameters import group_units
 from twistwrench.testing import random_robot
 
 TX40 = SHARED / "robots" / "staubli_tx40.urdf"
@@ -110,3 +111,20 @@ def test_armature_and_friction_of_the_file_count_as_unknown():
         geared = {"actuators": {"joint1": {"ratio": "50", "rotor": {"inertia": "1 g cm^2", "extra": "true"}}}}
         UnknownParameters(tw.robots.planar_2r().with_actuators(geared))
     assert replace(unknown, friction=()).names[10] == "joint1.motor_inertia"
+
+
+def test_parameters_of_sliding_joints_have_units_of_forces():
+    """Friction of a slide is a force, its motor inertia a mass; what a group is called by has its unit, of a body or a drive."""
+    link = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    joint = '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="1"/></joint>'
+    text = (
+        "".join(map(link.format, "abc"))
+        + joint.format("slide", "prismatic", "a", "b")
+        + joint.format("turn", "revolute", "b", "c")
+    )
+    model = tw.load(f'<robot name="r">{text}</robot>').model
+    kinds = "motor_inertia", "viscous", "coulomb", "offset"
+    sliding = group_units([f"slide.{kind} + 2 turn.{kind}" for kind in kinds], model)
+    turning = group_units([*(f"turn.{kind}" for kind in kinds), "c.m", "c.mcx - b.m", "b.Izz"], model)
+    assert sliding == ("kg", "N s/m", "N", "N")
+    assert turning == ("kg m^2", "N m s/rad", "N m", "N m", "kg", "kg m", "kg m^2")

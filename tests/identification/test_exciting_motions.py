@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +14,10 @@ from scipy.optimize import lsq_linear
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.verdict import Verdict, Word
 from twistwrench.identification import exciting_trajectory
 from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, typical_sizes
+from twistwrench.mechanics.model.actuation import with_friction
 from twistwrench.shapes.capsules import nearest_points
 
 PLANAR = tw.robots.planar_2r()
@@ -353,3 +357,19 @@ def test_the_command_answers_bad_input_with_a_line_and_writes_nothing(tmp_path):
     assert said.exit_code == 2 and "--acceleration" in said.output and not out.exists()
     said = run("excite", "planar_2r", "--acceleration", 5, "--csv", tmp_path / "none" / "motion.csv")
     assert said.exit_code == 2 and "no such folder" in said.output
+
+
+def test_the_worst_group_and_the_peaks_are_those_of_their_definitions():
+    """The worst group is the least sure beside what is plausible of it; motors work against friction, 9 N m s/rad here, too."""
+    model = replace(PLANAR.model, limits=replace(PLANAR.model.limits, effort=np.array([120.0, 40.0])))
+    bare = tw.Robot(with_friction(model, {}))
+    arm = tw.Robot(with_friction(model, {"joint1": {"viscous": 9.0}, "joint2": {}}))
+    one = exciting_trajectory(arm, 4.0, 1, acceleration=3.0, restarts=1)
+    np.testing.assert_allclose(one.information.noise, [1.2, 0.4])  # 1 % of each limit
+    shares = one.predicted_deviations / one.information.prior
+    assert one.worst == (one.groups[int(shares.argmax())], shares.max())
+    q, dq, ddq = one(np.linspace(0.0, 4.0, 2001))
+    torques = np.abs(bare.inverse_dynamics(q, dq, ddq) + dq * [9.0, 0.0]).max(axis=0)
+    np.testing.assert_allclose(one.peaks["torque"], torques, rtol=1e-9)
+    touching = SimpleNamespace(verdict=Verdict(Word.COLLISION, ("links touch",)))
+    assert replace(one, clearance=touching).verdict.word is Word.COLLISION

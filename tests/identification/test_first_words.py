@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import importlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from identification_logs import known_log
+from scipy import stats
 
 import twistwrench as tw
+from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
+from twistwrench.identification.cause_fit import CauseFit
+from twistwrench.identification.fit_doubts import _largest_at, left_unexplained
+from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 
 ARM = tw.robots.planar_2r()
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
@@ -111,3 +117,42 @@ def test_a_copied_column_has_the_values_and_not_only_the_motion_of_another_joint
     tau += 0.05 * np.random.default_rng(0).normal(size=tau.shape)
     found = identify(ARM, tw.Motion(t, q, tau=tau, robot=ARM, in_seconds=True), **GIVEN)
     assert ("copied" in [doubt.kind for doubt in found.doubts]) == named
+
+
+def test_the_more_causes_are_tried_the_surer_each_must_be():
+    """Bonferroni: of eleven blocks of time, Student's t at 1 % over the number of causes, on both sides."""
+    fit = SimpleNamespace(blocks=np.zeros(11))
+    for tried in (1, 50):
+        assert CauseFit.sure(fit, tried) == pytest.approx(stats.t.isf(0.005 / tried, 10))
+
+
+def test_fifths_of_the_time_go_through_all_logs():
+    """Two logs of 10 s on clocks of their own: each fifth has 4 s, the third the end of the first log and the begin of the second."""
+    logs = SimpleNamespace(
+        samples=[SimpleNamespace(start=0.0, seconds=10.0), SimpleNamespace(start=100.0, seconds=10.0)]
+    )
+    log, time = np.array([0, 0, 0, 1, 1, 1]), np.array([1.0, 5.0, 9.0, 101.0, 103.0, 109.9])
+    assert SettingRows.folds(logs, log, time).tolist() == [0, 1, 2, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("among", "held", "is_doubted"), [(0.02, 0.11, False), (0.10, 0.20, False), (0.05, 0.20, True), (0.02, 0.13, True)]
+)
+def test_other_logs_are_doubted_if_they_are_far_worse_and_bad(among, held, is_doubted):
+    """More than 2.5 times the residual of the training logs, and more than 12 % of the torques."""
+    test, own = (
+        HeldOut(kind, np.array([x**2]), np.ones(1), ["j"]) for kind, x in (("test", held), ("five-fold", among))
+    )
+    assert [one.kind for one in left_unexplained(test, own)] == ["other-torques"] * is_doubted
+
+
+def test_torques_that_are_logged_early_come_before_positions():
+    assert "torques 2 ms before positions" in str(FitSettings(10.0, np.array([0.05]), -0.002))
+    assert "torques 2 ms after positions" in str(FitSettings(10.0, np.array([0.05]), 0.002))
+
+
+def test_the_largest_residual_may_have_either_sign():
+    """-3 N m at 2 s is larger than 1 N m at 1 s."""
+    measured = np.array([[0.0], [1.0], [-3.0], [0.5]])
+    rows = HeldOutRows(np.arange(4.0), np.zeros(4, int), measured, np.zeros((4, 1)))
+    assert _largest_at(HeldOut.from_rows("five-fold", rows, ["j"]), 0) == ", largest at t = 2.0000 s"

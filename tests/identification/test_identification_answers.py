@@ -17,6 +17,7 @@ from places import SHARED
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.text import words_of_the_shell
+from twistwrench.identification.body_changes import BodyChanges
 
 DEMO = tw.robots.path_of("planar_2r").with_name("planar_2r_demo_log.csv")
 PENDULUM = """
@@ -170,6 +171,29 @@ def test_a_tool_is_asked_about_with_its_mass(mass):
     assert "wrist_3_link weighs 0.8 kg more than in the file: is a tool mounted?" in str(answer)
     sure = dict(zip(answer.body_changes.links, answer.body_changes.is_heavier, strict=True))
     assert [link for link, is_sure in sure.items() if is_sure] in ([], ["wrist_3_link"])
+
+
+def test_a_sum_of_masses_may_be_surer_than_each_of_them():
+    """Of masses with a correlation of -0.99, the sum has √0.02 = 0.14 kg: 0.25 kg more of each are sure together alone."""
+    C = np.array([[1.0, -0.99], [-0.99, 1.0]])
+    still = np.zeros(2), np.zeros(2, bool), None
+    found = BodyChanges(("a", "b"), np.ones(2), np.full(2, 1.25), C, *still)
+    assert found.is_sum_heavier and not found.is_heavier.any()
+    assert not BodyChanges(("a", "b"), np.ones(2), np.full(2, 1.25), abs(C), *still).is_sum_heavier
+
+
+def test_a_body_of_denser_material_keeps_its_centre_of_mass():
+    """Each parameter of the lower link is a fifth larger: its mass changes, and its centre stays where it is."""
+    robot = tw.load(PENDULUM)
+    bodies = list(robot.model.bodies)
+    bodies[1] = replace(bodies[1], inertia=tw.SpatialInertia(1.2 * bodies[1].inertia.parameters))
+    dense, t = tw.Robot(replace(robot.model, bodies=tuple(bodies))), np.arange(0, 10, 0.01)
+    q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    tau = tw.Motion(t, q, robot=dense).torques()
+    noise = 0.02 * tau.std(axis=0) * np.random.default_rng(3).normal(size=q.shape)
+    given = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0, "motor_inertia": False, "friction": ()}
+    changes = tw.identify(robot, tw.Motion(t, q, tau=tau + noise, robot=robot), **given).body_changes
+    assert changes.is_heavier.tolist() == [False, True] and not changes.is_moved.any()
 
 
 def test_a_robot_that_lacks_a_tool_is_asked_about():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from identification_logs import known_log
@@ -9,6 +11,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import identify
+from twistwrench.identification.causes import Law, jump_of, side_in_play
 
 ARM = tw.robots.planar_2r()
 LOG = known_log(ARM, 1)
@@ -95,3 +98,26 @@ def test_a_play_and_a_zero_that_changes_have_their_sizes():
         first = found.doubts[0]
         assert first.kind == fault and first.unit == "deg" and not found.verdict.ok
         assert first.value == pytest.approx(size, rel=0.15), first
+
+
+def test_a_jump_is_at_the_first_sample_of_the_new_zero():
+    """A steady motion with 0.5 rad more from sample 30 on; without that, nothing jumps."""
+    steady = 0.01 * np.arange(60.0)
+    assert jump_of(steady + 0.5 * (np.arange(60) >= 30)) == 30
+    assert jump_of(steady + 1e-4 * np.random.default_rng(0).normal(size=60)) is None
+
+
+def test_a_change_lasts_to_the_end_of_the_last_piece():
+    """It begins 5 s into the first of two pieces, so the second has it from its first row on, whatever its clock says."""
+    states = SimpleNamespace(piece=np.array([0, 0, 0, 1, 1]), time=np.array([4.0, 5.0, 6.0, 1.0, 9.0]))
+    law = Law("offset-step", (0,), lambda *_: np.ones((5, 1)), since=(0, 5.0))
+    assert law.acting(states).tolist() == [False, True, True, True, True]
+
+
+def test_a_link_in_a_play_follows_its_motor_half_a_play_behind():
+    """Forward it is pushed at one end of the play and backward at the other; in between it rests while the motor crosses it."""
+    motor = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, 0.0, 101)])
+    side = side_in_play(motor, 0.05)
+    np.testing.assert_allclose([side[50], side[151]], [1.0, -1.0], atol=1e-9)
+    crossing = motor - 0.05 * side
+    np.testing.assert_allclose(crossing[101:111], 0.95, atol=1e-9)
