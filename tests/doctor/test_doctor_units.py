@@ -14,6 +14,8 @@ import twistwrench as tw
 from twistwrench import SpatialInertia
 from twistwrench.cli.main import main
 from twistwrench.diagnosis import Severity
+from twistwrench.diagnosis.parsed_file import load_errors
+from twistwrench.formats.xml import parse
 
 ARM = """<robot name="arm3"><link name="base"/>
 <link name="l1"><inertial><origin xyz="0 0 0.1"/><mass value="{m1}"/><inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -183,3 +185,78 @@ def test_an_axis_of_another_length_is_offered_with_length_one_and_its_direction(
     assert finding.numbers["length"] == pytest.approx(5.0)
     (edit,) = finding.repair.edits
     np.testing.assert_allclose([float(x) for x in edit.text.split()], [0.0, 0.6, 0.8], atol=1e-12)
+
+
+BOXED = """<robot name="two"><link name="a"/>
+<link name="b"><inertial><origin xyz="{com}" rpy="{rpy}"/><mass value="{mass}"/>
+<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="{ixy}" ixz="{ixz}" iyz="{iyz}"/></inertial>
+<visual><origin xyz="0.5 0 0"/><geometry><box size="1 0.2 0.1"/></geometry></visual></link>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>
+<limit effort="100" velocity="3" lower="-1" upper="1"/><dynamics damping="1"/></joint></robot>"""
+"""A link whose shape is a box of 1 x 0.2 x 0.1 m about (0.5, 0, 0)."""
+
+
+def boxed(com: object, tensor: np.ndarray, rpy: str = "0 0 0", mass: float = 2.0) -> str:
+    names = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+    numbers = {name: repr(float(tensor[at])) for name, at in names.items()}
+    return BOXED.format(com=" ".join(map(repr, map(float, com))), rpy=rpy, mass=mass, **numbers)
+
+
+def test_a_centre_of_mass_in_the_frame_of_the_link_before_is_recognised():
+    """(0.5, 0, 0) in the link's frame, which is 1 m above that of its parent, is (0.5, 0, 1) there."""
+    (finding,) = tw.doctor(boxed((0.5, 0.0, 1.0), np.diag([0.01, 0.17, 0.17])), only="com-outside").findings
+    assert "read in the frame of 'a' it would be inside" in finding.sentence
+    (finding,) = tw.doctor(boxed((0.5, 0.0, 3.0), np.diag([0.01, 0.17, 0.17])), only="com-outside").findings
+    assert "read in the frame" not in finding.sentence
+
+
+def test_a_mass_at_one_end_of_a_link_may_have_the_moment_of_a_rod():
+    """From x = 0.1 m the box reaches 0.9 m: 2 kg can have 1.6 kg m² about y, so 0.5 kg m² is no error; 20 kg m² is one."""
+    com = (0.1, 0.0, 0.0)
+    assert tw.doctor(boxed(com, np.diag([0.01, 0.5, 0.5])), only="too-large").findings == ()
+    (finding,) = tw.doctor(boxed(com, np.diag([0.01, 20.0, 20.0])), only="too-large").findings
+    assert finding.numbers["largest"] == pytest.approx(2.0 * (0.9**2 + 0.1**2), rel=0.05)
+
+
+def test_a_tensor_about_the_origin_along_turned_axes_is_told_from_one_about_the_centre():
+    """The box itself, drawn 3 m away: its moments about the origin, along axes that are turned by a quarter about x."""
+    text = boxed((3.5, 0.0, 0.0), np.eye(3)).replace('<origin xyz="0.5 0 0"/>', '<origin xyz="3.5 0.4 0"/>')
+    own = 2.0 / 12.0 * np.diag([0.2**2 + 0.1**2, 1.0 + 0.1**2, 1.0 + 0.2**2])
+    c, R = np.array([3.5, 0.4, 0.0]), np.asarray(tw.so3.exp([np.pi / 2, 0.0, 0.0]))
+    about_origin = own + 2.0 * (c @ c * np.eye(3) - np.outer(c, c))
+    text = boxed(c, R.T @ about_origin @ R, rpy=f"{np.pi / 2!r} 0 0").replace(
+        '<origin xyz="0.5 0 0"/>', '<origin xyz="3.5 0.4 0"/>'
+    )
+    (finding,) = tw.doctor(text, only="too-large").findings
+    assert "about the link's origin" in finding.repair.sentence
+    (repaired,) = finding.repair.inertias.values()
+    np.testing.assert_allclose(repaired.moment_about_com, own, atol=1e-9)
+
+
+def test_an_arm_is_light_by_its_mass_per_reach():
+    """Less than 10 g for each metre, here 0.8 m: 8.2 g are no finding, 7.8 g are one."""
+
+    def short(mass: float) -> str:
+        each = repr(mass / 3.0)
+        return arm(m1=each, m2=each, m3=each).replace('<origin xyz="0.4 0 0"/>', '<origin xyz="0.2 0 0"/>')
+
+    (finding,) = tw.doctor(short(1e-6), only="light").findings
+    assert finding.numbers["reach"] == pytest.approx(0.8)
+    assert [len(tw.doctor(short(mass), only="light").findings) for mass in (8.2e-3, 7.8e-3)] == [0, 1]
+
+
+def test_a_link_with_two_parents_is_named():
+    links, joints = (
+        "".join(f'<link name="{name}"/>' for name in "abc"),
+        '<joint name="{0}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>',
+    )
+    root = parse(f'<robot name="r">{links}{joints.format("a", "c")}{joints.format("b", "c")}</robot>')
+    (error,) = load_errors(root)
+    assert error.where == "joint 'b'" and "gives link 'c' a second parent" in error.sentence
+
+
+def test_findings_that_change_the_robot_most_come_first():
+    """A centre of mass 180 m away changes gravity's torque by thousands of N m; that a weight exceeds an effort changes nothing."""
+    findings = [f for f in tw.doctor(arm(x="180")).findings if f.severity is Severity.WARNING]
+    sizes = [max(f.effect.inertia_percent, f.effect.effort_percent) for f in findings]
+    assert len(sizes) > 1 and sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[-1]

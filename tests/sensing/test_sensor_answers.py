@@ -121,6 +121,7 @@ def test_a_sensor_is_given_by_file_by_its_identification_or_with_its_noise(folde
     assert len({answer.headline for answer in answers}) == 1
     for answer in answers:
         np.testing.assert_allclose(answer.rest, found.rest(log), atol=1e-9)
+    assert tw.sensing.compensate(log, "rest.json", noise=(0.5, 9.0)).noise == (0.5, 9.0) != found.noise
     with pytest.raises(tw.ValueRangeError, match="noise=…"):
         tw.sensing.compensate(log, found.sensor)
     with pytest.raises(tw.ShapeError, match="Identification or the path"):

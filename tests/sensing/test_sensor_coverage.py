@@ -116,6 +116,8 @@ def test_a_delay_is_offered_by_name_and_found_to_two_milliseconds(late):
     said = identify(log, inertia=True)
     assert not said.verdict.ok
     assert "assume='delay'" in " ".join(map(str, said.doubts))
+    (offer,) = (one for one in said.doubts if one.kind == "sensor-delay")
+    assert (offer.value, offer.unit) == (pytest.approx(1e3 * late, abs=3.0), "ms")
     found = identify(log, inertia=True, assume="delay")
     assert found.fit.state.delay == pytest.approx(late, abs=2e-3)
     low, high = found.interval("delay")

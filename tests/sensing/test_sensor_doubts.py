@@ -135,6 +135,7 @@ def test_gravity_and_motion_in_other_units_are_doubted():
     assert said() == ""
     assert "gravity is 1 m/s²" in said(gravity=g / 9.81)
     assert "gravity is 981 m/s²" in said(gravity=100 * g)
+    assert "gravity is 0.5 m/s²" in said(gravity=np.concatenate([[[0.0, 0.0, -0.5]], g[1:]]))  # one row is too small
     assert "degrees per second" in said(V=V * np.repeat([180 / math.pi, 1], 3))
     assert "in mm" in said(V=V * np.repeat([1, 1000], 3))
     assert "accelerations reach" in said(dV=dV * np.repeat([1, 1000], 3))

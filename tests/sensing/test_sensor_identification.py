@@ -202,6 +202,9 @@ def test_too_few_readings():
     with pytest.raises(tw.ValueRangeError, match="2 readings, and 10 unknowns need at least 3"):
         identify(simulate(tool(), 2))
     identify(simulate(tool(), 3))
+    # 13 unknowns of 18 equations, but the forces of three poses, 9 equations, have mass, turn and bias, 7, twice over
+    with pytest.raises(tw.ValueRangeError, match="3 readings, and 13 unknowns need at least 4"):
+        identify(simulate(tool(), 3), assume="orientation")
 
 
 def test_a_turned_mounting_is_found_from_a_log_in_fast_motion():
