@@ -371,5 +371,10 @@ def test_the_worst_group_and_the_peaks_are_those_of_their_definitions():
     q, dq, ddq = one(np.linspace(0.0, 4.0, 2001))
     torques = np.abs(bare.inverse_dynamics(q, dq, ddq) + dq * [9.0, 0.0]).max(axis=0)
     np.testing.assert_allclose(one.peaks["torque"], torques, rtol=1e-9)
+    values = np.abs(one.information.base.project(one.information.base.unknown.file_values))
+    told = one.predicted_deviations[values > 0] / values[values > 0]
+    text = " ".join(str(one).split())
+    assert f"A log of it determines {(told < 0.1).sum()} of {len(told)} groups to better than 10 %" in text
+    assert ("(not at all)" in text) == (told.max() > 1.0)
     touching = SimpleNamespace(verdict=Verdict(Word.COLLISION, ("links touch",)))
     assert replace(one, clearance=touching).verdict.word is Word.COLLISION

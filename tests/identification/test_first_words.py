@@ -14,7 +14,7 @@ import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
 from twistwrench.identification.cause_fit import CauseFit
-from twistwrench.identification.fit_doubts import _largest_at, left_unexplained
+from twistwrench.identification.fit_doubts import _largest_at, _unit, left_unexplained
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 
 ARM = tw.robots.planar_2r()
@@ -156,3 +156,11 @@ def test_the_largest_residual_may_have_either_sign():
     measured = np.array([[0.0], [1.0], [-3.0], [0.5]])
     rows = HeldOutRows(np.arange(4.0), np.zeros(4, int), measured, np.zeros((4, 1)))
     assert _largest_at(HeldOut.from_rows("five-fold", rows, ["j"]), 0) == ", largest at t = 2.0000 s"
+
+
+def test_a_unit_of_torques_is_named_by_its_own_factor():
+    """1 N m is 0.73756 lbf ft; torques that are larger by the inverse are N m, converted from N m once more."""
+    for gain, said in ((0.73756, "look like lbf ft"), (1.35582, "look like N m if they were in lbf ft")):
+        (doubt,) = _unit(SimpleNamespace(names=("j",)), gain)
+        assert said in doubt.sentence, doubt.sentence
+    assert _unit(SimpleNamespace(names=("j",)), 1.2) == []

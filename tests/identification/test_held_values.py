@@ -11,7 +11,10 @@ from identification_logs import coloured, fourier_states, known_log
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.identification import identify
+from twistwrench.identification import BaseParameters, identify
+from twistwrench.identification.parameters import FRICTION
+from twistwrench.identification.payload import known_but_for, payload_from, unknown_of
+from twistwrench.mechanics.model.actuation import with_friction
 
 ARM = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"shoulder_pan_joint": 0.0, "elbow_joint": 1.0, "wrist_3_joint": 0.0})
@@ -129,3 +132,29 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch):
     options, word = BAD[case]
     said = run("planar_2r", "demo", *options)
     assert said.exit_code == 2 and word in said.output and not list(tmp_path.iterdir()), said.output
+
+
+def test_friction_that_a_payload_leaves_is_that_of_the_robot():
+    arm = tw.Robot(with_friction(ARM.model, {"joint1": {"viscous": 3.0, "coulomb": 7.0}, "joint2": {}}))
+    known = known_but_for(arm, "link2")
+    assert (known["joint1.viscous"], known["joint1.coulomb"]) == (3.0, 7.0)
+    assert known["link1.m"] == ARM.model.bodies[0].inertia.mass and "link2.m" not in known
+
+
+def test_deviations_of_a_centre_are_those_of_small_changes():
+    """c = (m c) / m depends on the mass too: its deviations are those by central differences of the centre by the groups."""
+    given = {"motor_inertia": True, "friction": FRICTION, "motor_side": None, "known": None, "stribeck_speed": 0.1}
+    base = BaseParameters.from_unknowns(unknown_of(UR5, payload_only="tool0", **given))
+    loaded = BaseParameters.from_unknowns(unknown_of(UR5.with_payload(BOX, "tool0"), payload_only="tool0", **given))
+    values = base.project(base.unknown.file_values) + (
+        loaded.project(loaded.unknown.file_values) - base.project(base.unknown.file_values)
+    )
+    C = np.diag(np.where(base.held, 0.0, 1e-2) ** 2 * np.linspace(1.0, 3.0, base.count))
+    found = payload_from(UR5, "tool0", base, values, C)
+    np.testing.assert_allclose(found.mass, 2.0, rtol=1e-6)
+    J = [
+        (payload_from(UR5, "tool0", base, values + h, C).com - payload_from(UR5, "tool0", base, values - h, C).com)
+        / 2e-6
+        for h in 1e-6 * np.eye(base.count)
+    ]
+    np.testing.assert_allclose(found.com_deviations, np.sqrt((np.array(J).T @ C @ np.array(J)).diagonal()), rtol=1e-4)

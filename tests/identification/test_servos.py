@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import twistwrench as tw
-from twistwrench.identification.servos.output_error import OutputErrorProblem
+from twistwrench.core.estimation.cross_validation import HeldOut
+from twistwrench.identification.servos.identify_servos import _limited, _sizes, _tracked
+from twistwrench.identification.servos.output_error import OutputErrorFit, OutputErrorProblem
+from twistwrench.identification.servos.replay import ServoLog, _hermite
+from twistwrench.identification.servos.result import IdentifiedServos
+from twistwrench.identification.servos.result_view import _cells
 
 VALUES = {"armature": [0.5, 0.3], "damping": [4.0, 2.0], "coulomb": [0.6, 0.4], "kp": [120.0, 70.0]}
 
@@ -151,3 +158,98 @@ def test_bad_input_is_one_error(arm, log):
         identify(tw.robots.floating_box(), log)
     with pytest.raises(tw.ShapeError, match="no log"):
         identify(arm, [])
+
+
+# ── What follows from definitions, without a fit
+
+RATE = 1e-3
+"""Time between rows [s]."""
+
+
+def log_of(command, positions=None, rate=RATE):
+    """Log of one joint whose command is a function of time."""
+    time = rate * np.arange(len(command))
+    q = command if positions is None else positions
+    return ServoLog(time, q[:, None], command[:, None], np.zeros(1))
+
+
+def fit_of(covariance, p):
+    """Fit of two joints with a covariance of its unknowns, whose positions are exact."""
+    replay = SimpleNamespace(step=RATE, hold="linear")
+    return OutputErrorFit(replay, p, covariance, 1e6, [np.zeros((1, 2))], np.ones(2), 1.0, 1)
+
+
+def servos_of(covariance, sizes=1.0):
+    p = np.append(np.log(np.tile([0.5, 4.0, 0.6, 100.0], 2)), 0.02)
+    held = HeldOut("used rows", np.zeros(2), np.ones(2), ("joint1", "joint2"))
+    return IdentifiedServos(
+        tw.robots.planar_2r(), fit_of(covariance, p), held, held, sizes * np.ones((2, 3)), np.ones(2, bool), {}
+    )
+
+
+def test_a_held_command_is_the_one_before_and_a_straight_one_lies_between():
+    log = log_of(np.array([0.0, 1.0, 5.0]), rate=1.0)
+    begin = np.array([0.25, 0.75, 1.25])
+    np.testing.assert_allclose(log.commanded(begin, 0.5, "zero")[:, 0], [0.0, 0.5, 1.0], atol=1e-12)
+    np.testing.assert_allclose(log.commanded(begin, 0.5, "linear")[:, 0], [0.5, 1.0, 3.0], atol=1e-12)
+
+
+def test_a_position_that_follows_its_command_late_has_no_tracking_error():
+    """A ramp of 2 rad/s, 20 ms late: c(t - δ) - q is 0, and c(t) - q would be 40 mrad."""
+    time = RATE * np.arange(1000)
+    log = log_of(2.0 * time, 2.0 * (time - 0.02))
+    log = replace(log, q=np.tile(log.q, 2), command=np.tile(log.command, 2))
+    fit = replace(fit_of(np.eye(9), np.append(np.zeros(8), 0.02)), residuals=[np.zeros((800, 2))])
+    squares, sizes = _tracked([log], [np.arange(100, 900)], fit)
+    assert (squares == 0.0).all() and (np.sqrt(sizes / 800) <= 2.0 * RATE).all()
+
+
+def test_what_short_logs_do_not_need_goes_to_long_ones():
+    """Of 120 s, logs of 20, 300 and 400 s get 20, 50 and 50 s."""
+    logs = [log_of(np.zeros(seconds + 1), rate=1.0) for seconds in (300, 20, 400)]
+    assert [float(log.time[-1]) for log in _limited(logs)] == [50.0, 20.0, 50.0]
+
+
+def test_sizes_are_those_of_acceleration_and_speed():
+    """A sine of 0.5 rad at 2 Hz: rms speed 0.5 ω / √2, rms acceleration 0.5 ω² / √2."""
+    omega = 4.0 * np.pi
+    sizes = _sizes([log_of(0.5 * np.sin(omega * RATE * np.arange(10_000)))])
+    np.testing.assert_allclose(sizes[0], [0.5 * omega**2 / np.sqrt(2), 0.5 * omega / np.sqrt(2), 1.0], rtol=2e-2)
+
+
+def test_cubics_pass_exactly_between_two_states():
+    """t³ - 2 t has a slope of 3 t² - 2; between steps of 0.1 s a cubic is itself."""
+    steps, time = 0.1 * np.arange(11), np.linspace(0.0, 0.99, 34)
+    q, dq = steps**3 - 2.0 * steps, 3.0 * steps**2 - 2.0
+    found = _hermite(q[None, :, None], dq[None, :, None], time, 0.1)
+    np.testing.assert_allclose(found[0, :, 0], time**3 - 2.0 * time, atol=1e-12)
+
+
+def test_ratios_are_told_where_the_scale_is_not():
+    """All values of a joint may change by the same factor, e^±1: kp is open, ratios to it have √2 times 1 % each."""
+    one = np.full((4, 4), 1.0) + 1e-4 * np.eye(4)
+    covariance = np.zeros((9, 9))
+    covariance[:4, :4] = covariance[4:8, 4:8] = one
+    covariance[8, 8] = 1e-6
+    found = servos_of(covariance, sizes=1e-9)
+    t = stats.norm.isf(0.025)
+    np.testing.assert_allclose(found.relative()["kp"], t * np.sqrt(1.0001), rtol=1e-3)
+    np.testing.assert_allclose(found.relative()["damping/kp"], t * np.sqrt(2e-4), rtol=1e-3)
+    assert found.torque_shares["damping"].max() < 1e-6  # of no matter, and all the same not told without kp
+    assert not found.determined["kp"].any() and not found.determined["damping"].any() and found.only_ratios.all()
+    low, high = found.to_dict()["delay"]["interval"]
+    np.testing.assert_allclose([low, high], [0.02 - t * 1e-3, 0.02 + t * 1e-3], atol=1e-5)
+
+
+def test_a_model_with_more_unknowns_needs_more_evidence():
+    """Schwarz: each unknown costs half the logarithm of the number of residuals, here (10⁶ + 1) times 2."""
+    fit = fit_of(np.eye(9), np.zeros(9))
+    count = 2.0 * (1e6 + 1.0)
+    plain = 0.5 * count * np.log(1.001)
+    assert fit.evidence(1.001, 1.0) == pytest.approx(plain, rel=1e-6)
+    assert fit.evidence(1.001, 1.0, 3) == pytest.approx(plain - 1.5 * np.log(count), rel=1e-6)
+
+
+def test_values_that_are_not_told_stand_in_parentheses():
+    cells = _cells(np.array([2.0, 3.0]), np.array([0.01, 0.5]), np.array([True, False]), ["N m", "N m"])
+    assert cells[0].startswith("2") and cells[1].startswith("(3") and cells[1].endswith(")")

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from identification_logs import known_log
+from scipy import stats
 
 import twistwrench as tw
+from twistwrench.core.estimation.covariance import GroupCovariance
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
-from twistwrench.identification.consistent import MOST_STEPS, STRENGTHS, PositivePrior, PositiveProblem
+from twistwrench.identification.consistent import (
+    MOST_STEPS,
+    STRENGTHS,
+    ConsistentRobot,
+    PositiveFit,
+    PositivePrior,
+    PositiveProblem,
+)
+from twistwrench.identification.result import IdentifiedRobot
+from twistwrench.identification.write import check_written
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
@@ -211,3 +224,42 @@ def test_the_page_shows_each_picture_and_friction_only_where_it_was_sought(tmp_p
     bare = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0, friction=())
     page = bare.report(tmp_path / "b.html").read_text("utf-8")
     assert page.count("<svg") == 6 and 'aria-label="Friction"' not in page
+
+
+def checked(scale, held_out, of_file):
+    """Remarks on a robot whose bodies are those of the file times a scale, with these residuals."""
+    base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.ur5(), friction=()))
+    values = scale * base.unknown.file_values
+    found = ConsistentRobot(base, PositiveFit(1.0, values, 0.0, 0), ((1.0, held_out),), of_file, ())
+    return " ".join(check_written(found))
+
+
+def test_a_robot_that_got_much_lighter_or_heavier_is_remarked():
+    assert checked(1.0, 0.05, 0.1) == ""
+    assert "the moving bodies weigh" in checked(0.7, 0.05, 0.1) and "the moving bodies weigh" in checked(1.3, 0.05, 0.1)
+
+
+def test_a_robot_is_written_if_it_is_as_good_as_the_file_in_either_sense():
+    """Up to 5 % more of the residual of the file, or 0.2 % of the torques more."""
+    for held_out, of_file in ((0.52, 0.50), (0.0025, 0.0010)):
+        assert "explain rows held out as well" in checked(1.0, held_out, of_file)
+    for held_out, of_file in ((0.53, 0.50), (0.0035, 0.0010)):
+        with pytest.raises(tw.ValueRangeError, match="Nothing is written"):
+            checked(1.0, held_out, of_file)
+
+
+def test_words_about_groups_follow_from_their_values_and_deviations():
+    """Three groups of value 1 with deviations of 0.5, 0.9 and 0.1; of two offsets only one is surely not zero."""
+    found = SimpleNamespace(
+        values=np.ones(3), standard_deviations=np.array([0.5, 0.9, 0.1]), groups=("a", "b", "c"),
+        base=SimpleNamespace(held=np.zeros(3, bool)), covariance=GroupCovariance(np.eye(3), np.full(3, 5.0), np.ones(3), 1.0),
+    )  # fmt: skip
+    assert IdentifiedRobot.poorly_determined.fget(found) == ("b", "a")
+    low, high = IdentifiedRobot.interval(found, 0.5).T
+    np.testing.assert_allclose(high - low, 2.0 * stats.t.isf(0.25, 5.0))
+    names = SimpleNamespace(model=SimpleNamespace(velocity_names=("j1", "j2", "j3")))
+    offsets = SimpleNamespace(
+        original=names, groups=("j1.offset", "j2.offset"), values=np.array([0.3, 0.4]),
+        interval=lambda: np.array([[-0.1, 0.7], [0.2, 0.6]]),
+    )  # fmt: skip
+    assert IdentifiedRobot.offsets.fget(offsets) == {"j1": 0.0, "j2": 0.4}
