@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +17,10 @@ from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
 from twistwrench.calibration.fit import CalibrationProblem
-from twistwrench.calibration.groups import ParameterGroups, fitted_in_groups
+from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, fitted_in_groups
+from twistwrench.calibration.measurements import rotations_from_roll
+from twistwrench.calibration.result import CalibratedRobot
+from twistwrench.calibration.result_view import _shown
 from twistwrench.cli.main import main
 from twistwrench.core.errors import TwistWrenchError
 
@@ -758,3 +763,38 @@ def test_readings_at_few_configurations_are_one_error():
     T = tw.robots.ur5().forward_kinematics(q)
     with pytest.raises(tw.ValueRangeError, match="none can be held out"):
         tw.calibration.calibrate("ur5", tw.calibration.Measurements(q, positions=T[:, :3, 3]))
+
+
+def test_roll_pitch_and_yaw_are_about_fixed_axes():
+    angles = np.random.default_rng(0).uniform(-1.5, 1.5, (20, 3))
+    np.testing.assert_allclose(
+        rotations_from_roll(angles), Rotation.from_euler("xyz", angles).as_matrix(), atol=1e-12
+    )  # small letters: fixed axes
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value"),
+    [("j.gear", "%", 1.0), ("j.sag", "mrad/(N m)", 10.0), ("j.x", "mm", 10.0), ("j.rx", "°", math.degrees(0.01))],
+)
+def test_a_group_is_shown_in_the_unit_that_is_named(name, unit, value):
+    group = ParameterGroup(name, {name: 1.0}, 0.01, 0.0, 10.0, name == "j.x")
+    assert _shown(group)[:2] == (unit, pytest.approx(value))
+
+
+def test_the_table_says_which_readings_were_used(tmp_path):
+    fit = SimpleNamespace(errors=[np.array([1e-4, 5e-3])], weights=[np.array([[1e4], [0.0]])], turns=[np.zeros(0)])
+    CalibratedRobot.to_csv(SimpleNamespace(fit=fit), tmp_path / "readings.csv")
+    rows = (tmp_path / "readings.csv").read_text().splitlines()[1:]
+    assert [float(row.rpartition(",")[2]) for row in rows] == [1.0, 0.0]
+
+
+def test_a_rigid_motion_of_the_base_is_no_error_of_the_tip():
+    """Before and after differ by a turn of 20° and a shift of the base: what remains before is what remains after."""
+    rng = np.random.default_rng(1)
+    after = np.tile(np.eye(4), (50, 1, 1))
+    after[:, :3, 3] = rng.normal(size=(50, 3))
+    moved = tw.se3.pose(tw.so3.exp([0.1, 0.2, -0.28]), [0.3, 0.1, -0.2]) @ after
+    fits = [SimpleNamespace(state=SimpleNamespace(corrections=T)) for T in (after, moved)]
+    fits[0].problem = SimpleNamespace(chain=SimpleNamespace(tips=lambda _q, T: T))
+    found = SimpleNamespace(fit=fits[0], plain=fits[1], reference=None, remaining=SimpleNamespace(rms=1e-4))
+    assert CalibratedRobot.remaining_before.func(found) == pytest.approx(1e-4, rel=1e-6)

@@ -14,9 +14,10 @@ from scipy.optimize import lsq_linear
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.numbers import number
 from twistwrench.core.verdict import Verdict, Word
 from twistwrench.identification import exciting_trajectory
-from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, typical_sizes
+from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, shared_bounds, typical_sizes
 from twistwrench.mechanics.model.actuation import with_friction
 from twistwrench.shapes.capsules import nearest_points
 
@@ -376,5 +377,35 @@ def test_the_worst_group_and_the_peaks_are_those_of_their_definitions():
     text = " ".join(str(one).split())
     assert f"A log of it determines {(told < 0.1).sum()} of {len(told)} groups to better than 10 %" in text
     assert ("(not at all)" in text) == (told.max() > 1.0)
+    assert number(np.degrees(one.peaks["velocity"][0])) in str(replace(one, degrees=True))
+    # a motion that tells nothing leaves each group as sure as what is plausible of it
+    nothing = np.zeros((10, 2, one.information.base.count))
+    np.testing.assert_allclose(one.information.deviations(nothing), one.information.prior)
     touching = SimpleNamespace(verdict=Verdict(Word.COLLISION, ("links touch",)))
     assert replace(one, clearance=touching).verdict.word is Word.COLLISION
+
+
+def test_a_share_of_a_range_lies_about_its_middle():
+    """Half of -1 to 3 rad is 0 to 2 rad; half of an endless range is endless."""
+    limits = replace(PLANAR.model.limits, lower=np.array([-1.0, -np.inf]), upper=np.array([3.0, np.inf]))
+    found = shared_bounds(limits, 0.5)
+    np.testing.assert_array_equal([found.lower, found.upper], [[0.0, -np.inf], [2.0, np.inf]])
+
+
+def test_slopes_of_torques_with_load_friction_are_those_of_central_differences():
+    """Friction of the carried torque grows with it, so a limit of torque is nearer than by the rigid robot alone."""
+    one = exciting_trajectory(PLANAR, 4.0, 1, acceleration=3.0, restarts=1)
+    friction = replace(PLANAR.model.friction, load=np.array([0.3, 0.2]))
+    limits = replace(one.constraints.bounds, effort=np.array([60.0, 30.0]))
+    loaded = tw.Robot(replace(PLANAR.model, friction=friction))
+    constraints = replace(one.constraints, robot=loaded, bounds=limits)
+    rng = np.random.default_rng(2)
+    states = rng.normal(size=(3, 4, 2))
+    shares, pullback = constraints.evaluate(states, smooth=True)
+    weights = rng.normal(size=shares.shape)
+    slope = pullback(weights)
+    for at in np.ndindex(states.shape):
+        step = np.zeros_like(states)
+        step[at] = 1e-6
+        ends = [(constraints.evaluate(states + way * step, smooth=True)[0] * weights).sum() for way in (1.0, -1.0)]
+        assert slope[at] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-5)

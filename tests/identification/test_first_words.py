@@ -164,3 +164,9 @@ def test_a_unit_of_torques_is_named_by_its_own_factor():
         (doubt,) = _unit(SimpleNamespace(names=("j",)), gain)
         assert said in doubt.sentence, doubt.sentence
     assert _unit(SimpleNamespace(names=("j",)), 1.2) == []
+
+
+def test_the_speed_at_which_static_friction_fades_is_the_one_that_was_given():
+    laws = ("viscous", "coulomb", "stribeck")
+    found = identify(ARM, known_log(ARM, 1).motion, friction=laws, stribeck_speed=0.3, shift=0.0, **GIVEN)
+    assert found.base.unknown.stribeck_speed == 0.3

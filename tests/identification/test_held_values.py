@@ -11,7 +11,9 @@ from identification_logs import coloured, fourier_states, known_log
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.identification import BaseParameters, identify
+from twistwrench.identification import BaseParameters, UnknownParameters, identify
+from twistwrench.identification.consistent import PositivePrior, PositiveProblem
+from twistwrench.identification.hyperparameters import _order
 from twistwrench.identification.parameters import FRICTION
 from twistwrench.identification.payload import known_but_for, payload_from, unknown_of
 from twistwrench.mechanics.model.actuation import with_friction
@@ -158,3 +160,20 @@ def test_deviations_of_a_centre_are_those_of_small_changes():
         for h in 1e-6 * np.eye(base.count)
     ]
     np.testing.assert_allclose(found.com_deviations, np.sqrt((np.array(J).T @ C @ np.array(J)).diagonal()), rtol=1e-4)
+
+
+def test_a_body_keeps_a_known_mass_where_the_rows_tell_nothing():
+    """Without any row the prior holds the file's bodies, and the known value holds the mass: 10 % more than the file's."""
+    mass = 1.1 * UR5.model.bodies[1].inertia.mass
+    base = BaseParameters.from_unknowns(UnknownParameters(UR5, known={"wrist_1_link.m": mass}))
+    sizes = base.unknown.scales(*np.ones((3, UR5.nv)))
+    prior = PositivePrior.from_values(base, np.zeros(base.count), sizes)
+    nothing = np.zeros((base.count, base.count)), np.zeros(base.count), 0.0
+    (fit,) = PositiveProblem(base, prior, *nothing, sizes).path([1e-2])
+    assert fit.values[base.unknown.names.index("wrist_1_link.m")] == pytest.approx(mass, rel=1e-3)
+
+
+def test_the_group_that_explains_least_is_left_out_first():
+    """0.1² · 100 = 1 is explained by the first, 0.5² · 1 = 0.25 by the second, although its value is larger."""
+    N, x = np.diag([100.0, 1.0]), np.array([0.1, 0.5])
+    assert _order((N, N @ x, 2.0), np.full(2, 1e3), np.zeros(2, bool)).tolist() == [1, 0]

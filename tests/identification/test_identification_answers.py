@@ -192,8 +192,11 @@ def test_a_body_of_denser_material_keeps_its_centre_of_mass():
     tau = tw.Motion(t, q, robot=dense).torques()
     noise = 0.02 * tau.std(axis=0) * np.random.default_rng(3).normal(size=q.shape)
     given = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0, "motor_inertia": False, "friction": ()}
-    changes = tw.identify(robot, tw.Motion(t, q, tau=tau + noise, robot=robot), **given).body_changes
+    found = tw.identify(robot, tw.Motion(t, q, tau=tau + noise, robot=robot), **given)
+    changes = found.body_changes
     assert changes.is_heavier.tolist() == [False, True] and not changes.is_moved.any()
+    row = next(line for line in str(found).splitlines() if line.split()[:1] == ["lower"])
+    assert row.split()[-1] == f"{1e3 * changes.moved[1]:.1f}"  # mm
 
 
 def test_a_robot_that_lacks_a_tool_is_asked_about():

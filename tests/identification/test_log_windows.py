@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
 from twistwrench.identification import identify, log_windows
-from twistwrench.identification.log_windows import LogSource, checks_of, rows_of_window, spread_windows
-from twistwrench.identification.rows import SteadySamples
+from twistwrench.identification.identify import _longest
+from twistwrench.identification.log_windows import LogChecks, LogSource, checks_of, rows_of_window, spread_windows
+from twistwrench.identification.result import without_links
+from twistwrench.identification.rows import SteadySamples, border_of
 
 ARM = tw.robots.planar_2r()
 FIXED = {"cutoff": 8.0, "shift": 0.003, "friction_speed": 0.05}
@@ -274,3 +277,35 @@ def test_bits_do_not_depend_on_workers(log, tmp_path, short):
     for name in ("values", "standard_deviations", "sigma"):
         assert_array_equal(getattr(shared, name), getattr(alone, name))
     assert shared.to_json() == alone.to_json()
+
+
+def test_what_is_read_of_a_log_follows_from_its_rows():
+    """A spike of one torque is one row; glitches of 5 % of the rows are no few, and are left; a cut piece loses twice the border."""
+    robot, t = tw.robots.planar_2r(), 0.01 * np.arange(1000)
+    q = np.stack([np.sin(t), np.cos(0.7 * t)], axis=1)
+    tau = 10.0 * np.stack([np.cos(1.1 * t), np.sin(1.7 * t)], axis=1)
+    spiked, glitched = tau.copy(), q.copy()
+    spiked[500, 1] = 1e4
+    glitched[10::20, 0] += 2.0
+    source = LogSource.from_log(robot, tw.Motion(t, q, tau=spiked, robot=robot), "log", {})
+    rows = rows_of_window(source, slice(0, 1000), LogChecks(1000, (), np.zeros(0), np.zeros(0)))
+    assert sorted({*range(1000)} - {*np.round(rows.time / 0.01).astype(int).tolist()}) == [500]
+    many = checks_of(LogSource.from_log(robot, tw.Motion(t, glitched, tau=tau, robot=robot), "log", {}))
+    assert len(many.wrong) == 0
+    assert [border_of(100.0, 5.0, 1000, cut=cut) for cut in (False, True)] == [20, 40]
+    pieces = [
+        SteadySamples(0.0, 10.0, np.zeros((70, 2)), np.zeros((70, 2))),
+        SteadySamples(50.0, 10.0, np.zeros((200, 2)), np.zeros((200, 2))),
+    ]
+    log = SimpleNamespace(time=np.array([0.0, 70.0]), samples=pieces)
+    assert (_longest([log], robot).time[0], len(_longest([log], robot))) == (50.0, 200)
+
+
+def test_a_link_that_is_taken_away_takes_its_first_moment_along():
+    """m c of hand and carrier together, in the carrier's frame, less that of the hand where it is mounted."""
+    robot = tw.robots.panda()
+    frame = robot.model.frames["panda_hand"]
+    whole, hand = robot.model.bodies[frame.body].inertia, robot.model.link_inertias["panda_hand"]
+    bare = without_links(robot, ["panda_hand"]).model.bodies[frame.body].inertia
+    moment = whole.mass * whole.com - hand.mass * (frame.pose[:3, :3] @ hand.com + frame.pose[:3, 3])
+    np.testing.assert_allclose(bare.mass * bare.com, moment, atol=1e-12)

@@ -11,10 +11,12 @@ from functools import partial
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy import stats
 
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.answers.answer import Answer
+from twistwrench.core.numbers import estimate, number
 from twistwrench.core.text import words_of_the_shell
 
 BIAS = [0.21, -0.14, 0.05, 4.2, -7.5, 11]
@@ -215,3 +217,28 @@ def test_doubts_speak_python_to_python_and_options_to_the_shell(folder):
 def test_bad_input_is_one_clear_error(ask, error, words):
     with pytest.raises(error, match=words):
         ask()
+
+
+def test_ends_of_a_centres_interval_are_where_the_quotient_is_just_not_excluded():
+    """Fieller: at each end c of the interval, h - m c is Student's t times its own deviation from zero."""
+    found = tw.sensing.identify("demo")
+    part = slice(found.fit.unknowns.load.start, found.fit.unknowns.load.start + 4)
+    (m, *h), C = found.fit.estimate[part], found.fit.covariance[part, part]
+    for k, ends in enumerate(found.com_intervals):
+        t = stats.t.isf(0.025, found.fit.com_known[k])
+        for c in ends:
+            variance = C[1 + k, 1 + k] - 2.0 * c * C[0, 1 + k] + c * c * C[0, 0]
+            assert (h[k] - m * c) ** 2 == pytest.approx(t * t * variance, rel=1e-6)
+    assert found.facts()["noise of a reading"].startswith(f"{number(found.noise[1], 2)} N, ")  # forces first
+    (row,) = (line for line in str(found).splitlines() if "centre of mass z" in line)
+    half = 5e2 * float(np.ptp(found.com_intervals[2]))  # mm
+    assert row.split()[-1] == estimate(1e3 * found.sensor.load.com[2], half)[1]
+    assert np.argmax(found.noise) == 1
+
+
+def test_a_drift_is_told_by_the_second_if_the_log_has_times():
+    tool = tw.sensing.ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+    log = tw.sensing.simulate(tool, 20)
+    for time, unit in ((10.0 * np.arange(20), "N/s"), (None, "N/reading")):
+        text = str(tw.sensing.identify(replace(log, time=time), assume="drift"))
+        assert re.search(rf"drift fx +{unit} ", text), text

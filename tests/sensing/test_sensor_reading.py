@@ -154,3 +154,19 @@ def test_an_unknown_inertia_is_warned_of_in_motion_and_has_no_part_in_forces():
         warnings.simplefilter("error")
         unknown.compensate(readings, T)
         tool().compensate(readings, T, V, dV)
+
+
+def test_a_contact_is_told_in_the_axes_of_the_frame_whose_poses_are_given():
+    """The sensor's axes are turned by 90° about z: a force along its x axis acts along y of the frame, of either sign."""
+    turned = np.asarray(tw.so3.exp([0.0, 0.0, np.pi / 2]))
+    for sign, factor in (("on_sensor", 1.0), ("by_sensor", -1.0)):
+        contact = ForceTorqueSensor(mounting=turned, sign=sign).contact_wrench([0.0, 0.0, 2.0, 3.0, 0.0, 0.0])
+        np.testing.assert_allclose(factor * contact, [0.0, 0.0, 2.0, 0.0, 3.0, 0.0], atol=1e-12)
+
+
+def test_a_load_that_only_slides_needs_no_inertia():
+    """Moments of inertia multiply rates of turning: linear velocities and accelerations leave nothing out."""
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1)), inertia="unknown")
+    sliding, turning = [0.0, 0, 0, 1, 2, 3], [0.0, 0, 0.1, 0, 0, 0]
+    assert sensor.missing_signals(sliding, sliding) is None
+    assert sensor.missing_signals(turning, sliding) and sensor.missing_signals(sliding, turning)
