@@ -16,6 +16,8 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
+from twistwrench.calibration import instrument
+from twistwrench.calibration.chain import TipChain
 from twistwrench.calibration.fit import CalibrationProblem
 from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, fitted_in_groups
 from twistwrench.calibration.measurements import rotations_from_roll
@@ -798,3 +800,22 @@ def test_a_rigid_motion_of_the_base_is_no_error_of_the_tip():
     fits[0].problem = SimpleNamespace(chain=SimpleNamespace(tips=lambda _q, T: T))
     found = SimpleNamespace(fit=fits[0], plain=fits[1], reference=None, remaining=SimpleNamespace(rms=1e-4))
     assert CalibratedRobot.remaining_before.func(found) == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_readings_that_are_too_short_have_a_scale_below_one(monkeypatch):
+    """Lengths that have to be longer by a quarter are 0.8 of the true ones."""
+    error = instrument._InstrumentError(0.25, 1e-3, 1.0, 0.1)
+    monkeypatch.setattr(instrument, "_instrument_error", lambda *_: error)
+    measured = [SimpleNamespace(points=np.ones((2, 3)))]
+    found = SimpleNamespace(fit=SimpleNamespace(problem=SimpleNamespace(measured=measured)))
+    ((_, offered),) = instrument._scale(found)
+    assert offered.doubt.value == pytest.approx(0.8)
+
+
+def test_joints_that_yield_let_the_tip_down():
+    """An arm that is stretched out is held up by torques of its joints; the more they yield, the lower is its tip."""
+    chain = TipChain.from_robot(tw.robots.ur5(), assume=["sag"])
+    stretched = np.zeros((1, 6))
+    assert abs(chain.loads(stretched)[0, 1]) > 50.0  # N m, of the shoulder
+    heights = [chain.tips(stretched, replace(chain.start, sags=np.full(6, sag)))[0, 2, 3] for sag in (0.0, 1e-4, 2e-4)]
+    assert heights[0] > heights[1] > heights[2] > heights[0] - 0.05

@@ -8,7 +8,8 @@ import time
 import pytest
 
 import twistwrench as tw
-from twistwrench.core.blas_threads import blas_threads, one_blas_thread
+from twistwrench.core.blas_threads import _libraries, blas_threads, one_blas_thread
+from twistwrench.identification.trajectory_search import MotionSearch
 
 
 def times_of_a_search():
@@ -49,3 +50,21 @@ def test_threads_of_blas_are_one_within_and_restored_after_the_last_of_several_c
     leave.set()
     thread.join()
     assert blas_threads() == before
+
+
+def test_a_search_runs_on_one_thread_whatever_was_set(monkeypatch):
+    """Also where the environment allows more; afterwards the number is the one before. No motion is looked for here."""
+    libraries, seen = _libraries(), list[list[int]]()
+    if not libraries:
+        pytest.skip("another BLAS")
+    before = [library.threads() for library in libraries]
+    monkeypatch.setattr(MotionSearch, "best", lambda *_: seen.append(blas_threads()))
+    try:
+        for library in libraries:
+            library.set_threads(2)
+        with pytest.raises(tw.ValueRangeError, match="no motion"):
+            times_of_a_search()
+        assert seen == [[1] * len(libraries)] and blas_threads() == [2] * len(libraries)
+    finally:
+        for library, count in zip(libraries, before, strict=True):
+            library.set_threads(count)

@@ -16,6 +16,7 @@ from twistwrench.identification import identify
 from twistwrench.identification.cause_fit import CauseFit
 from twistwrench.identification.fit_doubts import _largest_at, _unit, left_unexplained
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
+from twistwrench.identification.views.identified_robot import _open_groups
 
 ARM = tw.robots.planar_2r()
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
@@ -170,3 +171,17 @@ def test_the_speed_at_which_static_friction_fades_is_the_one_that_was_given():
     laws = ("viscous", "coulomb", "stribeck")
     found = identify(ARM, known_log(ARM, 1).motion, friction=laws, stribeck_speed=0.3, shift=0.0, **GIVEN)
     assert found.base.unknown.stribeck_speed == 0.3
+
+
+@pytest.mark.parametrize(
+    ("group", "way"),
+    [
+        ("j.viscous", "fast and steadily"),  # a torque by the speed
+        ("j.coulomb + 2 k.coulomb", "slowly in both directions"),  # the sign of the speed, and little else
+        ("j.motor_inertia", "with large accelerations"),
+        ("rod.mcx + 0.3 arm.m", "far and fast"),
+    ],
+)
+def test_a_joint_is_to_move_as_its_parameter_shows(group, way):
+    said = _open_groups(SimpleNamespace(open_for_torques={group: ("j", 0.05)}))
+    assert said.endswith(f"move j {way}.") and "1 group leaves more than 2 %" in said and "5 % at j" in said
