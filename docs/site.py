@@ -216,8 +216,12 @@ def _commands_of(block: str) -> str:
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:
-    """The script that search needs where the site is read from files is the site's own, and not fetched."""
-    return output.replace(_SHIM, "../" * page.file.dest_uri.count("/") + "search_frame.js")
+    """The script that search needs where the site is read from files is the site's own, and not fetched.
+
+    The search has a name for those who do not see it.
+    """
+    output = output.replace(_SHIM, "../" * page.file.dest_uri.count("/") + "search_frame.js")
+    return re.sub(r'(<div class="?md-search"? [^>]*role="?dialog"?)', r'\1 aria-label="Search"', output)
 
 
 def on_post_template(output: str, **_: Any) -> str:

@@ -78,6 +78,24 @@ def test_pages_of_earlier_sites_lead_on(site):
         assert f'id="{anchor}"' in (site / target).read_text("utf-8"), name
 
 
+def test_the_search_has_a_name_and_code_stands_out_in_the_dark(site):
+    """4.5 to 1 against the dark paper of code, #272a35."""
+    for page in ("index.html", "viewer.html"):
+        assert re.search(r'<div class="?md-search"? [^>]*aria-label="?Search"?', (site / page).read_text("utf-8"))
+    dark = re.search(r'\[data-md-color-scheme="slate"\] \{([^}]*)\}', (ROOT / "docs" / "site.css").read_text("utf-8"))[
+        1
+    ]
+
+    def light(colour):
+        parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        lit = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]
+        return 0.2126 * lit[0] + 0.7152 * lit[1] + 0.0722 * lit[2]
+
+    colours = re.findall(r"#\w{6}", dark)
+    assert len(colours) >= 7
+    assert all((light(colour) + 0.05) / (light("#272a35") + 0.05) >= 4.5 for colour in colours)
+
+
 def test_home_shows_the_examples(site):
     strip = (site / "index.html").read_text("utf-8").partition('id="examples"')[2]
     shown = re.findall(r'<a href="?(files/examples-\d\d_\w+\.py\.html)"?><img src="?(gallery/\w+\.png)', strip)
