@@ -14,8 +14,8 @@ from twistwrench.core.errors import (
 )
 from twistwrench.formats.urdf import rotation_of_rpy
 from twistwrench.mechanics.lie import se3
-from twistwrench.mechanics.model.assembly import snap_rotation
 from twistwrench.mechanics.model.builder import ModelBuilder
+from twistwrench.mechanics.model.snapping import snap_rotation
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.core.errors.ModelWarning")
 

@@ -14,7 +14,7 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.mechanics.model.assembly import DEFAULT_SNAP
+from twistwrench.mechanics.model.snapping import DEFAULT_SNAP
 from twistwrench.robot import engine
 
 ARM = """<robot name="arm">

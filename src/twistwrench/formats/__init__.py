@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from ..core.arguments import integer
 from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.text import argument, bounded_message
-from ..mechanics.model.assembly import DEFAULT_SNAP
 from ..mechanics.model.model import Model
+from ..mechanics.model.snapping import DEFAULT_SNAP
 from .robot_file import USD, RobotFile
 from .source import bytes_of, is_text, read_robot_text
 from .xacro import ENDING, EXPAND, expand_xacro, is_marked, xacro_arguments, xacro_in

@@ -16,10 +16,10 @@ from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import quaternion, se3, so3
 from ..mechanics.lie.identity import IDENTITY, UPRIGHT, pose_rows
-from ..mechanics.model.assembly import DEFAULT_SNAP, snap_rotation
 from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.description import Mimic
 from ..mechanics.model.model import OfferedClosure
+from ..mechanics.model.snapping import DEFAULT_SNAP, snap_rotation
 from .known_elements import unread
 from .xml import Element
 

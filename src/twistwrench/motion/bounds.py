@@ -16,8 +16,8 @@ from ..core.glossary import complete
 from ..core.numbers import TOLERANCE, margin, number, printed
 from ..core.typing import Array
 from ..mechanics.joints.units import Part, unit_of
-from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, motor_torques
+from ..mechanics.model.joint_loads import follower_torques
 from ..mechanics.model.limits import Limits
 from ..robot.task_space_methods import require_robot
 from .coordinates import Coordinates

@@ -26,8 +26,8 @@ from ..core.verdict import Reason
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.units import unit_of, units_of
-from ..mechanics.model.assembly import bearing_loads, follower_torques
 from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
+from ..mechanics.model.joint_loads import bearing_loads, follower_torques
 from ..mechanics.model.limits import BEARINGS, Limits, StatedLimits, known_velocities
 from ..mechanics.model.model import BASE, Model
 from .bounds import Extrema

@@ -14,8 +14,8 @@ from ..core.glossary import complete
 from ..core.numbers import margin, number, printed, rounded_down
 from ..core.typing import Array
 from ..mechanics.joints.units import units_of
-from ..mechanics.model.assembly import follower_torques
 from ..mechanics.model.couplings import drive_turns, motor_torques
+from ..mechanics.model.joint_loads import follower_torques
 from ..motion.load_case import least_torque_per_kilogram
 from ..robot.task_space_methods import require_robot
 from .torque_limits import (

@@ -16,7 +16,7 @@ from ..core.numbers import printed
 from ..core.typing import Array
 from ..mechanics.lie import se3
 from ..mechanics.lie.labelled import WRENCH
-from ..mechanics.model.assembly import bearing_loads as components
+from ..mechanics.model.joint_loads import bearing_loads as components
 from ..mechanics.model.limits import BEARINGS
 from ..mechanics.model.model import BASE
 from ..robot.task_space_methods import require_robot

@@ -17,7 +17,7 @@ from ..joints import Floating
 from ..joints.screw_joint import number, numbers
 from .actuation import with_actuators, with_link_friction
 from .actuators import Actuator
-from .assembly import DEFAULT_SNAP, MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
+from .assembly import ROOT_JOINT, Additions, assemble, check_tip
 from .description import (
     TYPES,
     JointEntry,
@@ -35,7 +35,9 @@ from .description import (
     sentences,
 )
 from .inertia_checks import INERTIA_POLICIES, judge, massless_links
+from .mimic import MIMIC_POLICIES, find_drives
 from .model import Model, OfferedClosure, Spring, Tree, find_tree
+from .snapping import DEFAULT_SNAP
 
 
 class ModelBuilder:

@@ -22,7 +22,7 @@ from .actuators import LARGEST
 if TYPE_CHECKING:
     from .model import Model
 
-_RANK = 1e-9
+_MIN_SINGULAR_RATIO = 1e-9
 """Singular value, as a share of the largest, below which a matrix has a lower rank; columns are scaled to length 1 first."""
 
 
@@ -46,9 +46,10 @@ class Coupling:
 
     def __post_init__(self, inverted: bool) -> None:
         A, n, m = np.array(self.motor_per_joint, float), len(self.joints), len(self.motors)
-        for names, what in ((self.motors, "motor"), (self.joints, "joint")):
-            if twice := [name for name, count in Counter(names).items() if count > 1]:
-                raise ModelError(f"coupling {self.name!r} names {what} {twice[0]!r} twice. Name each once.")
+        for names, kind in ((self.motors, "motor"), (self.joints, "joint")):
+            repeated = [name for name, count in Counter(names).items() if count > 1]
+            if repeated:
+                raise ModelError(f"coupling {self.name!r} names {kind} {repeated[0]!r} twice. Name each once.")
         if n != m or A.shape != (n, n) or not n:
             shape = " × ".join(map(str, A.shape))
             raise ModelError(
@@ -59,12 +60,14 @@ class Coupling:
             raise ModelError(f"coupling {self.name!r} has the matrix {A.tolist()}; its numbers must be finite.")
         size = np.linalg.norm(A, axis=0)
         s = np.linalg.svd(A / np.where(size > 0, size, 1.0), compute_uv=False)
-        if (rank := int((s > _RANK * s[0]).sum())) < n:
+        rank = int((s > _MIN_SINGULAR_RATIO * s[0]).sum())
+        if rank < n:
             raise ModelError(
                 f"coupling {self.name!r} has a singular matrix, of rank {rank} for {n} joints: some motion on one side moves "
                 "nothing on the other. Check its rows; no row may be a combination of others."
             )
-        A = np.linalg.inv(A) if inverted else A
+        if inverted:
+            A = np.linalg.inv(A)
         A.setflags(write=False)
         object.__setattr__(self, "motor_per_joint", A)
 
@@ -76,8 +79,9 @@ class Coupling:
     def label(self, motor: str) -> str:
         """Motor with the joints that it loads: ``motor m5 (wrist_2_joint and wrist_3_joint)``."""
         row = self.motor_per_joint[self.motors.index(motor)]
-        moved = [joint for joint, a in zip(self.joints, row, strict=True) if a]
-        return f"motor {motor} ({' and '.join(moved) if len(moved) < 3 else listed(moved)})"
+        joints = [joint for joint, a in zip(self.joints, row, strict=True) if a]
+        names = " and ".join(joints) if len(joints) < 3 else listed(joints)
+        return f"motor {motor} ({names})"
 
 
 def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
@@ -85,43 +89,54 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
 
     Raises :class:`~twistwrench.ModelError` for joints that are driven otherwise, and for names that are taken.
     """
-    fresh = tuple(couplings)
-    every = (*model.couplings, *fresh)
-    for what in ("motor", "joint"):
-        owners: dict[str, str] = {}
-        for c in every:
-            for name in getattr(c, f"{what}s"):
-                if name in owners:
-                    raise ModelError(
-                        f"{what} {name!r} is in couplings {owners[name]!r} and {c.name!r}. Each {what} belongs to one coupling."
-                    )
-                owners[name] = c.name
-    at, moved, joints = [], {b.joint.name for b in model.bodies}, {joint for c in fresh for joint in c.joints}
-    for c in fresh:
-        at += [model.drive_index(joint) for joint in c.joints]
-        if taken := [name for name in c.motors if name in moved]:
-            raise ModelError(f"motor {taken[0]!r} of coupling {c.name!r} has the name of a joint. Rename the motor.")
+    added = tuple(couplings)
+    all_couplings = (*model.couplings, *added)
+    _check_one_coupling_each(all_couplings, "motor")
+    _check_one_coupling_each(all_couplings, "joint")
+    model_joints = {body.joint.name for body in model.bodies}
+    indices: list[int] = []
+    for c in added:
+        indices += [model.drive_index(joint) for joint in c.joints]
+        namesakes = [motor for motor in c.motors if motor in model_joints]
+        if namesakes:
+            raise ModelError(
+                f"motor {namesakes[0]!r} of coupling {c.name!r} has the name of a joint. Rename the motor."
+            )
+    coupled_joints = {joint for c in added for joint in c.joints}
     for a in model.actuators.values():
-        if a.joint in joints and a.rotor is not None:
+        if a.joint in coupled_joints and a.rotor is not None:
             raise ModelError(f"joint {a.joint!r} has an actuator of its own and is in a coupling. Keep one of them.")
-    return replace(_without_drives(model, at, joints), couplings=every)
+    return replace(_without_drives(model, indices, coupled_joints), couplings=all_couplings)
+
+
+def _check_one_coupling_each(couplings: Iterable[Coupling], kind: str) -> None:
+    """Raise ModelError if a motor or joint, as ``kind`` says, is in two couplings."""
+    owners: dict[str, str] = {}
+    for c in couplings:
+        for name in {"motor": c.motors, "joint": c.joints}[kind]:
+            if name in owners:
+                raise ModelError(
+                    f"{kind} {name!r} is in couplings {owners[name]!r} and {c.name!r}. Each {kind} belongs to one coupling."
+                )
+            owners[name] = c.name
 
 
 def without_couplings(model: Model) -> Model:
     """Model without coupled motors: their joints have no armature, friction and effort."""
-    at = [k for k, coupled in enumerate(coupled_entries(model)) if coupled]
-    return replace(_without_drives(model, at, {m for c in model.couplings for m in c.motors}), couplings=())
+    indices = np.flatnonzero(coupled_entries(model)).tolist()
+    motors = {motor for c in model.couplings for motor in c.motors}
+    return replace(_without_drives(model, indices, motors), couplings=())
 
 
-def _without_drives(model: Model, at: list[int], driven: set[str]) -> Model:
-    """Model without armature, friction and effort at some places of dq, and without the actuators of those ``driven``."""
+def _without_drives(model: Model, indices: list[int], driven: set[str]) -> Model:
+    """Model without armature, friction and effort at some indices of dq, and without the actuators of those ``driven``."""
     effort, armature, friction = model.limits.effort.copy(), model.armature.copy(), model.friction
-    effort[at], armature[at] = np.inf, 0.0
-    for k in at:
+    effort[indices], armature[indices] = np.inf, 0.0
+    for k in indices:
         friction = friction.replaced(k, viscous=0.0, coulomb=0.0, static=0.0, stribeck=1.0, load=0.0)
-    kept = {name: a for name, a in model.actuators.items() if a.joint not in driven}
+    actuators = {name: a for name, a in model.actuators.items() if a.joint not in driven}
     limits = replace(model.limits, effort=effort)
-    return replace(model, limits=limits, armature=armature, friction=friction, actuators=kept)
+    return replace(model, limits=limits, armature=armature, friction=friction, actuators=actuators)
 
 
 def refuse_couplings(model: Model, what: str) -> None:
@@ -137,25 +152,26 @@ def refuse_couplings(model: Model, what: str) -> None:
 def refuse_coupled(model: Model, joints: Iterable[str], what: str) -> None:
     """Raise ModelError if one of these joints is coupled: ``what`` cannot be done to it alone."""
     for coupling in model.couplings:
-        if mine := [joint for joint in coupling.joints if joint in joints]:
+        coupled = [joint for joint in coupling.joints if joint in joints]
+        if coupled:
             raise ModelError(
-                f"joint {mine[0]!r} is moved by motors {listed(coupling.motors)} together with the other joints of coupling "
+                f"joint {coupled[0]!r} is moved by motors {listed(coupling.motors)} together with the other joints of coupling "
                 f"{coupling.name!r}, and {what}."
             )
 
 
 def coupled_entries(model: Model) -> Array:
     """Entries of dq, (nv,) of bool, that belong to coupled joints: those of friction, armature and effort are motors'."""
-    found = np.zeros(model.nv, bool)
-    for at, _, _ in model.coupled:
-        found[at] = True
-    return found
+    mask = np.zeros(model.nv, bool)
+    for indices, _, _ in model.coupled:
+        mask[indices] = True
+    return mask
 
 
 def drive_turns(model: Model) -> list[bool]:
     """True for entries of dq whose drive turns, (nv,): of coupled motors, and of joints that turn."""
     turning = [turns for body in model.leaders for turns in body.joint.turning]
-    return [bool(turns or coupled) for turns, coupled in zip(turning, coupled_entries(model), strict=True)]
+    return np.logical_or(turning, coupled_entries(model)).tolist()
 
 
 def joint_effort(model: Model, effort: Array) -> Array:
@@ -190,15 +206,15 @@ def _block_products(x: Any, blocks: list[tuple[Array, Array]]) -> Any:
     """Entries x[at] as x[at] B for each block; x itself without any."""
     if not blocks:
         return x
-    found = np.array(x)
-    for at, B in blocks:
-        found[..., at] = found[..., at] @ B
-    return found
+    products = np.array(x)
+    for indices, B in blocks:
+        products[..., indices] = products[..., indices] @ B
+    return products
 
 
 def armature_matrix(model: Model) -> Array:
     """Armature of the drives as inertia of the joints, A' diag(a) A; (nv, nv), diagonal where no joints are coupled."""
-    found = np.diag(model.armature)
-    for at, A, _ in model.coupled:
-        found[np.ix_(at, at)] = A.T @ (model.armature[at, None] * A)
-    return found
+    inertia = np.diag(model.armature)
+    for indices, A, _ in model.coupled:
+        inertia[np.ix_(indices, indices)] = A.T @ (model.armature[indices, None] * A)
+    return inertia

@@ -39,26 +39,28 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     >>> with_payload(tw.robots.planar_2r().model, SpatialInertia.from_com(1.0)).payloads[0][0]
     'tip'
     """
-    at = model.frame(frame)
+    carrier = model.frame(frame)
     name = frame if frame is not None else model.tip
-    if found := inertia.defects():
-        raise InertiaError(f"a payload at {name!r} cannot exist: {'; '.join(found)}. Correct its numbers.")
-    moved = inertia.in_frame(at.pose)
+    defects = inertia.defects()
+    if defects:
+        raise InertiaError(f"a payload at {name!r} cannot exist: {'; '.join(defects)}. Correct its numbers.")
+    moved = inertia.in_frame(carrier.pose)
     links = model.link_inertias
     if name in links:
         links = {**links, name: links[name] + inertia}
     model = replace(model, link_inertias=links, payloads=(*model.payloads, (str(name), inertia)))
-    if at.body == BASE:
+    if carrier.body == BASE:
         return replace(model, base_inertia=model.base_inertia + moved)
-    body = model.bodies[at.body]
+    body = model.bodies[carrier.body]
     loaded = replace(body, inertia=body.inertia + moved)
-    # An inconsistent body that was accepted at loading stays accepted.
-    size = moved_moments(model, at.body) + abs(float(moved.moment_about_origin.trace()))
-    if not reasons(body.inertia, size) and (found := loaded.inertia.defects(size=size)):
-        raise InertiaError(
-            f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(found)}."
-        )
-    bodies = (*model.bodies[: at.body], loaded, *model.bodies[at.body + 1 :])
+    size = moved_moments(model, carrier.body) + abs(float(moved.moment_about_origin.trace()))
+    if not reasons(body.inertia, size):  # an inconsistent body that was accepted at loading stays accepted
+        defects = loaded.inertia.defects(size=size)
+        if defects:
+            raise InertiaError(
+                f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(defects)}."
+            )
+    bodies = (*model.bodies[: carrier.body], loaded, *model.bodies[carrier.body + 1 :])
     return replace(model, bodies=bodies)
 
 
@@ -87,32 +89,39 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
     >>> with_armature(tw.robots.planar_2r().model, {"joint2": 0.5}).armature.tolist()
     [0.0, 0.5]
     """
-    leaders = {body.joint.name: body for body in model.leaders}
+    rotor_joints = {actuator.joint for actuator in model.actuators.values() if actuator.rotor is not None}
     armature = model.armature.copy()
-    for name, given in joints.items():
-        motors = {motor for c in model.couplings for motor in c.motors}
-        coupled = name in motors or any(name in c.joints for c in model.couplings)
-        if name not in leaders and not coupled:
-            raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
-        k = model.drive_index(name) if coupled else 0
-        place = slice(k, k + 1) if coupled else leaders[name].places[1]
+    for name, value in joints.items():
+        columns = _armature_columns(model, name)
         try:
-            values = np.broadcast_to(np.asarray(given, float), armature[place].shape)
+            values = np.broadcast_to(np.asarray(value, float), armature[columns].shape)
         except (TypeError, ValueError):
             raise ShapeError(
-                f"the armature of joint {name!r} is {given!r}, expected a number, or {len(armature[place])} of them."
+                f"the armature of joint {name!r} is {value!r}, expected a number, or {len(armature[columns])} of them."
             ) from None
         if not (np.isfinite(values).all() and (values >= 0).all()):
             raise ValueRangeError(
-                f"the armature of joint {name!r} is {np.asarray(given).tolist()}; it must be finite and not negative."
+                f"the armature of joint {name!r} is {np.asarray(value).tolist()}; it must be finite and not negative."
             )
-        if values.any() and any(a.joint == name and a.rotor is not None for a in model.actuators.values()):
+        if values.any() and name in rotor_joints:
             raise ValueRangeError(
                 f"joint {name!r} has an actuator with a rotor: with an armature too, the inertia of the drive would count "
                 "twice. Leave one of them out."
             )
-        armature[place] = values
+        armature[columns] = values
     return replace(model, armature=armature)
+
+
+def _armature_columns(model: Model, name: str) -> slice:
+    """Indices in the armature of a joint or of a coupled motor."""
+    leaders = {body.joint.name: body for body in model.leaders}
+    motors = {motor for c in model.couplings for motor in c.motors}
+    if name in motors or any(name in c.joints for c in model.couplings):
+        k = model.drive_index(name)
+        return slice(k, k + 1)
+    if name not in leaders:
+        raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
+    return leaders[name].places[1]
 
 
 def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
@@ -135,8 +144,8 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     """
     moving = {body.joint.name: body for body in model.bodies if not body.follows}
     followers = {body.joint.name: body for body in model.bodies if body.follows}
-    held: dict[int, Array] = {}
-    at: dict[str, float] = {}
+    poses: dict[int, Array] = {}
+    coordinates: dict[str, float] = {}
     for name, value in positions.items():
         if name in followers:
             leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
@@ -147,18 +156,23 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
         if name not in moving:
             raise UnknownNameError.from_choices("moving joint", name, moving)
         q = _coordinates(moving[name].joint, value)
-        at[name] = float(q[0])
+        coordinates[name] = float(q[0])
         for i, body in enumerate(model.bodies):
             if body.v_index == moving[name].v_index:
-                held[i] = body.joint.pose(body.ratio * q + body.offset)
-    couplings = tuple(c for c in model.couplings if not {*c.joints} <= {*at})
-    refuse_coupled(replace(model, couplings=couplings), at, "cannot be locked alone. Lock all of them, or none")
+                poses[i] = body.joint.pose(body.ratio * q + body.offset)
+    locked = set(coordinates)
+    couplings = tuple(c for c in model.couplings if not set(c.joints) <= locked)
+    refuse_coupled(replace(model, couplings=couplings), locked, "cannot be locked alone. Lock all of them, or none")
     motors = {motor for c in model.couplings if c not in couplings for motor in c.motors}
-    fused = fuse(model, held)
-    mounted = model.mounted or any(model.bodies[i].parent == BASE and not model.bodies[i].joint.driven for i in held)
-    springs = tuple(s for s in (spring.with_fixed(at) for spring in model.springs) if s.terms)
-    actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in {*at} | motors}
-    fused = replace(fused, springs=springs, actuators=actuators, couplings=couplings, mounted=mounted)
+    springs = [spring.with_fixed(coordinates) for spring in model.springs]
+    fixes_base = any(model.bodies[i].parent == BASE and not model.bodies[i].joint.driven for i in poses)
+    fused = replace(
+        fuse(model, poses),
+        springs=tuple(spring for spring in springs if spring.terms),
+        actuators={joint: a for joint, a in model.actuators.items() if joint not in locked | motors},
+        couplings=couplings,
+        mounted=model.mounted or fixes_base,
+    )
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
 
 

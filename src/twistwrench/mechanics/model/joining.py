@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.errors import FrameError, ModelError, UnknownNameError
 from ...core.text import argument, in_the_shell, listed
 from ...core.typing import Array
 from .actuators import Actuator
-from .assembly import ROOT_JOINT
-from .description import JointEntry, unused
+from .assembly import ROOT_JOINT, Additions
+from .couplings import Coupling
+from .description import JointEntry, SiteEntry, unused
 from .limits import Friction
-from .model import BASE, Model, OfferedClosure
+from .model import BASE, Model, OfferedClosure, Spring
 from .parts import ModelParts, disassemble, fixed_entry, reassemble
 
-_LISTED = 6
+_MAX_LISTED_NAMES = 6
 _Value = TypeVar("_Value")
 
 
@@ -29,45 +31,47 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     :class:`~twistwrench.ModelError` for duplicate names.
     """
     model.frame(frame)
-    at = model.tip if frame is None else frame
-    whole, part = disassemble(model, extra=False), _renamed(disassemble(other, extra=False), prefix)
-    link, T = str(at), pose
+    link, T = str(model.tip if frame is None else frame), pose
+    whole, part = disassemble(model, extra=False), _with_prefix(disassemble(other, extra=False), prefix)
     if link in whole.additions.sites:
         site = whole.additions.sites[link]
         link, T = site.link, np.asarray(site.pose @ pose)
     _check_names(whole, part, prefix)
     whole.additions.motor_joints = _motors_of_both(whole, part)
     whole.links |= part.links
-    between = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
-    whole.joints += [fixed_entry(between, link, part.root, T), *part.joints]
-    for field in ("friction", "armature"):
-        getattr(whole, field).update(
-            {k: v for k, v in getattr(part, field).items() if k != ROOT_JOINT or not part.floating}
-        )
+    connection = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
+    whole.joints += [fixed_entry(connection, link, part.root, T), *part.joints]
+    whole.friction |= _without_root_joint(part, part.friction)
+    whole.armature |= _without_root_joint(part, part.armature)
     whole.actuators += part.actuators
     whole.couplings += part.couplings
     whole.payloads += part.payloads
-    mine, theirs = whole.additions, part.additions
-    mine.sites |= theirs.sites
-    mine.springs += theirs.springs
-    mine.closures |= theirs.closures
-    for label, positions in theirs.configurations.items():
-        ours = {joint: q for joint, q in positions.items() if joint != ROOT_JOINT or not part.floating}
-        mine.configurations[label] = mine.configurations.get(label, {}) | ours
+    additions, added = whole.additions, part.additions
+    additions.sites |= added.sites
+    additions.springs += added.springs
+    additions.closures |= added.closures
+    for label, positions in added.configurations.items():
+        present = additions.configurations.get(label, {})
+        additions.configurations[label] = present | _without_root_joint(part, positions)
     whole.name = name
-    found = reassemble(whole)
-    return replace(found, defects=(*model.defects, *other.defects))
+    joined = reassemble(whole)
+    return replace(joined, defects=(*model.defects, *other.defects))
+
+
+def _without_root_joint(part: ModelParts, values: Mapping[str, _Value]) -> dict[str, _Value]:
+    """Values by joint, without the joint of a floating base, which is fixed to the other robot."""
+    return {joint: value for joint, value in values.items() if joint != ROOT_JOINT or not part.floating}
 
 
 def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
     """Joints with motors of two joined robots; a file without actuators drives all its joints."""
     if not (whole.additions.motor_joints or part.additions.motor_joints):
         return set()
-    driven: set[str] = set()
+    motor_joints: set[str] = set()
     for parts in (whole, part):
-        every = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
-        driven |= parts.additions.motor_joints or every
-    return driven
+        drivable = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
+        motor_joints |= parts.additions.motor_joints or drivable
+    return motor_joints
 
 
 def chain(model: Model, base: str | None, tip: str | None) -> Model:
@@ -78,21 +82,24 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
     Raises :class:`~twistwrench.UnknownNameError` for unknown frames, :class:`~twistwrench.FrameError` if the base does
     not carry the tip, and :class:`~twistwrench.ModelError` if the part depends on joints outside it.
     """
-    found = disassemble(model, extra=False)
-    root = found.root if base is None else base
-    if root not in found.links or found.links[root].hidden:
+    parts = disassemble(model, extra=False)
+    root = parts.root if base is None else base
+    if root not in parts.links or parts.links[root].hidden:
         raise UnknownNameError.from_choices("link", root, model.frames)
     if tip is not None:
         model.frame(tip)
-    kept = _below(found, root, tip)
+    links = _links_of_part(parts, root, tip)
     if base is not None:
-        found.gravity = _rotation(model, root).T @ found.gravity if root in model.frames else found.gravity
-        found.floating = False
-        found.additions.mounted = True
-    part = _restricted(found, kept)
+        if root in model.frames:
+            parts.gravity = _rotation(model, root).T @ parts.gravity
+        parts.floating = False
+        parts.additions.mounted = True
+    part = _part_with_links(parts, links)
     part.root = root
-    cut = reassemble(part)
-    return replace(cut, tip=tip if tip in cut.all_frames else cut.tip, defects=model.defects)
+    model_of_part = reassemble(part)
+    return replace(
+        model_of_part, tip=tip if tip in model_of_part.all_frames else model_of_part.tip, defects=model.defects
+    )
 
 
 def with_free_base(model: Model) -> Model:
@@ -107,31 +114,35 @@ def with_free_base(model: Model) -> Model:
     >>> with_free_base(arm).nv - arm.nv
     6
     """
-    found = _without_locked_root(disassemble(model, extra=False))
-    if any(joint.name == ROOT_JOINT for joint in found.joints):
+    parts = _without_locked_root(disassemble(model, extra=False))
+    if any(joint.name == ROOT_JOINT for joint in parts.joints):
         raise ModelError(f"a joint has the name {ROOT_JOINT!r}, which the joint of a floating base has. Rename it.")
-    none = np.zeros(6)
-    found.floating, found.additions.mounted = True, False
-    found.friction[ROOT_JOINT], found.armature[ROOT_JOINT] = Friction.plain(none, none), none
-    for positions in found.additions.configurations.values():
+    zeros = np.zeros(6)
+    parts.floating = True
+    parts.additions.mounted = False
+    parts.friction[ROOT_JOINT] = Friction.plain(zeros, zeros)
+    parts.armature[ROOT_JOINT] = zeros
+    for positions in parts.additions.configurations.values():
         positions[ROOT_JOINT] = _AT_ORIGIN
-    return replace(reassemble(found), tip=model.tip, defects=model.defects)
+    return replace(reassemble(parts), tip=model.tip, defects=model.defects)
 
 
-def _without_locked_root(found: ModelParts) -> ModelParts:
+def _without_locked_root(parts: ModelParts) -> ModelParts:
     """Parts without the world and the joint by which a floating base was locked at the origin."""
-    below = [joint for joint in found.joints if joint.parent == found.root]
-    if len(below) != 1 or below[0].name != ROOT_JOINT or not below[0].fixed or found.links[found.root].inertia.mass:
-        return found
-    if not np.array_equal(below[0].placement, np.eye(4)):
-        return found
-    root, sites = below[0].child, found.additions.sites
-    found.links = {name: link for name, link in found.links.items() if name != found.root}
-    found.additions.sites = {
-        name: replace(site, link=root) if site.link == found.root else site for name, site in sites.items()
-    }
-    found.joints, found.root = [joint for joint in found.joints if joint is not below[0]], root
-    return found
+    world = parts.root
+    root_joints = [joint for joint in parts.joints if joint.parent == world]
+    if len(root_joints) != 1 or parts.links[world].inertia.mass:
+        return parts
+    lock = root_joints[0]
+    if lock.name != ROOT_JOINT or not lock.fixed or not np.array_equal(lock.placement, np.eye(4)):
+        return parts
+    del parts.links[world]
+    for name, site in parts.additions.sites.items():
+        if site.link == world:
+            parts.additions.sites[name] = replace(site, link=lock.child)
+    parts.joints = [joint for joint in parts.joints if joint is not lock]
+    parts.root = lock.child
+    return parts
 
 
 _AT_ORIGIN = np.array([1.0, 0, 0, 0, 0, 0, 0])
@@ -139,90 +150,114 @@ _AT_ORIGIN = np.array([1.0, 0, 0, 0, 0, 0, 0])
 
 
 def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
-    for what, ours, theirs in (
-        ("link", {*whole.links, *whole.additions.sites}, (*part.links, *part.additions.sites)),
-        ("joint", {joint.name for joint in whole.joints}, [joint.name for joint in part.joints]),
-        ("motor", {m for c in whole.couplings for m in c.motors}, [m for c in part.couplings for m in c.motors]),
-        ("closure", whole.additions.closures, part.additions.closures),
-    ):
-        both = [name for name in theirs if name in ours]
-        if both:
+    part_names = _names_by_kind(part)
+    for kind, names in _names_by_kind(whole).items():
+        present = set(names)
+        shared = [name for name in part_names[kind] if name in present]
+        if shared:
             form = "FILE@FRAME:hand_" if in_the_shell() else "prefix='hand_'"
             advice = "another prefix" if prefix else f"a prefix for the names of the one attached, such as {form}"
-            raise ModelError(f"both robots have a {what} called {listed(map(repr, both), _LISTED)}. Give {advice}.")
+            names_text = listed(map(repr, shared), _MAX_LISTED_NAMES)
+            raise ModelError(f"both robots have a {kind} called {names_text}. Give {advice}.")
 
 
-def _renamed(part: ModelParts, prefix: str) -> ModelParts:
+def _names_by_kind(parts: ModelParts) -> dict[str, list[str]]:
+    """Names that two joined robots must not share."""
+    return {
+        "link": [*parts.links, *parts.additions.sites],
+        "joint": [joint.name for joint in parts.joints],
+        "motor": [motor for coupling in parts.couplings for motor in coupling.motors],
+        "closure": list(parts.additions.closures),
+    }
+
+
+def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
     """Parts with a prefix before every name."""
     if not prefix:
         return part
 
-    def called(name: str) -> str:
-        return f"{prefix}{name}"
-
-    def keyed(mapping: Mapping[str, _Value]) -> dict[str, _Value]:
-        return {called(name): value for name, value in mapping.items()}
-
-    more = part.additions
-
-    def frame(name: str) -> str:
-        marked = name in more.sites and name.startswith("site:")
-        return f"site:{called(name.removeprefix('site:'))}" if marked else called(name)
-
-    sites = {frame(name): replace(s, name=frame(name), link=called(s.link)) for name, s in more.sites.items()}
-
-    additions = replace(
-        more, sites=sites,
-        springs=[replace(s, terms=tuple((called(joint), w) for joint, w in s.terms)) for s in more.springs],
-        configurations={name: keyed(positions) for name, positions in more.configurations.items()},
-        closures={
-            called(name): OfferedClosure(frame(c.frame_a), frame(c.frame_b), c.rows) for name, c in more.closures.items()
-        },
-        motor_joints={called(name) for name in more.motor_joints},
-    )  # fmt: skip
+    links = [replace(link, name=prefix + link.name) for link in part.links.values()]
     return replace(
-        part, root=called(part.root), additions=additions,
-        links={called(link.name): replace(link, name=called(link.name)) for link in part.links.values()},
-        joints=[_renamed_joint(joint, prefix) for joint in part.joints],
-        whole=keyed(part.whole), friction=keyed(part.friction), armature=keyed(part.armature),
-        actuators=[_renamed_actuator(actuator, prefix) for actuator in part.actuators],
-        couplings=[
-            replace(c, name=called(c.name), motors=tuple(map(called, c.motors)), joints=tuple(map(called, c.joints)))
-            for c in part.couplings
-        ],
-        payloads=tuple((frame(name), G) for name, G in part.payloads),
+        part, root=prefix + part.root, additions=_additions_with_prefix(part.additions, prefix),
+        links={link.name: link for link in links},
+        joints=[_joint_with_prefix(joint, prefix) for joint in part.joints],
+        whole=_keys_with_prefix(part.whole, prefix),
+        friction=_keys_with_prefix(part.friction, prefix), armature=_keys_with_prefix(part.armature, prefix),
+        actuators=[_actuator_with_prefix(actuator, prefix) for actuator in part.actuators],
+        couplings=[_coupling_with_prefix(coupling, prefix) for coupling in part.couplings],
+        payloads=tuple((_frame_with_prefix(name, part.additions, prefix), G) for name, G in part.payloads),
     )  # fmt: skip
 
 
-def _renamed_joint(entry: JointEntry, prefix: str) -> JointEntry:
+def _keys_with_prefix(mapping: Mapping[str, _Value], prefix: str) -> dict[str, _Value]:
+    return {prefix + name: value for name, value in mapping.items()}
+
+
+def _frame_with_prefix(name: str, additions: Additions, prefix: str) -> str:
+    """Name of a link or site; the mark of a site that is named as a link stays in front."""
+    if name in additions.sites and name.startswith("site:"):
+        return f"site:{prefix}{name.removeprefix('site:')}"
+    return prefix + name
+
+
+def _additions_with_prefix(additions: Additions, prefix: str) -> Additions:
+    sites: dict[str, SiteEntry] = {}
+    for name, site in additions.sites.items():
+        frame = _frame_with_prefix(name, additions, prefix)
+        sites[frame] = replace(site, name=frame, link=prefix + site.link)
+    closures: dict[str, OfferedClosure] = {}
+    for name, closure in additions.closures.items():
+        frame_a = _frame_with_prefix(closure.frame_a, additions, prefix)
+        frame_b = _frame_with_prefix(closure.frame_b, additions, prefix)
+        closures[prefix + name] = OfferedClosure(frame_a, frame_b, closure.rows)
+    configurations = additions.configurations
+    return replace(
+        additions, sites=sites, closures=closures,
+        springs=[_spring_with_prefix(spring, prefix) for spring in additions.springs],
+        configurations={name: _keys_with_prefix(q, prefix) for name, q in configurations.items()},
+        motor_joints={prefix + name for name in additions.motor_joints},
+    )  # fmt: skip
+
+
+def _spring_with_prefix(spring: Spring, prefix: str) -> Spring:
+    return replace(spring, terms=tuple((prefix + joint, weight) for joint, weight in spring.terms))
+
+
+def _coupling_with_prefix(coupling: Coupling, prefix: str) -> Coupling:
+    motors = tuple(prefix + motor for motor in coupling.motors)
+    joints = tuple(prefix + joint for joint in coupling.joints)
+    return replace(coupling, name=prefix + coupling.name, motors=motors, joints=joints)
+
+
+def _joint_with_prefix(entry: JointEntry, prefix: str) -> JointEntry:
     mimic = entry.mimic if entry.mimic is None else (prefix + entry.mimic[0], *entry.mimic[1:])
     joint = replace(entry.joint, name=prefix + entry.name)
     return replace(entry, joint=joint, parent=prefix + entry.parent, child=prefix + entry.child, mimic=mimic)
 
 
-def _renamed_actuator(actuator: Actuator, prefix: str) -> Actuator:
+def _actuator_with_prefix(actuator: Actuator, prefix: str) -> Actuator:
     rotor = actuator.rotor
     if rotor is not None and rotor.link is not None:
         rotor = replace(rotor, link=prefix + rotor.link)
     return replace(actuator, joint=prefix + actuator.joint, rotor=rotor)
 
 
-def _below(found: ModelParts, root: str, tip: str | None) -> set[str]:
+def _links_of_part(parts: ModelParts, root: str, tip: str | None) -> set[str]:
     """Links to keep: the subtree of the root, or the chain to a tip with everything fixed to it."""
-    carried = {joint.child: joint for joint in found.joints}
-    way = {root}
+    carried = {joint.child: joint for joint in parts.joints}
+    path = {root}
     if tip is not None:
-        link = found.additions.sites[tip].link if tip in found.additions.sites else tip
+        link = parts.additions.sites[tip].link if tip in parts.additions.sites else tip
         while link != root:
             if link not in carried:
                 raise FrameError(f"frame {tip!r} is not carried by link {root!r}. Name a base before it.")
-            way.add(link)
+            path.add(link)
             link = carried[link].parent
-    kept = {root}
-    for joint in found.joints:  # parents first
-        if joint.parent in kept and (tip is None or joint.child in way or joint.fixed):
-            kept.add(joint.child)
-    return kept
+    links = {root}
+    for joint in parts.joints:  # parents first
+        if joint.parent in links and (tip is None or joint.child in path or joint.fixed):
+            links.add(joint.child)
+    return links
 
 
 def _rotation(model: Model, link: str) -> Array:
@@ -231,51 +266,75 @@ def _rotation(model: Model, link: str) -> Array:
     T, i = frame.pose, frame.body
     while i != BASE:
         body = model.bodies[i]
-        mine = q[body.places[0]]
-        T = body.placement @ body.joint.pose(body.ratio * mine + body.offset if body.follows else mine) @ T
+        T = body.placement @ body.joint.pose(body.coordinates(q)) @ T
         i = body.parent
     return np.asarray(T[:3, :3], float)
 
 
-def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
+def _part_with_links(parts: ModelParts, links: set[str]) -> ModelParts:
     """Parts with some links only, without entries that concern other links."""
-    joints = [joint for joint in found.joints if {joint.parent, joint.child} <= kept]
-    names = {joint.name for joint in joints} | ({ROOT_JOINT} if found.floating else set())
+    joints = [joint for joint in parts.joints if {joint.parent, joint.child} <= links]
+    names = {joint.name for joint in joints}
+    if parts.floating:
+        names.add(ROOT_JOINT)
+    _check_leaders(joints, names)
+    couplings = [coupling for coupling in parts.couplings if names & set(coupling.joints)]
+    _check_coupled_joints(couplings, names)
+    drives = names | {motor for coupling in couplings for motor in coupling.motors}
+    actuators = [actuator for actuator in parts.actuators if actuator.joint in drives]
+    additions = _additions_of_part(parts.additions, links, names)
+    frames = links | set(additions.sites)
+    _check_rotor_links(actuators, frames)
+    return replace(
+        parts, links={name: link for name, link in parts.links.items() if name in links}, joints=joints,
+        actuators=actuators, couplings=couplings, additions=additions,
+        payloads=tuple((frame, G) for frame, G in parts.payloads if frame in frames),
+    )  # fmt: skip
+
+
+def _additions_of_part(additions: Additions, links: set[str], joints: set[str]) -> Additions:
+    """Sites, springs, configurations, closures and motors that concern only these links and joints."""
+    sites = {name: site for name, site in additions.sites.items() if site.link in links}
+    frames = links | set(sites)
+    configurations: dict[str, dict[str, ArrayLike]] = {}
+    for name, positions in additions.configurations.items():
+        configurations[name] = {joint: q for joint, q in positions.items() if joint in joints}
+    springs = [s for s in additions.springs if {joint for joint, _ in s.terms} <= joints]
+    closures = {name: c for name, c in additions.closures.items() if {c.frame_a, c.frame_b} <= frames}
+    motor_joints = additions.motor_joints & joints
+    return replace(
+        additions,
+        sites=sites,
+        springs=springs,
+        configurations=configurations,
+        closures=closures,
+        motor_joints=motor_joints,
+    )
+
+
+def _check_leaders(joints: Sequence[JointEntry], names: set[str]) -> None:
     for joint in joints:
         if joint.mimic is not None and joint.mimic[0] not in names:
             raise ModelError(
                 f"joint {joint.name!r} follows {joint.mimic[0]!r}, which is not in that part of the robot. Load with "
                 f"{argument('mimic', 'independent')}, or lock the leader first."
             )
-    more = found.additions
-    sites = {name: site for name, site in more.sites.items() if site.link in kept}
-    frames = kept | set(sites)
-    couplings = [c for c in found.couplings if names & {*c.joints}]
-    for c in couplings:
-        if outside := [joint for joint in c.joints if joint not in names]:
+
+
+def _check_coupled_joints(couplings: Sequence[Coupling], names: set[str]) -> None:
+    for coupling in couplings:
+        outside = [joint for joint in coupling.joints if joint not in names]
+        if outside:
             raise ModelError(
-                f"joint {outside[0]!r} of coupling {c.name!r} is not in that part of the robot. Cut the part out first, and "
-                "describe its actuators then."
+                f"joint {outside[0]!r} of coupling {coupling.name!r} is not in that part of the robot. Cut the part out "
+                "first, and describe its actuators then."
             )
-    driven = names | {motor for c in couplings for motor in c.motors}
-    actuators = [actuator for actuator in found.actuators if actuator.joint in driven]
+
+
+def _check_rotor_links(actuators: Sequence[Actuator], frames: set[str]) -> None:
     for actuator in actuators:
         if actuator.rotor is not None and actuator.rotor.link not in (None, *frames):
             raise ModelError(
                 f"the rotor of joint {actuator.joint!r} is on link {actuator.rotor.link!r}, which is not in that part of the "
                 "robot. Cut the part out first, and describe its actuators then."
             )
-    configurations = {
-        name: {joint: q for joint, q in positions.items() if joint in names}
-        for name, positions in more.configurations.items()
-    }
-    additions = replace(
-        more, sites=sites, springs=[s for s in more.springs if all(joint in names for joint, _ in s.terms)],
-        configurations=configurations, closures={k: c for k, c in more.closures.items() if {c.frame_a, c.frame_b} <= frames},
-        motor_joints=more.motor_joints & names,
-    )  # fmt: skip
-    return replace(
-        found, links={name: link for name, link in found.links.items() if name in kept}, joints=joints, actuators=actuators,
-        couplings=couplings,
-        payloads=tuple((frame, G) for frame, G in found.payloads if frame in frames), additions=additions,
-    )  # fmt: skip

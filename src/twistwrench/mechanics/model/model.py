@@ -59,9 +59,9 @@ def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> T
 def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
     for end, name in (("parent", joint.parent), ("child", joint.child)):
         if name not in links:
-            found = UnknownNameError.from_choices("link", name, links)
+            error = UnknownNameError.from_choices("link", name, links)
             hint = ' For example, declare it with <link name="world"/>.' if name == "world" else ""
-            raise ModelError(f"the {end} of {joint} is not there: {found}{hint}")
+            raise ModelError(f"the {end} of {joint} is not there: {error}{hint}")
     if joint.parent == joint.child:
         raise ModelError(
             f"{joint} makes {links[joint.parent]} its own child (a cycle of one). Name another parent or child."
@@ -93,12 +93,11 @@ def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tup
 
 def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
     # Parents of a link without a root form a cycle.
-    places: dict[str, int] = {}
-    above = link
-    while above not in places:
-        places[above] = len(places)
-        above = parent_joint[above].parent
-    loop = [*list(places)[places[above] :], above][::-1]
+    order: dict[str, int] = {}
+    while link not in order:
+        order[link] = len(order)
+        link = parent_joint[link].parent
+    loop = [*list(order)[order[link] :], link][::-1]
     joints = listed(str(parent_joint[name]) for name in loop[1:])
     return (
         f"the links {listed(map(repr, loop), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
@@ -186,6 +185,11 @@ class Body:
         joint = self.joint
         return slice(self.q_index, self.q_index + joint.nq), slice(self.v_index, self.v_index + joint.nv)
 
+    def coordinates(self, q: Array) -> Array:
+        """Coordinates of the joint at a configuration; those of a follower come from its leader."""
+        q_joint = q[self.places[0]]
+        return self.ratio * q_joint + self.offset if self.follows else q_joint
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -261,12 +265,16 @@ class Model:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         arrays = [self.gravity, self.armature, *vars(self.limits).values(), *self.configurations.values()]
         arrays += [frame.pose for frame in self.all_frames.values()] + [c.motor_per_joint for c in self.couplings]
-        for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
+        for body in self.bodies:
+            arrays += [body.placement, body.joint.axes]
+        for array in arrays:
             array.setflags(write=False)  # shared by robots and compiled into kernels
 
     def __getstate__(self) -> dict[str, Any]:
         state = {f.name: getattr(self, f.name) for f in fields(self)}  # without cached properties
-        return {**state, **{name: dict(state[name]) for name in _MAPPINGS}}
+        for name in _MAPPINGS:
+            state[name] = dict(state[name])
+        return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -300,11 +308,11 @@ class Model:
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
         q = np.asarray(q, float)
-        found = np.zeros((*q.shape[:-1], self.nv))
+        positions = np.zeros((*q.shape[:-1], self.nv))
         for b in self.leaders:
             if b.joint.nv == 1:
-                found[..., b.v_index] = q[..., b.q_index]
-        return found
+                positions[..., b.v_index] = q[..., b.q_index]
+        return positions
 
     @cached_property
     def leaders(self) -> tuple[Body, ...]:
@@ -324,8 +332,8 @@ class Model:
     @cached_property
     def quaternions(self) -> tuple[slice, ...]:
         """Slices of the quaternions in q."""
-        found = [(b.q_index, b.joint.quaternion) for b in self.leaders]
-        return tuple(slice(at + first, at + first + 4) for at, first in found if first is not None)
+        starts = [b.q_index + b.joint.quaternion for b in self.leaders if b.joint.quaternion is not None]
+        return tuple(slice(start, start + 4) for start in starts)
 
     @cached_property
     def all_frames(self) -> dict[str, Frame]:
@@ -353,11 +361,12 @@ class Model:
     @cached_property
     def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
         """Indices in dq (n,), A and A⁻¹ (n, n) of each coupling."""
-        place = {b.joint.name: b.v_index for b in self.leaders}
-        return tuple(
-            (np.array([place[joint] for joint in c.joints]), c.motor_per_joint, c.joint_per_motor)
-            for c in self.couplings
-        )
+        index = {b.joint.name: b.v_index for b in self.leaders}
+        blocks = []
+        for c in self.couplings:
+            indices = np.array([index[joint] for joint in c.joints])
+            blocks.append((indices, c.motor_per_joint, c.joint_per_motor))
+        return tuple(blocks)
 
     @cached_property
     def drive_names(self) -> tuple[str, ...]:
@@ -425,7 +434,7 @@ class Model:
 
         Returns
         -------
-        found : set of int
+        bodies : set of int
 
         Examples
         --------
@@ -433,11 +442,11 @@ class Model:
         >>> sorted(tw.robots.planar_3r().model.ancestors(1))
         [0, 1]
         """
-        found = set[int]()
+        bodies = set[int]()
         while body != BASE:
-            found.add(body)
+            bodies.add(body)
             body = self.bodies[body].parent
-        return found
+        return bodies
 
     def frame(self, name: str | None) -> Frame:
         """Frame by name; None: the tip.

@@ -14,9 +14,10 @@ from ..joints import Fixed, Joint
 from ..lie import se3
 from .actuation import counted, with_actuators
 from .actuators import Actuator
-from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
+from .assembly import ROOT_JOINT, Additions, assemble, default_tip
 from .description import JointEntry, LinkEntry, SiteEntry, unused
 from .limits import Friction, Limits
+from .mimic import find_drives
 from .model import BASE, Body, Model, find_tree
 
 if TYPE_CHECKING:

@@ -1,0 +1,81 @@
+"""Round-off cleanup of fixed rotations: entries near 0 and ±1 become exact, and the rotation stays orthonormal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.typing import Array
+from ..lie.identity import IDENTITY, UPRIGHT
+
+DEFAULT_SNAP = 1e-9
+"""Distance from 0 or ±1 below which an entry of a fixed rotation is set to it."""
+
+_MAX_ROUNDING, _MAX_ROUNDING_AFTER_SNAP = 4.5e-16, 1e-15
+"""Deviations of R'R and R R' from the identity within rounding errors of three products: a rotation with a smaller one is
+kept; the second bound applies after orthonormalisation."""
+
+
+def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
+    """R (3, 3) with entries within ``tolerance`` of 0 or ±1 set to it, orthonormalised again; a tolerance of 0 disables it.
+
+    Robot files write a right angle as 1.57079632679, and the cosine of the nearest float to π/2 is 6e-17. Exact zeros
+    and ones vanish from compiled kernels; these values do not. An entry becomes ±1 only together with the zeros beside
+    it: cos(1e-5) is within the tolerance of 1, but a small angle must stay. The remaining entries are orthonormalised
+    to the last bit, because algorithms use the transpose as the inverse. The result is a signed permutation, a rotation
+    about one axis, or a rotation with one zero entry. If no rotation has these zeros, R is unchanged.
+    """
+    if tolerance == 0:
+        return R
+    zero = np.abs(R) <= tolerance
+    zeros_in_row, zeros_in_column = zero.sum(axis=1), zero.sum(axis=0)
+    unit = (
+        ~zero & (zeros_in_row[:, None] == 2) & (zeros_in_column[None, :] == 2)
+    )  # two zeros beside and two above or below
+    snapped = np.where(unit, np.copysign(1.0, R), np.where(zero, 0.0, R))
+    if np.array_equal(snapped, R) or unit.sum() == 3 or _is_rotation(snapped, _MAX_ROUNDING):
+        return snapped
+    if unit.any():
+        i, j = np.argwhere(unit)[0]
+        block = np.ix_([k for k in range(3) if k != i], [k for k in range(3) if k != j])
+        snapped[block] = _nearest_orthogonal(snapped[block])
+    elif zero.sum() == 1:
+        snapped = _orthonormalise_from_row(snapped, int(zeros_in_row.argmax()))
+    return snapped if _is_rotation(snapped, _MAX_ROUNDING_AFTER_SNAP) else R
+
+
+def _is_rotation(R: Array, tolerance: float) -> bool:
+    one = np.eye(3)
+    return bool(np.abs(R.T @ R - one).max() <= tolerance and np.abs(R @ R.T - one).max() <= tolerance)
+
+
+def _nearest_orthogonal(B: Array) -> Array:
+    """Orthogonal matrix nearest to B (2, 2): a rotation or a reflection, like B."""
+    (a, b), (c, d) = B
+    side = 1.0 if a * d - b * c > 0 else -1.0
+    x, y = a + side * d, c - side * b
+    x, y = x / np.hypot(x, y), y / np.hypot(x, y)
+    return np.array([[x, -side * y], [y, side * x]])
+
+
+def _orthonormalise_from_row(R: Array, i: int) -> Array:
+    """R orthonormalised by Gram–Schmidt, from row i, which has the zero; determinant 1."""
+    first, second = R[i] / np.linalg.norm(R[i]), R[(i + 1) % 3]
+    for _ in range(2):  # twice, against rounding errors
+        second = second - (first @ second) * first
+        second = second / np.linalg.norm(second)
+    orthonormal = np.empty((3, 3))
+    orthonormal[i] = first
+    orthonormal[(i + 1) % 3] = second
+    orthonormal[(i + 2) % 3] = np.cross(first, second)
+    return orthonormal
+
+
+def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
+    """T (4, 4) with its rotation snapped; the position is unchanged."""
+    if tolerance == 0 or T is IDENTITY:
+        return T
+    if T[:3, :3].tolist() == UPRIGHT:
+        return np.asarray(T + 0.0)  # no negative zeros
+    snapped = T.copy()
+    snapped[:3, :3] = snap_rotation(T[:3, :3], tolerance)
+    return snapped
