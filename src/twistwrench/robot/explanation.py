@@ -16,7 +16,7 @@ from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.joints.units import units_of
-from ..mechanics.model.actuation import counted
+from ..mechanics.model.actuation import is_in_link_mass
 from ..mechanics.model.model import BASE, Model
 from .doors import ExplanationDoors
 
@@ -240,7 +240,7 @@ def _causes(model: Model) -> dict[str, Array]:
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:
             count(body.link, i, body.inertia.parameters)
-            if counted(model, body):  # then its link was counted above
+            if is_in_link_mass(model, body):  # then its link was counted above
                 count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement))
     found = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
     for i, body in enumerate(model.bodies):  # differences by repaired inertias or fused rotors

@@ -31,10 +31,10 @@ def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
     """
     actuators = list(actuators)
     joints = {actuator.joint for actuator in actuators}
-    kept = {name: a for name, a in model.actuators.items() if a.rotor is not None or a.joint not in joints}
-    model = replace(model, actuators=kept)
+    remaining = {name: a for name, a in model.actuators.items() if a.rotor is not None or a.joint not in joints}
+    model = replace(model, actuators=remaining)
     for actuator in actuators:
-        model = _driven(model, actuator)
+        model = _with_actuator(model, actuator)
     return model
 
 
@@ -54,20 +54,21 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
     """
     friction = model.friction
     for joint, law in laws.items():
-        k, full = model.drive_index(joint), _full_law(joint, law)
-        own = {name: float(getattr(friction, name)[k]) for name in LAWS}
-        fading = [x for x in (own, full) if x["static"] > x["coulomb"]]
-        if len({x["stribeck"] for x in fading}) > 1:
+        k, link_law = model.drive_index(joint), _full_law(joint, law)
+        gear_law = {name: float(getattr(friction, name)[k]) for name in LAWS}
+        falling = [x for x in (gear_law, link_law) if x["static"] > x["coulomb"]]
+        if len({x["stribeck"] for x in falling}) > 1:
             raise ModelError(
                 f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
                 "Stribeck speeds. Give both the same one, or one of them no static friction."
             )
-        total = {name: own[name] + full[name] for name in LAWS if name != "stribeck"}
+        total = {name: gear_law[name] + link_law[name] for name in LAWS if name != "stribeck"}
         if total["load"] >= 1:
             raise ValueRangeError(
                 f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
             )
-        friction = friction.replaced(k, **total, stribeck=(fading or [own])[0]["stribeck"])
+        stribeck = falling[0]["stribeck"] if falling else gear_law["stribeck"]
+        friction = friction.replaced(k, **total, stribeck=stribeck)
     return replace(model, friction=friction)
 
 
@@ -97,14 +98,14 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     return full
 
 
-def _driven(model: Model, actuator: Actuator) -> Model:
+def _with_actuator(model: Model, actuator: Actuator) -> Model:
     k = model.drive_index(actuator.joint)
     driven = next(body for body in model.leaders if body.v_index == k)
     if actuator.joint in model.actuators or any(a.joint == actuator.joint for a in model.actuators.values()):
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
     check_actuator(actuator)
     if actuator.joint in model.drive_names and actuator.joint != driven.joint.name:
-        return _coupled(model, actuator, k)
+        return _with_coupled_motor(model, actuator, k)
     flexible = np.isfinite(actuator.stiffness)
     name = f"{actuator.joint}.motor" if flexible else actuator.joint
     if actuator.rotor is not None and model.armature[driven.v_index]:
@@ -128,13 +129,10 @@ def _driven(model: Model, actuator: Actuator) -> Model:
 _NO_COUPLES = "rotors of coupled motors count by their inertia about their axes; their gyroscopic couples are left out"
 
 
-def _coupled(model: Model, actuator: Actuator, k: int) -> Model:
+def _with_coupled_motor(model: Model, actuator: Actuator, k: int) -> Model:
     """Model with the actuator of a coupled motor; its rotor becomes an armature, since it turns with several joints."""
-    armature, rotor, who = (
-        model.armature.copy(),
-        actuator.rotor,
-        f"motor {actuator.joint!r}, which moves several joints,",
-    )
+    armature, rotor = model.armature.copy(), actuator.rotor
+    who = f"motor {actuator.joint!r}, which moves several joints,"
     if np.isfinite(actuator.stiffness):
         raise ModelError(f"{who} is elastic, and couplings are rigid. Leave out its stiffness.")
     if rotor is not None:
@@ -147,13 +145,14 @@ def _coupled(model: Model, actuator: Actuator, k: int) -> Model:
         if armature[k] not in (0.0, reflected):
             raise ModelError(f"{who} has a rotor and an armature: its inertia would count twice. Keep one of them.")
         armature[k] = reflected
-        model = replace(model, defects=(*model.defects, *([] if _NO_COUPLES in model.defects else [_NO_COUPLES])))
+        if _NO_COUPLES not in model.defects:
+            model = replace(model, defects=(*model.defects, _NO_COUPLES))
     return replace(model, armature=armature, actuators={**model.actuators, actuator.joint: actuator})
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
     """Model with the rotor as a body, and without its inertia in the carrying link if that includes it."""
-    carrier, T, axis = _mounted(model, driven, rotor)
+    carrier, T, axis = _rotor_mount(model, driven, rotor)
     placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
     # Modelled as a thin ring: its transverse moments move with the carrier and are not counted twice.
     spin = rotor.inertia * np.outer(axis, axis)
@@ -177,12 +176,14 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
     """
     body = model.bodies[carrier]
     whole, spinning = body.inertia, J * np.outer(axis, axis)
-    for other in model.bodies:
-        if not other.joint.moves_body and other.parent == carrier and counted(model, other):
-            whole = whole + other.inertia.in_frame(other.placement)
-            a = other.joint.axes[0, :3]
-            along = other.placement[:3, :3] @ a
-            spinning = spinning + (a @ other.inertia.moment_about_origin @ a) * np.outer(along, along)
+    for rotor in model.bodies:
+        if not rotor.joint.moves_body and rotor.parent == carrier and is_in_link_mass(model, rotor):
+            whole = whole + rotor.inertia.in_frame(rotor.placement)
+            rotor_axis = rotor.joint.axes[0, :3]
+            axis_in_link = rotor.placement[:3, :3] @ rotor_axis
+            spinning = spinning + (rotor_axis @ rotor.inertia.moment_about_origin @ rotor_axis) * np.outer(
+                axis_in_link, axis_in_link
+            )
     I = whole.moment_about_com
     if np.linalg.eigvalsh(I - spinning).min() < -1e-9 * np.abs(I).max():
         raise InertiaError(
@@ -192,14 +193,14 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
         )
 
 
-def counted(model: Model, rotor: Body) -> bool:
+def is_in_link_mass(model: Model, rotor: Body) -> bool:
     """True if the carrying link's mass includes the rotor."""
     name = rotor.joint.name
     actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
     return actuator.rotor is not None and not actuator.rotor.extra
 
 
-def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
+def _rotor_mount(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
     """Body that carries the rotor, reference frame of its position, and its axis in that frame."""
     if rotor.link is None:
         return driven.parent, driven.placement, _axis(driven.joint, rotor)
@@ -209,15 +210,16 @@ def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Arra
             f"the rotor of joint {driven.joint.name!r} is on link {rotor.link!r}, which does not carry the "
             "joint, so the joint's axis does not determine the rotor's. Give its axis in that link's frame."
         )
+    axis = _axis(driven.joint, rotor)
     if rotor.axis is None:  # axis of the joint, in the link's frame
-        turn = frame.pose[:3, :3].T @ driven.placement[:3, :3]
-        return frame.body, frame.pose, turn @ _axis(driven.joint, rotor)
-    return frame.body, frame.pose, _axis(driven.joint, rotor)
+        R = frame.pose[:3, :3].T @ driven.placement[:3, :3]
+        axis = R @ axis
+    return frame.body, frame.pose, axis
 
 
 def _axis(joint: Joint, rotor: Rotor) -> Array:
-    own = joint.axes[0, :3] if joint.axes[0, :3].any() else joint.axes[0, 3:]
-    axis = np.asarray(own if rotor.axis is None else rotor.axis, float)
+    default = joint.axes[0, :3] if joint.axes[0, :3].any() else joint.axes[0, 3:]
+    axis = np.asarray(default if rotor.axis is None else rotor.axis, float)
     length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
     if not 0 < length < np.inf:
         raise ModelError(

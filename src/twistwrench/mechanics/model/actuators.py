@@ -236,10 +236,10 @@ class Actuator:
 
 # ── Validation of a drive's parameters
 
-_SMALLEST, LARGEST = 1e-18, 1e12
+_MIN_DRIVE_NUMBER, LARGEST = 1e-18, 1e12
 """Bounds of a drive's numbers in SI units; their squares do not overflow."""
 
-_RATIOS = 1e-6, 1e9
+_MIN_RATIO, _MAX_RATIO = 1e-6, 1e9
 """Bounds of gear ratios: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
 
 
@@ -250,43 +250,54 @@ def check_actuator(actuator: Actuator) -> None:
 
 
 def _problems(actuator: Actuator) -> Iterator[str]:
-    motor, rotor, most = actuator.motor, actuator.rotor, printed(LARGEST)
-    if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
-        least, greatest = map(printed, _RATIOS)
-        yield f"the ratio {printed(actuator.ratio)}; it must be a number from {least} to {greatest}, or minus one."
+    motor, rotor, largest = actuator.motor, actuator.rotor, printed(LARGEST)
+    if not _MIN_RATIO <= abs(actuator.ratio) <= _MAX_RATIO:
+        bounds = f"from {printed(_MIN_RATIO)} to {printed(_MAX_RATIO)}"
+        yield f"the ratio {printed(actuator.ratio)}; it must be a number {bounds}, or minus one."
     if not 0 < actuator.efficiency <= 1:
         yield f"the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
     if not 0 <= actuator.no_load_torque <= LARGEST:
-        yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {most}."
-    if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
+        yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {largest}."
+    if not (_is_in_range(actuator.stiffness) or actuator.stiffness == np.inf):
         stiffness = printed(actuator.stiffness)
-        yield f"the stiffness {stiffness}; it must be above 0 and at most {most}. Leave it out where the gear is rigid."
+        yield f"the stiffness {stiffness}; it must be above 0 and at most {largest}. Leave it out where the gear is rigid."
     if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
         yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
-    if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
+    if rotor is not None and not (_is_in_range(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
         yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
     if motor is None:
         return
     if motor.current_peak < motor.current_continuous < np.inf:
-        both = f"{printed(motor.current_continuous)} A above current peak {printed(motor.current_peak)} A"
-        yield f"current continuous {both}. Are they exchanged?"
-    if not _real(motor.torque_constant):
+        continuous, peak = printed(motor.current_continuous), printed(motor.current_peak)
+        yield f"current continuous {continuous} A above current peak {peak} A. Are they exchanged?"
+    if not _is_in_range(motor.torque_constant):
         yield f"the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
-    if (heat := motor.thermal) is not None:
-        two = bool(heat.winding_housing or heat.winding_time)
-        known = (heat.housing_ambient, heat.housing_time, *((heat.winding_housing, heat.winding_time) if two else ()))
-        if not all(map(_real, known)) or not (np.isfinite(heat.coefficient) and heat.maximum > heat.reference):
-            yield (
-                f"thermal data that cannot be meant ({', '.join(map(printed, vars(heat).values()))}): resistances and times "
-                "must be above 0, those of the winding both or none, and the greatest temperature above that of the reference."
-            )
-    for name, value in ((k, v) for k, v in vars(motor).items() if k != "thermal"):
+    if motor.thermal is not None and not _is_possible(motor.thermal):
+        numbers = ", ".join(map(printed, vars(motor.thermal).values()))
+        yield (
+            f"thermal data that cannot be meant ({numbers}): resistances and times "
+            "must be above 0, those of the winding both or none, and the greatest temperature above that of the reference."
+        )
+    for name, value in vars(motor).items():
+        if name == "thermal":
+            continue
         may_be_zero = name in ("resistance", "inductance")
-        if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
-            allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {most}"
+        exception = 0 if may_be_zero else np.inf
+        if not (_is_in_range(value) or value == exception):
+            allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {largest}"
             yield f"{name.replace('_', ' ')} {printed(value)}; it must be {allowed}."
 
 
-def _real(x: float) -> bool:
+def _is_possible(thermal: Thermal) -> bool:
+    """True if resistances and times are positive, those of the winding both or none, and temperatures rise."""
+    positive = [thermal.housing_ambient, thermal.housing_time]
+    if thermal.winding_housing or thermal.winding_time:
+        positive += [thermal.winding_housing, thermal.winding_time]
+    if not all(map(_is_in_range, positive)):
+        return False
+    return bool(np.isfinite(thermal.coefficient) and thermal.maximum > thermal.reference)
+
+
+def _is_in_range(x: float) -> bool:
     """True if the number is in the range allowed for a drive."""
-    return bool(_SMALLEST <= x <= LARGEST)
+    return bool(_MIN_DRIVE_NUMBER <= x <= LARGEST)

@@ -204,9 +204,9 @@ class ModelBuilder:
             number(friction, f"the friction of {who}"), mimic_of(mimic, who), where, armature_of(armature, who),
         )  # fmt: skip
         self._remarks.extend(remarks)
-        for what, value in (("damping", damping), ("friction", friction)):
+        for loss, value in (("damping", damping), ("friction", friction)):
             if value < 0:
-                self.note(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
+                self.note(who, f"has a negative {loss}, {printed(value)}, so it feeds energy into the robot")
 
     def add_site(self, name: str, link: str, pose: ArrayLike | None = None, where: str = "") -> str:
         """Add a site: a named frame fixed to a link.
@@ -385,18 +385,21 @@ class ModelBuilder:
             from . import edit
 
             model = edit.lock(model, lock)
-        model = self._driven(model)
-        model, found = judge(model, inertia, lambda link: str(self._links[link]))
+        model = self._with_actuators(model)
+        model, inertia_remarks = judge(model, inertia, lambda link: str(self._links[link]))
         # For files with missing masses; a purely kinematic table has none by intention.
-        if massless := [str(self._links[link]) for link in massless_links(model) if self._links[link].where]:
+        massless = [str(self._links[link]) for link in massless_links(model) if self._links[link].where]
+        if massless:
             verb, whose = ("has", "its") if len(massless) == 1 else ("have", "their")
-            found.append(f"{listed(massless)} {verb} no mass: {whose} weight and inertia are missing from every torque")
-        model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
+            inertia_remarks.append(
+                f"{listed(massless)} {verb} no mass: {whose} weight and inertia are missing from every torque"
+            )
+        model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *inertia_remarks))
         if not quiet:
             issue(sentences(self.name, model.defects))
         return model
 
-    def _driven(self, model: Model) -> Model:
+    def _with_actuators(self, model: Model) -> Model:
         """Model with the described actuators of the remaining joints."""
         described = {name: self._actuators[name] for name in model.joint_names if name in self._actuators}
         model = with_actuators(model, [actuator for actuator, _ in described.values() if actuator.motor is not None])
@@ -418,9 +421,9 @@ def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | N
     if not isinstance(name, str) or not name:
         raise ModelError(f"{label(kind, name, where)} needs a name: a text that is not empty.")
     if old is not None:
-        places = f" ({where} and {old.where})" if where or old.where else ""
+        where_text = f" ({where} and {old.where})" if where or old.where else ""
         raise ModelError(
-            f"two {kind}s are called {name!r}{places}. Each needs a name of its own; rename or remove one."
+            f"two {kind}s are called {name!r}{where_text}. Each needs a name of its own; rename or remove one."
         )
 
 

@@ -22,7 +22,7 @@ from ..joints.screw_joint import number, numbers
 from ..lie.identity import IDENTITY, UPRIGHT
 from .limits import Limits
 
-_NAMED = 4
+_MAX_LISTED_SUBJECTS = 4
 """Number of subjects named in a grouped sentence; the others are counted, and listed in ``robot.defects``."""
 
 
@@ -30,16 +30,16 @@ class ModelNote(str):
     """Sentence with a known subject: ``ModelNote("link 'a'", "has no mass") == "link 'a' has no mass"``."""
 
     subject: str
-    said: str
+    predicate: str
 
-    def __new__(cls, subject: str, said: str) -> ModelNote:
-        """Sentence of ``subject`` and ``said``."""
-        text = super().__new__(cls, f"{subject} {said}")
-        text.subject, text.said = subject, said
+    def __new__(cls, subject: str, predicate: str) -> ModelNote:
+        """Sentence of ``subject`` and ``predicate``."""
+        text = super().__new__(cls, f"{subject} {predicate}")
+        text.subject, text.predicate = subject, predicate
         return text
 
     def __reduce__(self) -> tuple[type[ModelNote], tuple[str, str]]:
-        return ModelNote, (self.subject, self.said)
+        return ModelNote, (self.subject, self.predicate)
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:
@@ -48,17 +48,21 @@ def grouped(remarks: Iterable[str]) -> list[str]:
     >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
     ["joint 'a' has no limit; the same of joint 'b'", 'x']
     """
-    others: dict[str, list[str]] = {}
-    first: list[str] = []
+    later_subjects: dict[str, list[str]] = {}  # by predicate
+    first_remarks: list[str] = []
     for remark in remarks:
-        key = remark.said if isinstance(remark, ModelNote) else remark
-        if key in others and isinstance(remark, ModelNote):
-            others[key].append(remark.subject)
+        predicate = remark.predicate if isinstance(remark, ModelNote) else remark
+        if predicate in later_subjects and isinstance(remark, ModelNote):
+            later_subjects[predicate].append(remark.subject)
         else:
-            others.setdefault(key, [])
-            first.append(remark)
-    more = [others[r.said] if isinstance(r, ModelNote) else () for r in first]
-    return [f"{r}; the same of {listed(same, _NAMED)}" if same else r for r, same in zip(first, more, strict=True)]
+            later_subjects.setdefault(predicate, [])
+            first_remarks.append(remark)
+    sentences: list[str] = []
+    for remark in first_remarks:
+        subjects = later_subjects[remark.predicate] if isinstance(remark, ModelNote) else []
+        addition = f"; the same of {listed(subjects, _MAX_LISTED_SUBJECTS)}" if subjects else ""
+        sentences.append(f"{remark}{addition}")
+    return sentences
 
 
 def sentences(name: str, remarks: Iterable[str]) -> list[str]:
@@ -86,7 +90,7 @@ def frames_to_user() -> int:
 Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader + offset."""
 
-_SURE = 1e-15
+_MAX_ROW_GAP = 1e-15
 """Largest gap between rows for which the deviation is certainly within the 1e-14 that leaves rotations unchanged."""
 
 TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
@@ -202,8 +206,8 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     if T is None or T is IDENTITY:
         return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
-    top = [row[:3] for row in T[:3].tolist()]
-    if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (top == UPRIGHT or max(map(abs, gaps(top))) <= _SURE):
+    rows = [row[:3] for row in T[:3].tolist()]
+    if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (rows == UPRIGHT or max(map(abs, gaps(rows))) <= _MAX_ROW_GAP):
         return T
     R = T[:3, :3]
     # 1e-6 accepts rotations written with six digits.
@@ -212,9 +216,9 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
             f"the placement of {who} is not a pose: a rotation, a position and the last row 0 0 0 1 are required."
         )
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # nearest rotation, so that the transpose is the inverse
-        left, _, right = np.linalg.svd(R)
+        U, _, Vt = np.linalg.svd(R)
         T = T.copy()
-        T[:3, :3] = left @ right
+        T[:3, :3] = U @ Vt
     return T
 
 
@@ -226,18 +230,18 @@ def limits_of(
     if joint.nv != 1:
         if joint.nv and any(x is not None for x in (lower, upper, *largest.values())):
             remarks.append(ModelNote(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
-        none = np.full(joint.nv, np.inf)
-        return Limits(-none, none, none, none), remarks
+        infinite = np.full(joint.nv, np.inf)
+        return Limits(-infinite, infinite, infinite, infinite), remarks
     low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
-    found = {name: np.array([_magnitude(name, value, who, remarks)]) for name, value in largest.items()}
-    return Limits(np.array([low]), np.array([high]), **found), remarks
+    magnitudes = {name: np.array([_magnitude(name, value, who, remarks)]) for name, value in largest.items()}
+    return Limits(np.array([low]), np.array([high]), **magnitudes), remarks
 
 
 def _bounds(
     endless: bool, lower: float | None, upper: float | None, who: str, remarks: list[str]
 ) -> tuple[float, float]:
-    low = -np.inf if lower is None else _limit("lower", lower, who)
-    high = np.inf if upper is None else _limit("upper", upper, who)
+    low = -np.inf if lower is None else _limit_number("lower", lower, who)
+    high = np.inf if upper is None else _limit_number("upper", upper, who)
     if endless:  # limits of continuous joints are ignored
         return -np.inf, np.inf
     if low == high == 0:
@@ -251,7 +255,7 @@ def _bounds(
     return low, high
 
 
-def _limit(what: str, value: float, who: str) -> float:
+def _limit_number(what: str, value: float, who: str) -> float:
     try:
         value = float(value)
     except (TypeError, ValueError):
@@ -266,7 +270,7 @@ def _limit(what: str, value: float, who: str) -> float:
 def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> float:
     if value is None:
         return float(np.inf)
-    value = _limit(what, value, who)
+    value = _limit_number(what, value, who)
     if value < 0:
         raise ModelError(
             f"{who} has {what}={printed(value)} as its limit; a limit is a positive number. Leave it out where there is none."

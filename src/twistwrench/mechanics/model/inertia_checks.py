@@ -15,7 +15,7 @@ from ..bodies.inertia import SpatialInertia
 from .description import ModelNote
 from .model import BASE, Body, Model
 
-_LISTED = 3
+_MAX_LISTED_BODIES = 3
 """Number of impossible bodies that an error describes; several often have the same cause."""
 INERTIA_POLICIES = ("error", "accept", "repair")
 """Policies for a moving body with a physically impossible inertia: error, keep it, or use the nearest consistent inertia."""
@@ -48,33 +48,51 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
     refused: list[str] = []
     planar = False
     bodies = list(model.bodies)
-    clear = _clear([body.inertia for body in bodies])
-    doubtful = [i for i, body in enumerate(bodies) if not clear[i]]
-    bad = {i: found for i in doubtful if (found := reasons(bodies[i].inertia, moved_moments(model, i)))}
-    for i, found in bad.items():
-        text = f"{_who(model, i, link)} cannot exist: {'; '.join(found)}"
+    impossible: set[int] = set()
+    for i in np.flatnonzero(~_consistent_mask([body.inertia for body in bodies])).tolist():
+        inertia = bodies[i].inertia
+        violations = reasons(inertia, moved_moments(model, i))
+        if not violations:
+            continue
+        impossible.add(i)
+        text = f"{_body_label(model, i, link)} cannot exist: {'; '.join(violations)}"
         if policy == "error":
             refused.append(text)
-            A, B, C = bodies[i].inertia.principal()[0] if bodies[i].inertia.mass > 0 else (0.0, 0.0, 0.0)
-            planar = planar or max(abs(A), abs(B)) < 1e-9 * C
+            planar = planar or _has_one_moment(inertia)
         elif policy == "accept":
             remarks.append(f"{text}; accepted as it is")
         else:
-            bodies[i], change = _repaired(bodies[i])
+            bodies[i], change = _repair(bodies[i])
             remarks.append(f"{text}; repaired, {change}")
     if refused:
-        more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
-        more += _PLANAR if planar else ""
-        raise InertiaError(
-            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with "
-            f"{argument('inertia', 'repair')} to take the nearest "
-            f"valid ones, or with {argument('inertia', 'accept')} to keep them."
-        )
-    remarks.extend(_on_links(model, set(bad), link))
-    return replace(model, bodies=tuple(bodies)) if bad else model, remarks
+        raise InertiaError(_refusal(refused, planar))
+    remarks.extend(_link_remarks(model, impossible, link))
+    return replace(model, bodies=tuple(bodies)) if impossible else model, remarks
 
 
-def _clear(inertias: Sequence[SpatialInertia]) -> Array:
+def _has_one_moment(inertia: SpatialInertia) -> bool:
+    """True for a body with a moment about one axis only, as in a planar problem."""
+    if inertia.mass <= 0:
+        return False
+    A, B, C = inertia.principal()[0]
+    return bool(max(abs(A), abs(B)) < 1e-9 * C)
+
+
+def _refusal(refused: Sequence[str], planar: bool) -> str:
+    """Error message on inconsistent bodies: the first ones, the number of others, and the remedies."""
+    addition = ""
+    if len(refused) > _MAX_LISTED_BODIES:
+        addition = f" {len(refused) - _MAX_LISTED_BODIES} more cannot exist either."
+    if planar:
+        addition += _PLANAR
+    return (
+        f"{'. '.join(refused[:_MAX_LISTED_BODIES])}.{addition} Correct the numbers, or load with "
+        f"{argument('inertia', 'repair')} to take the nearest "
+        f"valid ones, or with {argument('inertia', 'accept')} to keep them."
+    )
+
+
+def _consistent_mask(inertias: Sequence[SpatialInertia]) -> Array:
     """Mask (n,) of inertias that are consistent without a tolerance; a vectorised check that settles most bodies."""
     p = np.array([G.parameters for G in inertias]).reshape(-1, 10)
     with np.errstate(all="ignore"):
@@ -97,40 +115,43 @@ def moved_moments(model: Model, index: int) -> float:
     return total
 
 
-def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
+def _body_label(model: Model, index: int, link: Callable[[str], str]) -> str:
     """Name of the body by its links: the inconsistent ones, if any, else all with a mass."""
     members = [n for n, f in model.frames.items() if f.body == index and model.link_inertias[n].parameters.any()]
-    guilty = [n for n in members if reasons(model.link_inertias[n])] or members
+    named = [n for n in members if reasons(model.link_inertias[n])] or members
     fused = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
-    return f"{' and '.join(map(link, guilty))}{fused} moved by joint {model.bodies[index].joint.name!r}"
+    return f"{' and '.join(map(link, named))}{fused} moved by joint {model.bodies[index].joint.name!r}"
 
 
-def _repaired(body: Body) -> tuple[Body, str]:
+def _repair(body: Body) -> tuple[Body, str]:
     inertia = body.inertia
     if inertia.mass == 0:  # without mass there is no centre of mass
         stand_in = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
         near = SpatialInertia.from_com(0.0, np.zeros(3), stand_in.moment_about_com)
     else:
         near = inertia.nearest_consistent()
-    most = np.abs(near.parameters - inertia.parameters).max()
-    return replace(body, inertia=near), f"changing its moments by {printed(most, 3)} kg m² at most"
+    change = np.abs(near.parameters - inertia.parameters).max()
+    return replace(body, inertia=near), f"changing its moments by {printed(change, 3)} kg m² at most"
 
 
-def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
+def _link_remarks(model: Model, impossible: set[int], link: Callable[[str], str]) -> list[str]:
     """Notes on links that are inconsistent by themselves without effect on their body."""
     remarks: list[str] = []
-    clear = _clear(list(model.link_inertias.values()))
-    for (name, inertia), fine in zip(model.link_inertias.items(), clear.tolist(), strict=True):
+    consistent = _consistent_mask(list(model.link_inertias.values()))
+    for (name, inertia), is_consistent in zip(model.link_inertias.items(), consistent.tolist(), strict=True):
         body = model.frames[name].body
         moments = inertia.parameters[4:]
         if inertia.mass == 0 and moments.any():
             remarks.append(ModelNote(link(name), "has rotational inertia but no mass"))
+        if is_consistent:
+            continue
         # The parallel-axis theorem turns zeros into rounding errors of the moments about the origin.
-        elif inertia.mass and not fine and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
+        if inertia.mass and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
             remarks.append(ModelNote(link(name), "has mass but zero inertia, as a point mass has"))
-        if body not in bad and not fine and (found := reasons(inertia)):
+        violations = reasons(inertia)
+        if violations and body not in impossible:
             effect = "is fused into a physically consistent body" if body >= 0 else "does not move"
-            remarks.append(ModelNote(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
+            remarks.append(ModelNote(link(name), f"cannot exist by itself ({'; '.join(violations)}) but {effect}"))
     return remarks
 
 
@@ -151,8 +172,8 @@ def massless_links(model: Model) -> tuple[str, ...]:
     massless frame on a fixed joint is part of the body it is fixed to.
     """
     n = len(model.bodies)
-    has = [bool(body.inertia.parameters.any()) for body in model.bodies]
-    carries, reaches, shaped = list(has), [False] * n, [False] * n
+    has_inertia = [bool(body.inertia.parameters.any()) for body in model.bodies]
+    carries, reaches, shaped = list(has_inertia), [False] * n, [False] * n
     for i in reversed(range(n)):  # children before parents
         body = model.bodies[i]
         if body.parent != BASE:
@@ -161,6 +182,8 @@ def massless_links(model: Model) -> tuple[str, ...]:
     for link, frame in model.frames.items():
         if link in model.shaped and frame.body != BASE:
             shaped[frame.body] = True
-    real = shaped if model.shaped else reaches
-    named = {body.link for i, body in enumerate(model.bodies) if not has[i] and (not carries[i] or real[i])}
-    return tuple(link for link in model.frames if link in named)
+    physical = shaped if model.shaped else reaches
+    massless = {
+        body.link for i, body in enumerate(model.bodies) if not has_inertia[i] and (not carries[i] or physical[i])
+    }
+    return tuple(link for link in model.frames if link in massless)

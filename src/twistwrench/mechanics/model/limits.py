@@ -115,12 +115,14 @@ class Limits:
             raise TypeError(f"Limits has attributes, not keys: use robot.limits.{name}")
 
     def __post_init__(self) -> None:
-        none = np.full(np.shape(self.velocity), np.inf)
-        up, down = (none if x is None else x for x in (self.acceleration, self.deceleration))
-        object.__setattr__(self, "acceleration", np.where(np.isinf(up), down, up))
-        object.__setattr__(self, "deceleration", np.where(np.isinf(down), up, down))
+        infinite = np.full(np.shape(self.velocity), np.inf)
+        acceleration = infinite if self.acceleration is None else self.acceleration
+        deceleration = infinite if self.deceleration is None else self.deceleration
+        object.__setattr__(self, "acceleration", np.where(np.isinf(acceleration), deceleration, acceleration))
+        object.__setattr__(self, "deceleration", np.where(np.isinf(deceleration), acceleration, deceleration))
         for name in ("jerk", *BEARINGS):
-            object.__setattr__(self, name, none if getattr(self, name) is None else getattr(self, name))
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, infinite)
 
     @property
     def tolerance(self) -> Array:
@@ -143,8 +145,8 @@ class Limits:
         -------
         exceeded : (..., nv) array of bool; False for NaN
         """
-        x, most = np.asarray(positions, float), self.tolerance
-        return np.asarray((x < self.lower - most) | (x > self.upper + most))
+        x, tolerance = np.asarray(positions, float), self.tolerance
+        return np.asarray((x < self.lower - tolerance) | (x > self.upper + tolerance))
 
     def has_unit(self, kind: str) -> Array:
         """True for each joint whose limit of a kind was given with its unit; for no joint if the limits are those of a file.
@@ -257,9 +259,9 @@ class Friction:
         viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
         return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
 
-    def select(self, places: Sequence[int] | Array) -> Friction:
+    def select(self, indices: Sequence[int] | Array) -> Friction:
         """Friction of selected velocities, in that order."""
-        return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
+        return Friction(*(getattr(self, f.name)[indices] for f in fields(self)))
 
     def replaced(self, place: int, **values: float) -> Friction:
         """Friction with other values for one velocity."""

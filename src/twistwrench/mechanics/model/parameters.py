@@ -36,17 +36,17 @@ def regrouped(model: Model) -> Model:
     inertias = [body.inertia for body in model.bodies]
     for i in reversed(range(len(model.bodies))):
         body = model.bodies[i]
-        unfelt = _unfelt(body.joint, inertias[i])
-        if unfelt is None:
+        fixed_part = _part_without_effect(body.joint, inertias[i])
+        if fixed_part is None:
             continue
-        inertias[i] = _cleaned(inertias[i] - unfelt, inertias[i])
+        inertias[i] = _clear_rounding(inertias[i] - fixed_part, inertias[i])
         if body.parent != BASE:
-            inertias[body.parent] = inertias[body.parent] + unfelt.in_frame(body.placement)
+            inertias[body.parent] = inertias[body.parent] + fixed_part.in_frame(body.placement)
     bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, inertias, strict=True))
     return replace(model, bodies=bodies)
 
 
-def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
+def _part_without_effect(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
     """Part of a body's inertia without effect on its joint (base-parameter regrouping); None if none is known."""
     if joint.nv != 1:
         return None
@@ -64,7 +64,7 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
     return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J))
 
 
-def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
+def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
     """Parameters with differences due to rounding errors set to zero."""
     p = G.parameters.copy()
     scale = np.repeat(
@@ -82,9 +82,9 @@ def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
 # the spring at the joint or in its gear. Coupled motors have names of their own. The link may be massless: ``tool0.mass``
 # is a payload. Static friction equal to Coulomb friction follows if only ``<joint>.coulomb`` is given.
 
-_OF_LINKS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_OF_JOINTS = ("x", "y", "z")
-_OF_DRIVES = ("armature", "rotor_inertia", "stiffness")
+_LINK_PARAMETERS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_JOINT_PARAMETERS = ("x", "y", "z")
+_DRIVE_PARAMETERS = ("armature", "rotor_inertia", "stiffness")
 
 
 def nominal(model: Model) -> dict[str, float]:
@@ -92,10 +92,10 @@ def nominal(model: Model) -> dict[str, float]:
     values: dict[str, float] = {}
     for link, frame in model.frames.items():
         if frame.body != BASE:
-            values.update(zip((f"{link}.{what}" for what in _OF_LINKS), _of_link(model, link), strict=True))
+            values |= _link_values(model, link)
     for body in model.bodies:
-        for what, x in zip(_OF_JOINTS, body.placement[:3, 3], strict=True):
-            values[f"{body.joint.name}.{what}"] = float(x)
+        for parameter, x in zip(_JOINT_PARAMETERS, body.placement[:3, 3], strict=True):
+            values[f"{body.joint.name}.{parameter}"] = float(x)
         if not body.follows and body.joint.nv == 1:
             for law in LAWS:
                 values[f"{model.drive_names[body.v_index]}.{law}"] = float(getattr(model.friction, law)[body.v_index])
@@ -109,7 +109,7 @@ def nominal(model: Model) -> dict[str, float]:
 
 
 def _armatures(model: Model) -> dict[str, int]:
-    """Place in the armature of each drive of one degree of freedom without a rotor, whose inertia would count twice."""
+    """Index in the armature of each drive of one degree of freedom without a rotor, whose inertia would count twice."""
     rotors = {a.joint for a in model.actuators.values() if a.rotor is not None}
     leaders = [body for body in model.leaders if body.joint.nv == 1]
     drives = {model.drive_names[body.v_index]: body.v_index for body in leaders}
@@ -119,34 +119,35 @@ def _armatures(model: Model) -> dict[str, int]:
 def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
     """Rotor, gear ratio and body by driven joint or motor; rotors of coupled motors have no body."""
     bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}
-    found: dict[str, tuple[Rotor, float, int | None]] = {}
+    rotors: dict[str, tuple[Rotor, float, int | None]] = {}
     for name, actuator in model.actuators.items():
         if actuator.rotor is not None:
             body = bodies.get(f"{actuator.joint}.rotor", bodies.get(name))
-            found[actuator.joint] = actuator.rotor, actuator.ratio, body
-    return found
+            rotors[actuator.joint] = actuator.rotor, actuator.ratio, body
+    return rotors
 
 
 def _springs(model: Model) -> dict[str, int]:
     """Index of the spring at each joint, or between it and its motor; of several, the first."""
-    found: dict[str, int] = {}
+    indices: dict[str, int] = {}
     for k, spring in enumerate(model.springs):
         joints = [joint for joint, _ in spring.terms]
         if len(joints) == 1 or joints[1:] == [f"{joints[0]}.motor"]:
-            found.setdefault(joints[0], k)
-    return found
+            indices.setdefault(joints[0], k)
+    return indices
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
     """True if lengths are among them. Without lengths, a quantity linear in the parameters stays so after regrouping."""
-    places = {f"{body.joint.name}.{what}" for body in model.bodies for what in _OF_JOINTS}
-    return any(name in places for name in names)
+    lengths = {f"{body.joint.name}.{parameter}" for body in model.bodies for parameter in _JOINT_PARAMETERS}
+    return any(name in lengths for name in names)
 
 
-def _of_link(model: Model, link: str) -> list[float]:
+def _link_values(model: Model, link: str) -> dict[str, float]:
+    """Mass, centre of mass, and moments about the centre of mass of a link, by name."""
     G = model.link_inertias.get(link, SpatialInertia.zero())
-    I = G.moment_about_com
-    return [float(x) for x in ten_parameters(G.mass, G.com, I)]
+    numbers = ten_parameters(G.mass, G.com, G.moment_about_com)
+    return {f"{link}.{parameter}": float(x) for parameter, x in zip(_LINK_PARAMETERS, numbers, strict=True)}
 
 
 def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
@@ -155,54 +156,58 @@ def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
     Raises :class:`~twistwrench.UnknownNameError` for a pattern without a match.
     """
     known = nominal(model)
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     for pattern in patterns:
-        mine = fnmatch.filter(known, pattern)
-        if not mine:
+        matches = fnmatch.filter(known, pattern)
+        if not matches:
             raise UnknownNameError.from_choices("parameter", pattern, known)
-        found.update(dict.fromkeys(mine))
-    return tuple(found)
+        names.update(dict.fromkeys(matches))
+    return tuple(names)
 
 
 def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
     """Model with these numbers or symbols in place of its own parameters."""
     new = dict(zip(names, values, strict=True))
-    bodies = [_body_moved(body, new) for body in model.bodies]
+    bodies = [_moved_body(body, new) for body in model.bodies]
+    owners = {name.rpartition(".")[0] for name in names if name.rpartition(".")[2] in _LINK_PARAMETERS}
     for link, frame in model.frames.items():
-        if any(f"{link}.{what}" in new for what in _OF_LINKS):
-            old = model.link_inertias.get(link, SpatialInertia.zero())
-            mine = [new.get(f"{link}.{what}", x) for what, x in zip(_OF_LINKS, _of_link(model, link), strict=True)]
-            body = bodies[frame.body]
-            rest = body.inertia - old.in_frame(frame.pose)
-            bodies[frame.body] = replace(body, inertia=rest + _inertia(mine).in_frame(frame.pose))
-    armature = _driven(model, bodies, new)
-    return replace(
-        model, bodies=tuple(bodies), friction=_friction(model, new), armature=armature, springs=_sprung(model, new)
-    )
+        if link not in owners:
+            continue
+        numbers = [new.get(name, x) for name, x in _link_values(model, link).items()]
+        body = bodies[frame.body]
+        without_link = body.inertia - model.link_inertias.get(link, SpatialInertia.zero()).in_frame(frame.pose)
+        bodies[frame.body] = replace(body, inertia=without_link + _inertia(numbers).in_frame(frame.pose))
+    armature = _armature_with_parameters(model, bodies, new)
+    friction, springs = _friction_with_parameters(model, new), _springs_with_parameters(model, new)
+    return replace(model, bodies=tuple(bodies), friction=friction, armature=armature, springs=springs)
 
 
-def _driven(model: Model, bodies: list[Any], new: dict[str, Any]) -> Array:
+def _armature_with_parameters(model: Model, bodies: list[Any], new: dict[str, Any]) -> Array:
     """Armature with the numbers of drives; those of rotors change the ``bodies`` of rotors and of links that hold them."""
-    armature = model.armature.astype(object)
-    given = {k: new[f"{drive}.armature"] for drive, k in _armatures(model).items() if f"{drive}.armature" in new}
+    drives = _armatures(model)
+    values = {k: new[f"{drive}.armature"] for drive, k in drives.items() if f"{drive}.armature" in new}
     for drive, (rotor, ratio, i) in _rotors(model).items():
-        if (name := f"{drive}.rotor_inertia") not in new:
+        name = f"{drive}.rotor_inertia"
+        if name not in new:
             continue
         if i is None:  # a coupled motor
-            given[model.drive_index(drive)] = ratio**2 * new[name]
+            values[model.drive_index(drive)] = ratio**2 * new[name]
             continue
         body = bodies[i]
-        change = _spinning(body.joint.axes[0, :3], new[name] - rotor.inertia)
+        change = _ring_inertia(body.joint.axes[0, :3], new[name] - rotor.inertia)
         bodies[i] = replace(body, inertia=body.inertia + change)
         if body.parent != BASE and not rotor.extra:
             carrier = bodies[body.parent]
             bodies[body.parent] = replace(carrier, inertia=carrier.inertia - change.in_frame(body.placement))
-    for k, x in given.items():
+    if not values:
+        return model.armature
+    armature = model.armature.astype(object)
+    for k, x in values.items():
         armature[k] = x
-    return armature if given else model.armature
+    return armature
 
 
-def _spinning(axis: Array, J: Any) -> SpatialInertia:
+def _ring_inertia(axis: Array, J: Any) -> SpatialInertia:
     """Inertia of a thin ring of moment J about an axis, without mass."""
     spin = np.outer(axis, axis)
     return SpatialInertia.from_parameters(
@@ -210,23 +215,22 @@ def _spinning(axis: Array, J: Any) -> SpatialInertia:
     )
 
 
-def _sprung(model: Model, new: dict[str, Any]) -> tuple[Spring, ...]:
+def _springs_with_parameters(model: Model, new: dict[str, Any]) -> tuple[Spring, ...]:
     springs = list(model.springs)
     for joint, k in _springs(model).items():
-        if (name := f"{joint}.stiffness") in new:
+        name = f"{joint}.stiffness"
+        if name in new:
             springs[k] = replace(springs[k], stiffness=new[name])
     return tuple(springs)
 
 
-def _body_moved(body: Any, new: dict[str, Any]) -> Any:
-    mine = {
-        k: new[f"{body.joint.name}.{what}"] for k, what in enumerate(_OF_JOINTS) if f"{body.joint.name}.{what}" in new
-    }
-    if not mine:
+def _moved_body(body: Any, new: dict[str, Any]) -> Any:
+    names = [f"{body.joint.name}.{parameter}" for parameter in _JOINT_PARAMETERS]
+    if not any(name in new for name in names):
         return body
     placement = body.placement.astype(object)
-    for k, x in mine.items():
-        placement[k, 3] = x
+    for k, name in enumerate(names):
+        placement[k, 3] = new.get(name, placement[k, 3])
     return replace(body, placement=placement)
 
 
@@ -238,14 +242,15 @@ def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
     return SpatialInertia.from_parameters(np.array(ten_parameters(m, m * c, J), object))
 
 
-def _friction(model: Model, new: dict[str, Any]) -> Friction:
+def _friction_with_parameters(model: Model, new: dict[str, Any]) -> Friction:
     columns = {law: getattr(model.friction, law).astype(object) for law in LAWS}
     changed = False
     for i, drive in enumerate(model.drive_names):
         for law in LAWS:
-            if (name := f"{drive}.{law}") in new:
+            name = f"{drive}.{law}"
+            if name in new:
                 columns[law][i], changed = new[name], True
-        coulomb, static = (f"{drive}.{law}" for law in ("coulomb", "static"))
+        coulomb, static = f"{drive}.coulomb", f"{drive}.static"
         if coulomb in new and static not in new and model.friction.static[i] == model.friction.coulomb[i]:
             columns["static"][i] = new[coulomb]
     return Friction(**columns) if changed else model.friction
@@ -254,78 +259,96 @@ def _friction(model: Model, new: dict[str, Any]) -> Friction:
 # ── Validation of parameters given by sample, with the criteria of loading
 
 _TENSOR = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_SLACK = 1e-6
+_MOMENT_TOLERANCE = 1e-6
 """Tolerance relative to the sum of the principal moments, as for a single body."""
 
 
-def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
+def refuse_impossible(model: Model, parameters: Mapping[str, Array]) -> None:
     """Raise an error for negative masses or friction, and for physically impossible moments of inertia; NaN passes.
 
-    ``given``: numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. An inertia tensor
-    is checked together with its fixed links, unless its body was already inconsistent when loaded. Raises InertiaError and
-    ValueRangeError, naming the link or joint and the sample.
+    ``parameters``: numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. An inertia
+    tensor is checked together with its fixed links, unless its body was already inconsistent when loaded. Raises
+    InertiaError and ValueRangeError, naming the link or joint and the sample.
     """
-    links = {link for link, frame in model.frames.items() if frame.body != BASE}
-    for name, values in given.items():
-        owner, _, what = name.rpartition(".")
-        if what == "mass" and (values < 0).any():
+    tensor_links = set[str]()
+    for name, values in parameters.items():
+        owner, _, parameter = name.rpartition(".")
+        if parameter == "mass" and (values < 0).any():
             raise InertiaError(
-                f"parameters: {_at(name, values, values < 0, ' kg')}: link {owner!r} cannot have a negative mass. "
+                f"parameters: {_value_text(name, values, values < 0, ' kg')}: link {owner!r} cannot have a negative mass. "
                 "Give 0 or more."
             )
-        if what in _OF_DRIVES and (values < 0).any():
+        if parameter in _DRIVE_PARAMETERS and (values < 0).any():
+            noun = parameter.replace("_", " ")
             raise ValueRangeError(
-                f"parameters: {_at(name, values, values < 0)}, and {what.replace('_', ' ')} is at least 0. Give 0 or more."
+                f"parameters: {_value_text(name, values, values < 0)}, and {noun} is at least 0. Give 0 or more."
             )
-        if what in LAWS:
-            bad, wanted = values < 0, "at least 0"
-            if what == "stribeck":
-                bad, wanted = values <= 0, "above 0"
-            if what == "load":
-                bad, wanted = bad | (values >= 1), "at least 0 and below 1"
-            if bad.any():
-                raise ValueRangeError(
-                    f"parameters: {_at(name, values, bad)}, and friction of a joint is {wanted} there."
-                )
-    for link in sorted(links & {name.rpartition(".")[0] for name in given if name.rpartition(".")[2] in _TENSOR}):
-        _refuse_tensor(model, link, given)
+        if parameter in LAWS:
+            _refuse_friction(name, parameter, values)
+        if parameter in _TENSOR:
+            tensor_links.add(owner)
+    for link in sorted(tensor_links):
+        if link in model.frames and model.frames[link].body != BASE:
+            _refuse_tensor(model, link, parameters)
 
 
-def _refuse_tensor(model: Model, link: str, given: Mapping[str, Array]) -> None:
-    body, usual = model.frames[link].body, nominal(model)
+def _refuse_friction(name: str, law: str, values: Array) -> None:
+    impossible, bounds = values < 0, "at least 0"
+    if law == "stribeck":
+        impossible, bounds = values <= 0, "above 0"
+    if law == "load":
+        impossible, bounds = impossible | (values >= 1), "at least 0 and below 1"
+    if impossible.any():
+        raise ValueRangeError(
+            f"parameters: {_value_text(name, values, impossible)}, and friction of a joint is {bounds} there."
+        )
+
+
+def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> None:
+    body = model.frames[link].body
     if reasons(model.bodies[body].inertia, moved_moments(model, body)):
         return
-    xx, xy, yy, xz, yz, zz = np.broadcast_arrays(
-        *(np.asarray(given.get(f"{link}.{what}", usual[f"{link}.{what}"]), float) for what in _TENSOR)
-    )
-    I = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*xx.shape, 3, 3)
-    known = np.isfinite(I).all(axis=(-2, -1))
-    A, B, C = np.moveaxis(np.linalg.eigvalsh(np.where(known[..., None, None], I, np.eye(3))), -1, 0)
-    slack = _SLACK * np.abs(A + B + C)
-    bad = (-slack > A) | (A + B + slack < C)
-    if not bad.any():
+    impossible = _impossible_samples(model, link, parameters)
+    if not impossible.any():
         return
-    members = {f"{name}.": name for name, frame in model.frames.items() if frame.body == body}
-    mine = {n: x for n, x in given.items() if n[: n.rfind(".") + 1] in members}
-    whole = np.broadcast_shapes(*(x.shape for x in mine.values()))
-    for sample in map(tuple, np.argwhere(np.broadcast_to(bad, whole))):
-        values = [float(np.broadcast_to(x, whole)[sample]) for x in mine.values()]
+    members = {name for name, frame in model.frames.items() if frame.body == body}
+    of_members = {name: x for name, x in parameters.items() if name.rpartition(".")[0] in members}
+    shape = np.broadcast_shapes(*(x.shape for x in of_members.values()))
+    for sample in map(tuple, np.argwhere(np.broadcast_to(impossible, shape))):
+        values = [float(np.broadcast_to(x, shape)[sample]) for x in of_members.values()]
         with np.errstate(all="ignore"):
-            numbers = with_symbolic_parameters(model, list(mine), values).bodies[body].inertia.parameters.astype(float)
-        G = SpatialInertia.from_parameters(numbers)
-        if np.isfinite(numbers).all() and (found := reasons(G, moved_moments(model, body))):
-            place = f" in sample {_index(sample)}" if sample else ""
+            changed = with_symbolic_parameters(model, list(of_members), values)
+        numbers = changed.bodies[body].inertia.parameters.astype(float)
+        if not np.isfinite(numbers).all():
+            continue
+        violations = reasons(SpatialInertia.from_parameters(numbers), moved_moments(model, body))
+        if violations:
+            where = f" in sample {_sample_text(sample)}" if sample else ""
             raise InertiaError(
-                f"parameters: link {link!r}{place} cannot exist: {'; '.join(found)}. Give moments of a body that can: "
+                f"parameters: link {link!r}{where} cannot exist: {'; '.join(violations)}. Give moments of a body that can: "
                 "tw.SpatialInertia(…).nearest_consistent() finds them."
             )
 
 
-def _at(name: str, values: Array, bad: Array, unit: str = "") -> str:
-    sample = tuple(np.argwhere(bad)[0])
-    place = f" in sample {_index(sample)}" if sample else ""
-    return f"{name!r} is {printed(float(values[sample]))}{unit}{place}"
+def _impossible_samples(model: Model, link: str, parameters: Mapping[str, Array]) -> Array:
+    """True for samples whose principal moments about the link's centre of mass violate the triangle inequality; (...,)."""
+    default = nominal(model)
+    names = [f"{link}.{entry}" for entry in _TENSOR]
+    moments = [np.asarray(parameters.get(name, default[name]), float) for name in names]
+    xx, xy, yy, xz, yz, zz = np.broadcast_arrays(*moments)
+    I = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*xx.shape, 3, 3)
+    known = np.isfinite(I).all(axis=(-2, -1))
+    A, B, C = np.moveaxis(np.linalg.eigvalsh(np.where(known[..., None, None], I, np.eye(3))), -1, 0)
+    slack = _MOMENT_TOLERANCE * np.abs(A + B + C)
+    return np.asarray((-slack > A) | (A + B + slack < C))
 
 
-def _index(sample: tuple[int, ...]) -> str:
+def _value_text(name: str, values: Array, mask: Array, unit: str = "") -> str:
+    """First value in a mask, with its sample."""
+    sample = tuple(np.argwhere(mask)[0])
+    where = f" in sample {_sample_text(sample)}" if sample else ""
+    return f"{name!r} is {printed(float(values[sample]))}{unit}{where}"
+
+
+def _sample_text(sample: tuple[int, ...]) -> str:
     return str(int(sample[0])) if len(sample) == 1 else str(tuple(map(int, sample)))

@@ -12,18 +12,18 @@ from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Fixed, Joint
 from ..lie import se3
-from .actuation import counted, with_actuators
+from .actuation import is_in_link_mass, with_actuators
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions, assemble, default_tip
 from .description import JointEntry, LinkEntry, SiteEntry, unused
-from .limits import Friction, Limits
+from .limits import LAWS, Friction, Limits
 from .mimic import find_drives
 from .model import BASE, Body, Model, find_tree
 
 if TYPE_CHECKING:
     from .couplings import Coupling
 
-_ROUNDING = 1e-13
+_MAX_ROUNDING = 1e-13
 """Largest difference between a body's inertia and the sum of its links' inertias, relative to the largest entry."""
 
 
@@ -79,63 +79,62 @@ class _Disassembly:
         self.motors = {model.actuators[body.joint.name].joint: body for body in rotors}
         """Motors behind elastic gears, which have coordinates of their own, by the joint they drive."""
         self.by_column = {body.v_index: body for body in model.leaders}
-        held = set(model.frames) | set(self.bodies)
-        self.parents = {link: self._carrier(link, held) for link in held if link in model.mounts}
+        links = set(model.frames) | set(self.bodies)
+        self.parents = {link: self._carrier(link, links) for link in links if link in model.mounts}
         self.names = [*model.frames, *(link for link in self.bodies if link not in model.frames)]
 
-    def _carrier(self, link: str, held: set[str]) -> str:
+    def _carrier(self, link: str, links: set[str]) -> str:
         """Nearest ancestor link that remains; hidden links of locked joints are removed."""
         parent = self.model.mounts[link][0]
-        while parent and parent not in held:
+        while parent and parent not in links:
             parent = self.model.mounts[parent][0]
         return parent
 
     def parts(self) -> ModelParts:
         """All parts of the model."""
         model = self.model
-        top = next((link for link in self.names if not self.parents.get(link, "")), "world")
-        floating = top in self.bodies
-        still = top if floating or top not in self.parents else unused("world", {*self.names})
-        found = ModelParts(
-            model.name, model.gravity, model.snap, model.source, root=still, floating=floating,
+        first = next((link for link in self.names if not self.parents.get(link, "")), "world")
+        floating = first in self.bodies
+        locked = not floating and first in self.parents  # a locked floating root is placed in the base frame
+        root = unused("world", {*self.names}) if locked else first
+        parts = ModelParts(
+            model.name, model.gravity, model.snap, model.source, root=root, floating=floating,
             actuators=list(model.actuators.values()), couplings=list(model.couplings), payloads=model.payloads,
         )  # fmt: skip
-        if still != top:  # a locked floating root is placed in the base frame
-            self.parents[top] = still
-            found.links[still] = LinkEntry(still, SpatialInertia.zero(), "")
-        self._add_links(found)
-        for link in self._depth_first(found.root):
-            if link != found.root:
-                found.joints.append(self._joint(link))
+        if locked:
+            self.parents[first] = root
+            parts.links[root] = LinkEntry(root, SpatialInertia.zero(), "")
+        self._add_links(parts)
+        parts.joints = [self._joint(link) for link in self._depth_first(root) if link != root]
         if floating:
-            self._note(found, model.bodies[self.bodies[found.root]])
-        for joint in found.joints:
+            self._add_losses(parts, model.bodies[self.bodies[root]])
+        for joint in parts.joints:
             if not joint.fixed and joint.mimic is None:
-                self._note(found, model.bodies[self.bodies[joint.child]])
-        self._add_others(found)
-        return found
+                self._add_losses(parts, model.bodies[self.bodies[joint.child]])
+        self._add_additions(parts)
+        return parts
 
-    def _add_links(self, found: ModelParts) -> None:
+    def _add_links(self, parts: ModelParts) -> None:
         model = self.model
         whole = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
         whole[BASE] = model.base_inertia
         for body in model.bodies:
-            if not body.joint.moves_body and (self.extra or counted(model, body)):
+            if not body.joint.moves_body and (self.extra or is_in_link_mass(model, body)):
                 whole[body.parent] = whole[body.parent] + body.inertia.in_frame(body.placement)
-        rest = dict(whole)
+        remainder = dict(whole)  # of each body, without its links
         for name, frame in model.frames.items():
-            own = model.link_inertias.get(name, SpatialInertia.zero())
-            if own.parameters.any():
-                rest[frame.body] = rest[frame.body] - own.in_frame(frame.pose)
+            inertia = model.link_inertias.get(name, SpatialInertia.zero())
+            if inertia.parameters.any():
+                remainder[frame.body] = remainder[frame.body] - inertia.in_frame(frame.pose)
         for name in self.names:
-            own = model.link_inertias.get(name, SpatialInertia.zero())
+            inertia = model.link_inertias.get(name, SpatialInertia.zero())
             i = self.bodies.get(name, BASE)
-            if (i != BASE or name == found.root) and _matters(rest[i], whole[i]):
-                own = own + rest[i]
+            if (i != BASE or name == parts.root) and _exceeds_rounding(remainder[i], whole[i]):
+                inertia = inertia + remainder[i]
             hidden = name not in model.frames
-            found.links[name] = LinkEntry(name, own, "", name in model.shaped, hidden)
-        found.whole = {link: whole[i] for link, i in self.bodies.items()}
-        found.whole.setdefault(found.root, whole[BASE])
+            parts.links[name] = LinkEntry(name, inertia, "", name in model.shaped, hidden)
+        parts.whole = {link: whole[i] for link, i in self.bodies.items()}
+        parts.whole.setdefault(parts.root, whole[BASE])
 
     def _depth_first(self, root: str) -> Iterator[str]:
         """Links in an order that yields the bodies in their order."""
@@ -173,13 +172,13 @@ class _Disassembly:
         _, T_parent = self._pose(parent)
         if link not in self.bodies:
             _, T = self._pose(link)
-            return fixed_entry(name, parent, link, _seen_from(T_parent, T))
+            return fixed_entry(name, parent, link, _relative_pose(T_parent, T))
         body = model.bodies[self.bodies[link]]
-        place = body.places[1]
-        limits = Limits(*(getattr(model.limits, what)[place] for what in vars(model.limits)))
+        columns = body.places[1]
+        limits = Limits(**{kind: values[columns] for kind, values in vars(model.limits).items()})
         if name in self.motors:  # which has the effort limit
             limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
-        entry = _entry(body.joint, parent, link, _seen_from(T_parent, body.placement), limits)
+        entry = _entry(body.joint, parent, link, _relative_pose(T_parent, body.placement), limits)
         if not body.follows:
             return entry
         leader = self.by_column[body.v_index]
@@ -189,25 +188,26 @@ class _Disassembly:
         reach = Limits(ends[0], ends[1], free, effort) if body.ratio else Limits(-free, free, free, effort)
         return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
 
-    def _note(self, found: ModelParts, body: Body) -> None:
+    def _add_losses(self, parts: ModelParts, body: Body) -> None:
         """Store friction and armature of a joint, and of the motor behind its elastic gear."""
-        for one in filter(None, (body, self.motors.get(body.joint.name))):
-            at = one.places[1]
-            found.friction[one.joint.name] = self.model.friction.select(np.arange(at.start, at.stop))
-            found.armature[one.joint.name] = self.model.armature[at]
+        motor = self.motors.get(body.joint.name)
+        for drive in filter(None, (body, motor)):
+            columns = drive.places[1]
+            parts.friction[drive.joint.name] = self.model.friction.select(np.arange(columns.start, columns.stop))
+            parts.armature[drive.joint.name] = self.model.armature[columns]
 
-    def _add_others(self, found: ModelParts) -> None:
-        model, more = self.model, found.additions
+    def _add_additions(self, parts: ModelParts) -> None:
+        model, additions = self.model, parts.additions
         for name, frame in model.sites.items():
-            link = found.root if frame.body == BASE else model.bodies[frame.body].link
-            more.sites[name] = SiteEntry(name, link, frame.pose)
-        there = {joint.name for joint in found.joints} | {ROOT_JOINT}
-        more.springs = [s for s in model.springs if all(joint in there for joint, _ in s.terms)]
+            link = parts.root if frame.body == BASE else model.bodies[frame.body].link
+            additions.sites[name] = SiteEntry(name, link, frame.pose)
+        joints = {joint.name for joint in parts.joints} | {ROOT_JOINT}
+        additions.springs = [spring for spring in model.springs if {joint for joint, _ in spring.terms} <= joints]
         leaders = [body for body in model.leaders if body.joint.moves_body]
         for name, q in model.configurations.items():
-            more.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
-        more.closures = dict(model.closures)
-        more.motor_joints, more.mounted = set(model.motor_joints), model.mounted
+            additions.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
+        additions.closures = dict(model.closures)
+        additions.motor_joints, additions.mounted = set(model.motor_joints), model.mounted
 
 
 _NO_LIMITS = Limits(*(np.zeros(0),) * 4)
@@ -222,34 +222,36 @@ def fixed_entry(name: str, parent: str, child: str, placement: Array) -> JointEn
     return _entry(Fixed(name, np.zeros((0, 6))), parent, child, placement, _NO_LIMITS)
 
 
-def _seen_from(T_ab: Array, T_ac: Array) -> Array:
+def _relative_pose(T_ab: Array, T_ac: Array) -> Array:
     """Relative pose T_bc; exact if {b} equals {a}."""
     return T_ac if np.array_equal(T_ab, np.eye(4)) else np.asarray(se3.inverse(T_ab) @ T_ac)
 
 
-def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
+def _exceeds_rounding(remainder: SpatialInertia, whole: SpatialInertia) -> bool:
     """True if the difference between a body and its links exceeds rounding errors."""
-    most, size = np.abs(rest.parameters), np.abs(whole.parameters)
-    parts = (slice(0, 1), slice(1, 4), slice(4, 10))
-    return any(most[part].max() > _ROUNDING * max(size[part].max(), size.max() * 1e-3) for part in parts)
+    difference, size = np.abs(remainder.parameters), np.abs(whole.parameters)
+    for part in (slice(0, 1), slice(1, 4), slice(4, 10)):  # mass, first moment, moments about the origin
+        if difference[part].max() > _MAX_ROUNDING * max(size[part].max(), size.max() * 1e-3):
+            return True
+    return False
 
 
 # ── Model from its parts
 
 
-def reassemble(found: ModelParts) -> Model:
+def reassemble(parts: ModelParts) -> Model:
     """Model from its parts, without checks and warnings."""
-    tree = find_tree(found.links, found.joints)
+    tree = find_tree(parts.links, parts.joints)
     model = assemble(
-        found.name, found.links, tree, find_drives(found.joints), floating_base=found.floating, snap=found.snap,
-        gravity=found.gravity, source=found.source, additions=found.additions,
+        parts.name, parts.links, tree, find_drives(parts.joints), floating_base=parts.floating, snap=parts.snap,
+        gravity=parts.gravity, source=parts.source, additions=parts.additions,
     )  # fmt: skip
-    armature = [found.armature[name] for name in model.joint_names]
-    model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
-    model = replace(model, couplings=tuple(found.couplings))
-    model = with_actuators(model, found.actuators)
-    laws = [found.friction[name] for name in model.joint_names]  # also of motors
-    columns = {
-        what: np.concatenate([np.zeros(0), *(getattr(law, what) for law in laws)]) for what in vars(model.friction)
-    }
+    armature = [parts.armature[name] for name in model.joint_names]
+    model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=parts.payloads)
+    model = replace(model, couplings=tuple(parts.couplings))
+    model = with_actuators(model, parts.actuators)
+    laws = [parts.friction[name] for name in model.joint_names]  # also of motors
+    columns: dict[str, Array] = {}
+    for parameter in LAWS:
+        columns[parameter] = np.concatenate([np.zeros(0), *(getattr(law, parameter) for law in laws)])
     return replace(model, friction=Friction(**columns), tip=default_tip(model))
