@@ -10,7 +10,7 @@ import twistwrench as tw
 from twistwrench.compiler.ir.tracer import trace
 from twistwrench.mechanics.algorithms.forward_dynamics import articulated_dynamics, articulated_pays
 from twistwrench.mechanics.algorithms.inverse_dynamics import bias_forces
-from twistwrench.mechanics.algorithms.mass_matrix import factored, mass_matrix, solved
+from twistwrench.mechanics.algorithms.mass_matrix import ldl_factors, mass_matrix, solve_ldl
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.mechanics.model.parameters import regrouped
 from twistwrench.testing import assert_close, random_state
@@ -59,7 +59,7 @@ def counted(robot):
     inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), ("tau", (robot.nv,))]
 
     def by_mass_matrix(q, dq, tau):
-        return solved(*factored(mass_matrix(model, q)), tau - bias_forces(model, q, dq))
+        return solve_ldl(*ldl_factors(mass_matrix(model, q)), tau - bias_forces(model, q, dq))
 
     programs = (lambda q, dq, tau: articulated_dynamics(model, q, dq, tau)), by_mass_matrix
     return [trace(p, inputs, ["ddq"]).multiplications for p in programs]

@@ -14,7 +14,7 @@ from ..core import arguments
 from ..core.errors import FrameError, ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..mechanics.algorithms.operational_space import undriven
+from ..mechanics.algorithms.operational_space import multi_dof_joints
 from ..mechanics.algorithms.time_scalings import PosePath
 from ..mechanics.lie import so3
 from ..mechanics.lie.twist_wrench import Pose
@@ -165,7 +165,7 @@ _SYMMETRIC = 1e-9
 def require_driven(robot: object, what: str) -> Robot:
     """Robot with a torque for every velocity; raises an error for others."""
     found = require_robot(robot, what)
-    if names := undriven(found.model):
+    if names := multi_dof_joints(found.model):
         raise ValueRangeError(
             f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {found.name!r} is not a joint of "
             "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."

@@ -420,7 +420,7 @@ class ConstraintMethods(RobotBase):
         gap : (n,) array
         """
         from ..mechanics.algorithms.constraints import Closure, with_gaps
-        from ..mechanics.algorithms.loop_closure import settled
+        from ..mechanics.algorithms.loop_closure import LoopProblem, close_loops
         from .constraints.tolerances import gap_units
 
         closures = tuple(c for c in self.constraints if isinstance(c, Closure))
@@ -431,9 +431,8 @@ class ConstraintMethods(RobotBase):
         def rows_and_mass(q: Array) -> tuple[Array, Array]:
             return robot.engine.call("constraint_jacobian", q, constraints=closures), robot.mass_matrix(q)
 
-        return settled(
-            starts, self.gaps, rows_and_mass, robot.add, sizes, gap_units(cast("ConstrainedRobot", self)), tolerance
-        )
+        units = gap_units(cast("ConstrainedRobot", self))
+        return close_loops(starts, LoopProblem(self.gaps, rows_and_mass, robot.add, sizes, units), tolerance)
 
     def gaps(self, q: Array) -> Array:
         """Constraint error at validated q; see :meth:`constraint_error`.

@@ -110,7 +110,7 @@ def _by_kernel(
 ) -> Array:
     """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
     from ..mechanics.algorithms.kinematics import row_numbers
-    from ..mechanics.algorithms.loop_closure import ConstraintProjector, doubtful
+    from ..mechanics.algorithms.loop_closure import ConstraintProjector, needs_singular_values
 
     chosen = row_numbers(rows)
     arrays = brought(robot.model, name, arrays, {})
@@ -125,7 +125,7 @@ def _by_kernel(
     for array in arrays:
         known = known & np.isfinite(array).all(axis=-1)
     found[~known] = np.nan  # elimination of NaN may leave numbers
-    again = doubtful(pivots, sizes) & known
+    again = needs_singular_values(pivots, sizes) & known
     if again.any():
         _warn_of_lost_rows(robot, frame, kind, chosen)
         q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)

@@ -23,7 +23,7 @@ from ..core.typing import Array
 from ..mechanics.algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
 from ..mechanics.algorithms.friction import largest, positive, smallest
 from ..mechanics.algorithms.kinematics import add
-from ..mechanics.algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
+from ..mechanics.algorithms.loop_closure import MIN_PIVOT, LoopRows, needs_singular_values, project_state
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import moves_joints
 from ..robot.constraint_methods import CLOSED
@@ -106,7 +106,7 @@ class ClosedStep(StepPlan):
             dq1, *work = [x + h * rate for x, rate in zip(start[1:], first[1:], strict=True)]
             q1 = add(self.model, q, h * dq1)
         _, plant, _ = self._models(given)
-        q1, dq1, *left = projected(plant, q1, dq1, self.loops.constraints, self.loops.independent)
+        q1, dq1, *left = project_state(plant, q1, dq1, self.loops.constraints, self.loops.independent)
         return q1, dq1, self._passed_on(passed, *left), *work, *[first[1]] * self.works, *[tau] * self.says_torques
 
     def _accelerations(self, plant: Model, angles: Array, dq: Array, force: Array, inputs: dict[str, Array]) -> Array:
@@ -117,7 +117,7 @@ class ClosedStep(StepPlan):
         pivot: Any = smallest(pivots / np.array(self.usual), np.inf)
         beyond = after / np.array(self.allowed) if self.allowed else after
         gone = (1.0 - positive(SMALL - pivot) * positive(SHRUNK * before[PIVOT] - pivot)) * (
-            1.0 - positive(SAFE - pivot)
+            1.0 - positive(MIN_PIVOT - pivot)
         )
         good = before[GOOD] * gone * (1.0 - positive(largest(beyond, 0.0) - 1.0))
         said = largest(gaps, before[WIDEST]), largest(rates, before[FASTEST]), largest(after, before[OPEN]), pivot, good
@@ -134,7 +134,7 @@ def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequ
 
 def lost(pivot: Array, earlier: Array | float) -> Array:
     """True if the constraints lose rank after a step or in the next, by the smallest pivots after and before it."""
-    return ~(pivot >= SAFE) | ((pivot < SMALL) & (pivot < SHRUNK * earlier))
+    return ~(pivot >= MIN_PIVOT) | ((pivot < SMALL) & (pivot < SHRUNK * earlier))
 
 
 # ── Closed system: rates of constrained dynamics, steps projected onto the constraints
@@ -189,7 +189,7 @@ class Loops:
         closed, robot = self.closed, self.closed.open()
 
         def program(q: Array, dq: Array) -> tuple[Array, ...]:
-            return projected(robot.model, q, dq, closed.constraints, closed.independent)
+            return project_state(robot.model, q, dq, closed.constraints, closed.independent)
 
         names = ["q", "dq", "before", "rates", "after", "pivots"]
         doc = f"States of {robot.name} near its constraints, brought onto them, compiled."
@@ -206,7 +206,7 @@ class Loops:
         require_met(self.closed, q, dq)
         with np.errstate(all="ignore"):  # the inverse may not exist
             smallest = self.smallest(y)
-        if not smallest >= SAFE:
+        if not smallest >= MIN_PIVOT:
             raise ValueRangeError(
                 "q0 is a singular configuration: the constraints lose rank there, and no motion goes on from it in one way "
                 f"only. closed.rank(q0) is {int(self.closed.rank(q))}, usually {len(self.closed.independent)}: start elsewhere."
@@ -294,7 +294,7 @@ class ClosedSystem(System):
         total = self.total(times, q, dq, tau)
         _, lam, pivots = self.loops.dynamics(q, dq, total)
         closed = self.loops.closed
-        if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():
+        if len(closed.independent) == len(closed.sizes) and not needs_singular_values(pivots, closed.sizes).any():
             return np.asarray(lam)
         return np.asarray(closed.forward_dynamics(q, dq, total).lam)
 
@@ -518,7 +518,7 @@ def _begun(loops: Loops, given: Inputs) -> Inputs:
     require_met(closed, q, dq)
     with np.errstate(all="ignore"):
         q, dq, pivot = loops.projected(q, dq)
-    if not (pivot >= SAFE).all():
+    if not (pivot >= MIN_PIVOT).all():
         row = int(np.argmin(pivot))
         where = f" (motion {row} of the batch)" if pivot.ndim else ""
         raise ValueRangeError(

@@ -21,8 +21,8 @@ from ..core.typing import Array
 from ..mechanics.algorithms import kinematics as integration
 from ..mechanics.algorithms.contact import largest, velocity_step
 from ..mechanics.algorithms.forward_dynamics import forward_dynamics
-from ..mechanics.algorithms.friction import eased, torque_past_eased_friction
-from ..mechanics.algorithms.operational_space import clipped
+from ..mechanics.algorithms.friction import sliding_share, torque_past_eased_friction
+from ..mechanics.algorithms.operational_space import clip_torques
 from ..mechanics.algorithms.recursion import zeros
 from ..mechanics.model.couplings import motor_velocities
 from ..mechanics.model.model import Model
@@ -216,10 +216,12 @@ class StepPlan:
         """Rates of the state with smoothed dry friction, torques, and gaps of contacts, if any."""
         known, plant, inputs = self._models(given)
         tau = self.law.torques(known, angles, q, dq, *(inputs[name] for name in self.law.names))
-        tau = force = clipped(tau, inputs["torque limits"]) if self.limited else tau
+        tau = force = clip_torques(tau, inputs["torque limits"]) if self.limited else tau
         push, gaps = self._touched(plant, angles, dq, inputs)
         if self.friction:
-            force = torque_past_eased_friction(plant, dq, tau, eased(motor_velocities(plant, dq), inputs["creep"]))
+            force = torque_past_eased_friction(
+                plant, dq, tau, sliding_share(motor_velocities(plant, dq), inputs["creep"])
+            )
         ddq = self._accelerations(plant, angles, dq, force if push is None else force + push, inputs)
         rates = [integration.coordinate_rates(self.model, angles) @ dq, ddq]
         if self.works:

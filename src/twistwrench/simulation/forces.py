@@ -24,7 +24,7 @@ from ..core.errors import ShapeError, SimulationError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
 from ..mechanics.algorithms.contact import velocity_step
-from ..mechanics.algorithms.friction import eased, torque_past_eased_friction
+from ..mechanics.algorithms.friction import sliding_share, torque_past_eased_friction
 from ..mechanics.algorithms.kinematics import brackets
 from ..mechanics.lie.twist_wrench import Wrench
 from ..mechanics.model.couplings import motor_torques, motor_velocities
@@ -261,7 +261,7 @@ class EasedFriction:
 
     def left(self, dq: Array, tau: Array) -> Array:
         """Torques tau minus friction, (nv)."""
-        return np.asarray(self._kernel(dq, tau, eased(motor_velocities(self.robot.model, dq), self.creep)))
+        return np.asarray(self._kernel(dq, tau, sliding_share(motor_velocities(self.robot.model, dq), self.creep)))
 
 
 def rubs_dry(model: Model) -> Array:

@@ -22,7 +22,7 @@ from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.typing import Array
-from ..mechanics.algorithms.friction import rubbing
+from ..mechanics.algorithms.friction import dry_friction_indices
 from ..mechanics.algorithms.kinematics import velocity_map
 from ..robot.differentiate import Chart
 from ..robot.engine import compiled
@@ -323,7 +323,7 @@ def linearized(robot: Robot, given: Inputs, q: Array, dq: Array) -> tuple[Array,
 def remarks_of(robot: Robot, plan: StepPlan) -> tuple[str, ...]:
     """Remarks on derivatives at kinks of the motions."""
     laws = (".coulomb", ".static", ".load")
-    dry = rubbing(robot.model) or any(name.endswith(laws) for name in plan.parameters)
+    dry = dry_friction_indices(robot.model) or any(name.endswith(laws) for name in plan.parameters)
     return (*[DRY] * bool(plan.friction and dry), *[LIMITED] * plan.limited)
 
 

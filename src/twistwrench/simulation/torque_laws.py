@@ -13,7 +13,7 @@ from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import holding_torques
-from ..mechanics.algorithms.operational_space import computed_torque, proportional_derivative, undriven
+from ..mechanics.algorithms.operational_space import computed_torque, multi_dof_joints, proportional_derivative
 from ..mechanics.algorithms.recursion import zeros
 from ..mechanics.model.model import Model
 
@@ -170,7 +170,7 @@ class BatchComputedTorque(TorqueLaw):
         >>> import twistwrench as tw
         >>> BatchComputedTorque([0, 0], kp=1.0, kd=1.0).check(tw.robots.planar_2r().model)
         """
-        if names := undriven(model):
+        if names := multi_dof_joints(model):
             raise ValueRangeError(
                 f"computed torque wants a torque for every velocity, and {', '.join(names)} is not a joint of one degree of "
                 "freedom. tw.simulation.BatchPD drives the others and leaves it alone."

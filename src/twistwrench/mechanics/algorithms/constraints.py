@@ -25,7 +25,7 @@ from ..lie.labelled import TWIST
 from ..model.model import BASE, Body, Frame, Model
 from .inverse_dynamics import Wrenches, bias_forces
 from .kinematics import jacobian, jacobian_rate
-from .mass_matrix import factored, lowered, mass_matrix, raised, solved
+from .mass_matrix import ldl_factors, mass_matrix, solve_ldl, solve_transposed, solve_triangular
 from .recursion import ancestors, joint_poses, zeros
 
 GROUND = "ground"
@@ -93,13 +93,13 @@ def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
 
 def independent_constraints(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
     """Constraints reduced to the rows of A with the given numbers; constraints without any of these rows are dropped."""
-    some, first = [], 0
+    reduced, first_row = [], 0
     for c in constraints:
-        rows = tuple(row for n, row in enumerate(c.rows) if first + n in independent)
-        first += len(c.rows)
+        rows = tuple(row for n, row in enumerate(c.rows) if first_row + n in independent)
+        first_row += len(c.rows)
         if rows:
-            some.append(replace(c, rows=rows))
-    return tuple(some)
+            reduced.append(replace(c, rows=rows))
+    return tuple(reduced)
 
 
 def place_of(model: Model, frame: str) -> Frame:
@@ -142,8 +142,8 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     J = zeros(6, model.nv)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
-        mine = body.places[1]
-        J[:, mine] = J[:, mine] + np.array([_at_point(p, V) for V in axes]).T
+        block = body.places[1]
+        J[:, block] = J[:, block] + np.array([_twist_at_point(p, V) for V in axes]).T
     return J
 
 
@@ -152,14 +152,14 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
     V, dV = zeros(6), zeros(6)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
-        mine = dq[body.places[1]] @ axes
-        dV = dV + ad(V) @ mine  # V before or after this joint gives the same: [mine, mine] = 0
-        V = V + mine
-    dp = _at_point(p, V)[3:]
-    return np.concatenate([dV[:3], _at_point(p, dV)[3:] + so3.cross(V[:3], dp)])
+        V_joint = dq[body.places[1]] @ axes
+        dV = dV + ad(V) @ V_joint  # V before or after this joint gives the same: [mine, mine] = 0
+        V = V + V_joint
+    dp = _twist_at_point(p, V)[3:]
+    return np.concatenate([dV[:3], _twist_at_point(p, dV)[3:] + so3.cross(V[:3], dp)])
 
 
-def _at_point(p: Array, V: Array) -> Array:
+def _twist_at_point(p: Array, V: Array) -> Array:
     """(w, v + w × p): twist with the velocity of the point p in place of that of the origin."""
     return np.concatenate([V[:3], V[3:] + so3.cross(V[:3], p)])
 
@@ -204,19 +204,21 @@ def constrained_dynamics(
 
     M = L'DL is factored once: with Y = L⁻ᵀA' and z = L⁻ᵀ(τ - h), A M⁻¹ A' is Y'D⁻¹Y.
     """
-    L, D = factored(mass_matrix(model, q))
-    Y = lowered(L, constraint_jacobian(model, q, constraints).T)
-    z = lowered(L, tau - bias_forces(model, q, dq, wrenches))
-    R, E = factored(Y.T @ (D[:, None] * Y))
-    lam = solved(R, E, Y.T @ (D * z) + constraint_bias(model, q, dq, constraints))  # S λ = A M⁻¹ (τ - h) + (dA/dt) dq
-    return raised(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)
+    L, D = ldl_factors(mass_matrix(model, q))
+    Y = solve_transposed(L, constraint_jacobian(model, q, constraints).T)
+    z = solve_transposed(L, tau - bias_forces(model, q, dq, wrenches))
+    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
+    lam = solve_ldl(
+        R, E, Y.T @ (D * z) + constraint_bias(model, q, dq, constraints)
+    )  # S λ = A M⁻¹ (τ - h) + (dA/dt) dq
+    return solve_triangular(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)
 
 
 # ── Constraint forces with zero torques at passive joints, τ = f + A'λ. Floats, batches
 
-SINGULAR = 1e-9
+SINGULAR_VALUE = 1e-9
 """Singular value, relative to the norm of A' with rows of usual size, below which a direction of λ has no effect on joints."""
-UNBALANCED = 1e-6
+MAX_RESIDUAL_TORQUE = 1e-6
 """Residual torques at joints without motors, relative to the largest torque. Above this value, no motor torques produce the
 motion. The value allows for the constraint errors that integrators leave in configurations and velocities."""
 
@@ -229,13 +231,13 @@ def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Arr
     """
     At = np.swapaxes(A, -1, -2) / sizes  # A'λ = (A'W⁻¹)(W λ), columns of one size
     f = f[..., None]
-    held, loose = At[..., driven, :], At[..., ~driven, :]
-    floor = SINGULAR * np.linalg.norm(At, axis=(-2, -1))
-    inverse = _pseudoinverse(loose, floor)
+    with_motor, without_motor = At[..., driven, :], At[..., ~driven, :]
+    floor = SINGULAR_VALUE * np.linalg.norm(At, axis=(-2, -1))
+    inverse = _pseudoinverse(without_motor, floor)
     x = -inverse @ f[..., ~driven, :]
-    free = np.eye(len(sizes)) - inverse @ loose  # changes of λ without effect on joints without motors
-    x = x - free @ _pseudoinverse(held @ free, floor) @ (f[..., driven, :] + held @ x)
-    return x[..., 0] / sizes, (f[..., ~driven, :] + loose @ x)[..., 0]
+    free = np.eye(len(sizes)) - inverse @ without_motor  # changes of λ without effect on joints without motors
+    x = x - free @ _pseudoinverse(with_motor @ free, floor) @ (f[..., driven, :] + with_motor @ x)
+    return x[..., 0] / sizes, (f[..., ~driven, :] + without_motor @ x)[..., 0]
 
 
 def _pseudoinverse(X: Array, floor: Array) -> Array:
@@ -243,8 +245,8 @@ def _pseudoinverse(X: Array, floor: Array) -> Array:
     if 0 in X.shape[-2:]:
         return np.swapaxes(X, -1, -2)
     U, sigma, Vt = np.linalg.svd(X, full_matrices=False)
-    kept = sigma > floor[..., None]
-    inverse = np.where(kept, 1.0 / np.where(kept, sigma, 1.0), 0.0)
+    significant = sigma > floor[..., None]
+    inverse = np.where(significant, 1.0 / np.where(significant, sigma, 1.0), 0.0)
     return np.asarray(np.swapaxes(Vt, -1, -2) @ (inverse[..., None] * np.swapaxes(U, -1, -2)))
 
 
@@ -332,7 +334,7 @@ def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) ->
     """Derivatives of the torques of the ``driven`` joints (nv,), one per degree of freedom, by their q, dq and ddq."""
     u, d = driven, ~driven
     A_d, A_u = at.A[..., d], at.A[..., u]
-    N = _whole(-np.linalg.solve(A_d, A_u), driven, np.eye(int(u.sum())))  # (1)
+    N = _all_columns(-np.linalg.solve(A_d, A_u), driven, np.eye(int(u.sum())))  # (1)
     lam = -np.linalg.solve(_t(A_d), at.f[..., d, None])[..., 0]  # (3)
     dA = np.einsum("...ijk,...kl->...ijl", at.A_by_q, N)
     none = np.zeros((int(u.sum()),) * 2)
@@ -342,20 +344,20 @@ def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) ->
         dlam = -np.linalg.solve(_t(A_d), df[..., d, :] + pressed[..., d, :])  # (7)
         return np.asarray(df[..., u, :] + pressed[..., u, :] + _t(A_u) @ dlam)
 
-    dv = _whole(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, dq)), driven, none)  # (4)
+    dv = _all_columns(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, dq)), driven, none)  # (4)
     db = at.b_by_q @ N + at.b_by_dq @ dv
-    da = _whole(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, ddq) + db), driven, none)  # (5)
+    da = _all_columns(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, ddq) + db), driven, none)  # (5)
     by_q = torques(at.f_by_q @ N + at.f_by_dq @ dv + at.M @ da, dA)  # (6)
-    da = _whole(-np.linalg.solve(A_d, at.b_by_dq @ N), driven, none)
+    da = _all_columns(-np.linalg.solve(A_d, at.b_by_dq @ N), driven, none)
     by_dq = torques(at.f_by_dq @ N + at.M @ da, 0.0)
     return ConstrainedDerivatives(by_q, by_dq, _t(N) @ at.M @ N)
 
 
-def _whole(others: Array, driven: Array, own: Array) -> Array:
+def _all_columns(dependent: Array, driven: Array, of_driven: Array) -> Array:
     """Columns for all velocities, assembled from those of the dependent and of the driven ones; (..., nv, m)."""
-    found = np.zeros((*others.shape[:-2], len(driven), own.shape[-1]))
-    found[..., ~driven, :], found[..., driven, :] = others, own
-    return found
+    columns = np.zeros((*dependent.shape[:-2], len(driven), of_driven.shape[-1]))
+    columns[..., ~driven, :], columns[..., driven, :] = dependent, of_driven
+    return columns
 
 
 def _t(X: Array) -> Array:

@@ -38,21 +38,21 @@ from ...core.typing import Array
 from ..lie import so3
 from ..model.model import Model
 from .forward_dynamics import forward_dynamics
-from .friction import friction_bounds, is_zero, rubbing, signs
+from .friction import dry_friction_indices, friction_bounds, is_zero, signs
 from .inverse_dynamics import Wrenches, bias_forces
 from .kinematics import forward_kinematics, frame_velocity, wrench_torques
-from .mass_matrix import factored, mass_matrix, solved, widened
-from .operational_space import clipped
+from .mass_matrix import ldl_factors, mass_matrix, solve_ldl, with_diagonal
+from .operational_space import clip_torques
 from .recursion import zeros
 
 ROUNDS, WITH_LIMITS = 4, 6
 """Number of guesses, without and with torque limits on a control law. In steps of falling arms, hands and humanoids, 98 %
 converge within two guesses, and all but a few in 10⁵ within four. Without convergence the error lasts one step: a joint is
 held by more than its friction, or slides against it."""
-SOFT = 0.01
+SLIDING_SOFTNESS = 0.01
 """Inertia of a joint that slides the wrong way, as a fraction of M_ii. Guesses may cycle if it exceeds the part of M_ii that
 the other joints leave. This small fraction costs one more guess if a joint reverses within a step."""
-LARGEST = 1e30
+NO_LIMIT = 1e30
 """Represents the absence of a limit [N m or N]; finite in float32."""
 
 
@@ -66,11 +66,11 @@ def velocity_step(
     ``tau`` is the torque of the control law at dq, ``gains`` its -∂τ/∂dq per joint, ``push`` additional joint torques.
     """
     if limits is not None and gains is None:
-        tau, limits = clipped(tau, limits), None
+        tau, limits = clip_torques(tau, limits), None
     viscous = model.friction.viscous if friction else zeros(model.nv)
-    dry = rubbing(model) if friction else ()
+    dry = dry_friction_indices(model) if friction else ()
     if dry or limits is not None:
-        return _Corners(model, q, dq, h, tau, gains, limits, viscous, dry, friction, push, wrenches).solved()
+        return _StepEquations(model, q, dq, h, tau, gains, limits, viscous, dry, friction, push, wrenches).solve()
     force = tau if push is None else tau + push
     brakes = h * viscous if gains is None else h * (viscous + gains)
     if friction:
@@ -83,7 +83,7 @@ def velocity_step(
     return v, tau if gains is None else tau - gains * change, -viscous * v
 
 
-class _Corners:
+class _StepEquations:
     """Equations (4) to (6) of a step, for guesses s and t."""
 
     def __init__(
@@ -93,50 +93,50 @@ class _Corners:
         n = model.nv
         self.dq, self.h, self.tau, self.viscous, self.dry = dq, h, tau, viscous, dry
         self.gains = zeros(n) if gains is None else gains
-        self.limits, self.limited, held = zeros(n), [], tau
+        self.limits, self.limited, drive_torques = zeros(n), [], tau
         if limits is not None:
-            self.limits = np.array([L.clip(0.0, LARGEST) for L in limits], object)
-            self.limited, held = [i for i in range(n) if not is_zero(self.gains[i])], clipped(tau, limits)
+            self.limits = np.array([L.clip(0.0, NO_LIMIT) for L in limits], object)
+            self.limited, drive_torques = [i for i in range(n) if not is_zero(self.gains[i])], clip_torques(tau, limits)
         M = mass_matrix(model, q)
-        self.soft, self.A = SOFT * M.diagonal(), widened(M, h * viscous)
+        self.soft, self.A = SLIDING_SOFTNESS * M.diagonal(), with_diagonal(M, h * viscous)
         self.model, self.q, self.wrenches = model, q, wrenches
         self.known = -viscous * dq if push is None else push - viscous * dq
         self.friction = friction
-        back, forth = friction_bounds(model, dq, held)
+        back, forth = friction_bounds(model, dq, drive_torques)
         self.back, self.forth = h * back, h * forth
 
-    def solved(self) -> tuple[Array, Array, Array]:
+    def solve(self) -> tuple[Array, Array, Array]:
         """v, τ and the friction torques of the last guess; torques are within their limits for any guess."""
         s, t = zeros(len(self.dq)) + 1.0, zeros(len(self.dq))
         moving = signs(self.dq)
         for i in self.dry:
             s[i] = moving[i]  # moving joints slide on, resting joints stick
-        self.rest = self.known - bias_forces(self.model, self.q, self.dq, self.wrenches)
-        v, taken, tau = self._by(s, t)
+        self.load = self.known - bias_forces(self.model, self.q, self.dq, self.wrenches)
+        v, taken, tau = self._step_for_guess(s, t)
         for _ in range((WITH_LIMITS if self.limited else ROUNDS) - 1):
-            s, t = self._sliding(s, v, taken), self._at_limits(t, tau)
-            v, taken, tau = self._by(s, t)
+            s, t = self._next_slips(s, v, taken), self._next_limits(t, tau)
+            v, taken, tau = self._step_for_guess(s, t)
         if self.friction:
-            self.rest = self.known - bias_forces(self.model, self.q, 0.5 * (self.dq + v), self.wrenches)
-            v, taken, tau = self._by(s, t)
+            self.load = self.known - bias_forces(self.model, self.q, 0.5 * (self.dq + v), self.wrenches)
+            v, taken, tau = self._step_for_guess(s, t)
         if self.limited:
-            used = self._used(t, tau)
-            tau = clipped(used, self.limits)
-            v = v + self._answer(self.A, s * s, self.h * (tau - used))  # zero if the guess was right
+            used = self._torques_at_limits(t, tau)
+            tau = clip_torques(used, self.limits)
+            v = v + self._velocity_changes(self.A, s * s, self.h * (tau - used))  # zero if the guess was right
         return v, tau, -self.viscous * v - taken / self.h
 
-    def _by(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
+    def _step_for_guess(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
         """v, friction impulse, and torque of the control law for a guess."""
         slides, within = s * s, 1.0 - t * t
-        K = widened(self.A, self.h * within * self.gains)  # (4)
-        impulse = self.h * (self.rest + self._used(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
-        dry = self._dry(s)
-        x = self._answer(K, slides, impulse - dry)
+        K = with_diagonal(self.A, self.h * within * self.gains)  # (4)
+        impulse = self.h * (self.load + self._torques_at_limits(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
+        dry = self._dry_impulses(s)
+        x = self._velocity_changes(K, slides, impulse - dry)
         v = slides * self.dq + x  # (5)
         taken = dry + (1.0 - slides) * (impulse - K @ x)  # (6)
         return v, taken, self.tau - self.gains * (v - self.dq)  # (2)
 
-    def _sliding(self, s: Array, v: Array, taken: Array) -> Array:
+    def _next_slips(self, s: Array, v: Array, taken: Array) -> Array:
         """Improved guess of sliding joints: a joint moving against its friction sticks, one beyond its bound slides."""
         s = s.copy()
         for i in self.dry:
@@ -144,7 +144,7 @@ class _Corners:
             s[i] = (x - x.clip(-self.back[i], self.forth[i])).sign()
         return s
 
-    def _at_limits(self, t: Array, tau: Array) -> Array:
+    def _next_limits(self, t: Array, tau: Array) -> Array:
         """Improved guess of torques at their limits: the law's torque returns within its limit, or exceeds it."""
         t = t.copy()
         for i in self.limited:
@@ -154,35 +154,35 @@ class _Corners:
             t[i] = (x - x.clip(-L, L)).sign()
         return t
 
-    def _used(self, t: Array, tau: Array) -> Array:
+    def _torques_at_limits(self, t: Array, tau: Array) -> Array:
         """Torques, replaced by their limits where the guess has them at the limit."""
         used = tau.copy()
         for i in self.limited:
             used[i] = (1.0 - t[i] * t[i]) * tau[i] + t[i] * self.limits[i]
         return used
 
-    def _dry(self, s: Array) -> Array:
+    def _dry_impulses(self, s: Array) -> Array:
         """Impulses of dry friction on sliding joints; 0 for sticking ones."""
-        found = zeros(len(s))
+        impulses = zeros(len(s))
         for i in self.dry:
             back, forth = self.back[i], self.forth[i]
-            found[i] = s[i] * forth if back is forth else 0.5 * s[i] * (s[i] * (forth - back) + (forth + back))
-        return found
+            impulses[i] = s[i] * forth if back is forth else 0.5 * s[i] * (s[i] * (forth - back) + (forth + back))
+        return impulses
 
-    def _answer(self, K: Array, slides: Array, impulse: Array) -> Array:
+    def _velocity_changes(self, K: Array, slides: Array, impulse: Array) -> Array:
         """Velocities of the sliding joints due to impulses while the others stick; exactly 0 for sticking joints."""
         lower = K.copy()
         for i in range(len(K)):
             for j in range(i):
                 lower[i, j] = slides[i] * (slides[j] * K[i, j])
-        return solved(*factored(lower), slides * impulse)
+        return solve_ldl(*ldl_factors(lower), slides * impulse)
 
 
 # ── Compliant contact forces, law of Hunt and Crossley: points on a plane, joints at their stops
 
 # A point at a depth d > 0 inside, which penetrates at the rate d', is pushed out with f = k dⁿ max(0, 1 + c d').
 
-_LEAST = 1e-300
+_MIN_LENGTH = 1e-300
 """Least length [m] with a finite logarithm, for exponents that are not multiples of 1/2."""
 
 
@@ -191,10 +191,10 @@ def largest(values: Iterable[Any]) -> Any:
     return reduce(lambda a, b: a.clip(b, np.inf), values)
 
 
-def pushed(depth: Any, sinking: Any, k: Any, n: float, c: Any) -> Any:
+def contact_force(depth: Any, sinking: Any, k: Any, n: float, c: Any) -> Any:
     """f = k dⁿ max(0, 1 + c d') of one point; exactly 0 if d ≤ 0."""
     inside = depth.clip(0.0, np.inf)
-    power = inside**n if 2 * n == int(2 * n) else inside.sign() * depth.clip(_LEAST, np.inf) ** n
+    power = inside**n if 2 * n == int(2 * n) else inside.sign() * depth.clip(_MIN_LENGTH, np.inf) ** n
     return k * power * (1.0 + c * sinking).clip(0.0, np.inf)
 
 
@@ -213,24 +213,24 @@ def plane_contact(
         depths[i] = height - n @ (R @ p + T[:3, 3])
         v = R @ (V[3:] + so3.cross(V[:3], p))  # velocity of the point, in the base frame
         sinking = -(n @ v)
-        f = pushed(depths[i], sinking, k, exponent, c)
+        f = contact_force(depths[i], sinking, k, exponent, c)
         slide = v + sinking * n
-        held = mu * f / (slide @ slide + slip * slip).sqrt()
-        force = R.T @ (f * n - held * slide)  # force on the point, in the frame
+        friction = mu * f / (slide @ slide + slip * slip).sqrt()
+        force = R.T @ (f * n - friction * slide)  # force on the point, in the frame
         F = F + np.concatenate([so3.cross(p, force), force])
     return wrench_torques(model, q, F, frame), depths
 
 
 def stop_contact(
-    q: Array, dq: Array, places: Sequence[tuple[int, int]], exponent: float, lower: Array, upper: Array, law: Array
+    q: Array, dq: Array, indices: Sequence[tuple[int, int]], exponent: float, lower: Array, upper: Array, law: Array
 ) -> tuple[Array, Array]:
     """Torques of stops on joints at ``places`` in q and in dq, (nv,), and the penetration of the nearer stop, (m,).
 
     ``law`` is (k, c).
     """
-    (k, c), tau, depths = law, zeros(len(dq)), zeros(len(places))
-    for j, (i, v) in enumerate(places):
+    (k, c), tau, depths = law, zeros(len(dq)), zeros(len(indices))
+    for j, (i, v) in enumerate(indices):
         over, under = q[i] - upper[j], lower[j] - q[i]
-        tau[v] = pushed(under, -dq[v], k, exponent, c) - pushed(over, dq[v], k, exponent, c)
+        tau[v] = contact_force(under, -dq[v], k, exponent, c) - contact_force(over, dq[v], k, exponent, c)
         depths[j] = largest([over, under])
     return tau, depths

@@ -30,12 +30,12 @@ from .mass_matrix import (
     BodyCoriolis,
     body_velocities,
     composite_inertias,
-    factored,
     inverse_factor,
+    ldl_factors,
     mass_matrix,
-    solved,
+    solve_ldl,
     symmetric_product,
-    widened,
+    with_diagonal,
 )
 from .recursion import (
     add_entry,
@@ -75,20 +75,24 @@ class _Articulated:
     def less(self, U: Array, W: Array) -> _Articulated:
         """A - U W' for columns of U and W whose product is symmetric."""
         return _Articulated(
-            _mirrored(self.I - U[:3] @ W[:3].T), self.H - U[:3] @ W[3:].T, _mirrored(self.M - U[3:] @ W[3:].T)
+            _symmetric(self.I - U[:3] @ W[:3].T), self.H - U[:3] @ W[3:].T, _symmetric(self.M - U[3:] @ W[3:].T)
         )
 
     def in_frame(self, T: Array) -> _Articulated:
         """Operator expressed in {a}, given one in {b} and T = T_ab."""
         R, P = T[:3, :3], so3.hat(T[:3, 3])
-        I, H, M = _mirrored(R @ self.I @ R.T), R @ self.H @ R.T, _mirrored(R @ self.M @ R.T)
+        I, H, M = _symmetric(R @ self.I @ R.T), R @ self.H @ R.T, _symmetric(R @ self.M @ R.T)
         PH = P @ H.T
-        return _Articulated(_mirrored(I + PH + PH.T - P @ M @ P), H + P @ M, M)
+        return _Articulated(_symmetric(I + PH + PH.T - P @ M @ P), H + P @ M, M)
 
 
-def _mirrored(X: Array) -> Array:
+def _symmetric(X: Array) -> Array:
     """Symmetric matrix from the lower triangle; the upper one is not computed."""
-    return np.array([[X[max(i, j), min(i, j)] for j in range(3)] for i in range(3)])
+    symmetric = X.copy()
+    for i in range(3):
+        for j in range(i):
+            symmetric[j, i] = X[i, j]
+    return symmetric
 
 
 def articulated_dynamics(
@@ -100,10 +104,10 @@ def articulated_dynamics(
     drives = model.armature if added is None else added + model.armature
     A, p, c, w = [], [], [], {BASE: zeros(3)}
     for i, parent in outward(model):
-        R, r, up, wJ, vJ = T[i][:3, :3], T[i][:3, 3], w[parent], Adq[i][:3], Adq[i][3:]
-        w[i] = R.T @ up + wJ
-        turning, moving = so3.cross(w[i], wJ), so3.cross(2.0 * w[i] - wJ, vJ)
-        c.append(np.concatenate([turning, R.T @ so3.cross(up, so3.cross(up, r)) + moving]))  # (1)
+        R, r, w_parent, wJ, vJ = T[i][:3, :3], T[i][:3, 3], w[parent], Adq[i][:3], Adq[i][3:]
+        w[i] = R.T @ w_parent + wJ
+        angular, linear = so3.cross(w[i], wJ), so3.cross(2.0 * w[i] - wJ, vJ)
+        c.append(np.concatenate([angular, R.T @ so3.cross(w_parent, so3.cross(w_parent, r)) + linear]))  # (1)
         A.append(_Articulated.rigid(model.bodies[i].inertia))
         p.append(inertial_wrench(model.bodies[i].inertia, BodyMotion(w[i], zeros(3), zeros(3))))
     for i, F_by in applied_wrenches(model, wrenches):
@@ -113,21 +117,21 @@ def articulated_dynamics(
         body = model.bodies[i]
         S = body.joint.axes
         U = np.array([A[i] @ s for s in S]).T
-        mine = body.places[1]
-        factors = factored(widened(S @ U, drives[mine]))  # D
-        u = tau[mine] - S @ p[i]  # (2)
-        W = np.array([solved(*factors, row) for row in U])  # U D⁻¹
-        joints[i] = W, solved(*factors, u)
+        columns = body.places[1]
+        factors = ldl_factors(with_diagonal(S @ U, drives[columns]))  # D
+        u = tau[columns] - S @ p[i]  # (2)
+        W = np.array([solve_ldl(*factors, row) for row in U])  # U D⁻¹
+        joints[i] = W, solve_ldl(*factors, u)
         if parent != BASE:
-            left = A[i].less(U, W)
-            A[parent] = A[parent] + left.in_frame(T[i])
-            p[parent] = p[parent] + Ad(T[i]).inverse.T @ (p[i] + left @ c[i] + W @ u)  # (3)
+            remainder = A[i].less(U, W)
+            A[parent] = A[parent] + remainder.in_frame(T[i])
+            p[parent] = p[parent] + Ad(T[i]).inverse.T @ (p[i] + remainder @ c[i] + W @ u)  # (3)
     ddq, dV = zeros(model.nv), {BASE: np.concatenate([zeros(3), -model.gravity])}
     for i, parent in outward(model):
-        body, (W, free) = model.bodies[i], joints[i]
-        carried = Ad(T[i]).inverse @ dV[parent] + c[i]
-        mine = ddq[body.places[1]] = free - W.T @ carried
-        dV[i] = carried + mine @ body.joint.axes  # (4)
+        body, (W, ddq_free) = model.bodies[i], joints[i]
+        dV_carried = Ad(T[i]).inverse @ dV[parent] + c[i]
+        columns = ddq[body.places[1]] = ddq_free - W.T @ dV_carried
+        dV[i] = dV_carried + columns @ body.joint.axes  # (4)
     return ddq
 
 
@@ -168,8 +172,8 @@ def forward_dynamics(
     if articulated_pays(model):
         return articulated_dynamics(model, q, dq, tau, wrenches, added)
     M = mass_matrix(model, q)
-    L, D = factored(M if added is None else widened(M, added))
-    return solved(L, D, tau - bias_forces(model, q, dq, wrenches))
+    L, D = ldl_factors(M if added is None else with_diagonal(M, added))
+    return solve_ldl(L, D, tau - bias_forces(model, q, dq, wrenches))
 
 
 # ── Derivatives by recursion: ∂τ/∂(q, dq) and ∂ddq/∂(q, dq, τ). Analytic, exact to rounding
@@ -206,28 +210,30 @@ def inverse_dynamics_derivatives(
     """∂τ/∂q and ∂τ/∂dq; (nv, nv) each. ∂τ/∂ddq is M."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
-    B, F, columns = carried(model, T, V, dq, ddq, wrenches)
-    up = [Ad(X).inverse.T for X in T]
+    B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
+    to_parent = [Ad(X).inverse.T for X in T]
     by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
         for b, c in enumerate(columns[i]):
             GS, BS = G[i] @ c.S, B[i].transposed_times(c.S)
             for j in ancestors(model, i):
-                other = model.bodies[j]
+                ancestor = model.bodies[j]
                 for a, d in enumerate(columns[j]):
-                    if turns(other):
-                        add_entry(by_q, body, b, other, a, d.P @ BS + d.Q @ GS)  # (4)
-                    add_entry(by_dq, body, b, other, a, d.S @ BS + d.R @ GS)  # (6)
-                GS, BS = up[j] @ GS, up[j] @ BS
+                    if turns(ancestor):
+                        add_entry(by_q, body, b, ancestor, a, d.P @ BS + d.Q @ GS)  # (4)
+                    add_entry(by_dq, body, b, ancestor, a, d.S @ BS + d.R @ GS)  # (6)
+                GS, BS = to_parent[j] @ GS, to_parent[j] @ BS
             if turns(body):
-                _add_felt(by_q, model, columns, up, i, b, B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i])  # (5)
-            _add_felt(by_dq, model, columns, up, i, b, B[i] @ c.S + G[i] @ c.R)  # (7)
-    for mine, L in armature_symbols(model):
-        by_dq[mine, mine] = by_dq[mine, mine] + (L + L.swapaxes(1, 2)) @ dq[mine]
+                _add_to_ancestors(
+                    by_q, model, columns, to_parent, i, b, B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i]
+                )  # (5)
+            _add_to_ancestors(by_dq, model, columns, to_parent, i, b, B[i] @ c.S + G[i] @ c.R)  # (7)
+    for block, L in armature_symbols(model):
+        by_dq[block, block] = by_dq[block, block] + (L + L.swapaxes(1, 2)) @ dq[block]
     return by_q, by_dq
 
 
-def carried(
+def composite_terms(
     model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
 ) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
     """2 B and F summed over all bodies that each body carries, and the columns of its joint."""
@@ -237,13 +243,15 @@ def carried(
     for i, motion in body_motions(model, T, dq, ddq):
         body = model.bodies[i]
         F.append(inertial_wrench(body.inertia, motion))
-        V_up = V[i] - Adq[i]
-        dV_up = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])]) - Addq[i] - ad(V_up) @ Adq[i]
-        mine = []
+        V_parent = V[i] - Adq[i]
+        dV_parent = (
+            np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])]) - Addq[i] - ad(V_parent) @ Adq[i]
+        )
+        joint_columns = []
         for S in body.joint.axes:
-            P = ad(V_up) @ S  # (1)
-            mine.append(_Column(S, P, ad(dV_up) @ S + ad(V_up) @ P, P + ad(V[i]) @ S))  # (2), (3)
-        columns.append(mine)
+            P = ad(V_parent) @ S  # (1)
+            joint_columns.append(_Column(S, P, ad(dV_parent) @ S + ad(V_parent) @ P, P + ad(V[i]) @ S))  # (2), (3)
+        columns.append(joint_columns)
     for i, F_by in applied_wrenches(model, wrenches):
         F[i] = F[i] + F_by
     for i, p in inward(model):
@@ -252,7 +260,7 @@ def carried(
     return B, F, columns
 
 
-def _add_felt(
+def _add_to_ancestors(
     matrix: Array, model: Model, columns: list[list[_Column]], up: list[Ad], i: int, b: int, F: Array
 ) -> None:
     """Add the effect of a wrench on body i on the joints before it, to their rows of its column."""
@@ -282,8 +290,8 @@ def torque_derivatives_and_factors(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array, Array, Array, Array]:
     """∂τ/∂q and ∂τ/∂dq at the ddq that τ produces, M⁻¹, and its factors W (nv, nv) and D (nv,): M⁻¹ = W D W'."""
-    L, D = factored(mass_matrix(model, q))
-    ddq = solved(L, D, tau - bias_forces(model, q, dq, wrenches))
+    L, D = ldl_factors(mass_matrix(model, q))
+    ddq = solve_ldl(L, D, tau - bias_forces(model, q, dq, wrenches))
     by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)
     W = inverse_factor(L)  # keeps the zeros between branches, unlike M⁻¹
     return by_q, by_dq, symmetric_product(W, D), W, D
@@ -324,9 +332,10 @@ def relations(model: Model) -> Relations:
     bodies = np.zeros(model.nv, int)
     for k, body in enumerate(model.bodies):
         bodies[body.places[1]] = k
-    carried_by = [set(ancestors(model, k)) for k in range(len(model.bodies))]
-    carries = [[int(r) in carried_by[int(c)] for c in bodies] for r in bodies]
-    return Relations(np.array(carries, bool).reshape(model.nv, model.nv), bodies)
+    carries = np.zeros((model.nv, model.nv), bool)
+    for column, body in enumerate(bodies):
+        carries[:, column] = np.isin(bodies, list(ancestors(model, int(body))))
+    return Relations(carries, bodies)
 
 
 def mass_matrix_factors(model: Model, q: Array) -> tuple[Array, ...]:
@@ -350,20 +359,20 @@ def derivative_factors(
     """S (nv, 6) and its factors by q and by dq, (6, nv); (B' S, G S) (nv, 9) and its factor, (9, nv)."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
-    B, F, columns = carried(model, T, V, dq, ddq, wrenches)
-    own, moved, faster = zeros(model.nv, 6), zeros(model.nv, 6), zeros(model.nv, 6)
-    left, by_q, by_dq = zeros(model.nv, 9), zeros(model.nv, 9), zeros(model.nv, 9)
+    B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
+    axes, by_position, by_velocity = zeros(model.nv, 6), zeros(model.nv, 6), zeros(model.nv, 6)
+    left_factor, by_q, by_dq = zeros(model.nv, 9), zeros(model.nv, 9), zeros(model.nv, 9)
     for i, (body, X) in enumerate(zip(model.bodies, base_poses(model, T), strict=True)):
-        seen, felt = Ad(X), Ad(X).inverse.T
+        to_base, wrench_to_base = Ad(X), Ad(X).inverse.T
         for k, c in enumerate(columns[i], start=body.v_index):
-            own[k] = seen @ c.S
-            left[k] = np.concatenate([X[:3, :3] @ B[i].transposed_times(c.S)[:3], felt @ (G[i] @ c.S)])
-            by_dq[k] = np.concatenate([own[k, :3], seen @ c.R])
-            faster[k] = felt @ (B[i] @ c.S + G[i] @ c.R)
+            axes[k] = to_base @ c.S
+            left_factor[k] = np.concatenate([X[:3, :3] @ B[i].transposed_times(c.S)[:3], wrench_to_base @ (G[i] @ c.S)])
+            by_dq[k] = np.concatenate([axes[k, :3], to_base @ c.R])
+            by_velocity[k] = wrench_to_base @ (B[i] @ c.S + G[i] @ c.R)
             if turns(body):
-                by_q[k] = np.concatenate([X[:3, :3] @ c.P[:3], seen @ c.Q])
-                moved[k] = felt @ (B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i])
-    return own, moved.T, faster.T, left, by_q.T, by_dq.T
+                by_q[k] = np.concatenate([X[:3, :3] @ c.P[:3], to_base @ c.Q])
+                by_position[k] = wrench_to_base @ (B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i])
+    return axes, by_position.T, by_velocity.T, left_factor, by_q.T, by_dq.T
 
 
 def constant_stiffness(model: Model) -> Array:

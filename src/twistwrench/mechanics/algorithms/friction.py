@@ -22,7 +22,7 @@ def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array
 def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
     """Friction law at the velocities u of drives that transmit ``load``; (nv,)."""
     f, s = model.friction, signs(u)
-    tau = f.viscous * u + s * _dry(model, u)
+    tau = f.viscous * u + s * _dry_friction(model, u)
     return np.asarray(tau if load is None else tau + s * f.load * (signs(load) * load))
 
 
@@ -45,7 +45,7 @@ def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array
     return np.asarray(joint_torques(model, y / (1.0 + share * model.friction.load * (signs(u) * signs(y)))))
 
 
-def eased(dq: Array, creep: Array) -> Array:
+def sliding_share(dq: Array, creep: Array) -> Array:
     """tanh(|dq| / creep), the fraction of dry friction at low speeds; (nv,).
 
     Symbols use the exponential. Near rest its error is 1e-16 absolute; the relative error is larger.
@@ -55,7 +55,7 @@ def eased(dq: Array, creep: Array) -> Array:
     return np.asarray(1.0 - 2.0 / (_exp(2.0 * (signs(dq) * dq / creep)) + 1.0))
 
 
-def rubbing(model: Model) -> list[int]:
+def dry_friction_indices(model: Model) -> list[int]:
     """Indices of the velocities with dry friction."""
     f = model.friction
     laws = zip(f.coulomb, f.static, f.load, strict=True)
@@ -67,28 +67,27 @@ def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
 
     The two differ if friction grows with the load: the transmitted torque is the part of tau that friction leaves.
     """
-    dry, load = _dry(model, dq), model.friction.load
-    back, forth = dry.copy(), dry.copy()
+    dry, load = _dry_friction(model, dq), model.friction.load
+    backward, forward = dry.copy(), dry.copy()
     for k, c in enumerate(load):
         if not is_zero(c):
             y = tau[k] - model.friction.viscous[k] * dq[k]
-            for found, way in ((back, -1.0), (forth, 1.0)):
-                carried = abs(y - way * dry[k])
-                found[k] = dry[k] + c * (carried / (1.0 + way * c * (y - way * dry[k]).sign()))
-    return back, forth
+            for bounds, sign in ((backward, -1.0), (forward, 1.0)):
+                carried = y - sign * dry[k]
+                bounds[k] = dry[k] + c * (abs(carried) / (1.0 + sign * c * carried.sign()))
+    return backward, forward
 
 
-def _dry(model: Model, dq: Array) -> Array:
+def _dry_friction(model: Model, dq: Array) -> Array:
     """Coulomb friction plus the static friction that remains at this speed; (nv,)."""
     f = model.friction
-    dry = [
-        c if _same(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))
-        for c, s, v, x in zip(f.coulomb, f.static, f.stribeck, dq, strict=True)
-    ]
-    return np.array(dry, object).reshape(dq.shape)
+    dry = np.full(dq.shape, 0.0, object)
+    for k, (c, s, v, x) in enumerate(zip(f.coulomb, f.static, f.stribeck, dq, strict=True)):
+        dry[k] = c if _are_equal(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))
+    return dry
 
 
-def _same(a: Any, b: Any) -> bool:
+def _are_equal(a: Any, b: Any) -> bool:
     """True if two numbers are equal; a symbol equals only itself."""
     return a is b or (isinstance(a, float) and isinstance(b, float) and a == b)
 
@@ -121,15 +120,15 @@ def either(which: Any, a: Any, b: Any) -> Any:
     return which * a + (1.0 - which) * b
 
 
-def largest(numbers: Iterable[Any], least: Any) -> Any:
+def largest(numbers: Iterable[Any], bound: Any) -> Any:
     """Largest absolute value, at least ``least``; NaN if any number is NaN."""
     for x in numbers:
-        least = abs(x).clip(least, np.inf) if hasattr(x, "clip") else max(abs(x), least)
-    return least
+        bound = abs(x).clip(bound, np.inf) if hasattr(x, "clip") else max(abs(x), bound)
+    return bound
 
 
-def smallest(numbers: Iterable[Any], most: Any) -> Any:
+def smallest(numbers: Iterable[Any], bound: Any) -> Any:
     """Smallest number, at most ``most``; NaN if any number is NaN."""
     for x in numbers:
-        most = x.clip(-np.inf, most) if hasattr(x, "clip") else min(x, most)
-    return most
+        bound = x.clip(-np.inf, bound) if hasattr(x, "clip") else min(x, bound)
+    return bound

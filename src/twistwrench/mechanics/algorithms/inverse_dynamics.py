@@ -342,14 +342,14 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     A, G, W = np.zeros((6 * n, nv)), np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
     dV_base, F = np.zeros(6 * n), np.zeros(6 * n)
     for i, body in enumerate(model.bodies):
-        here = slice(6 * i, 6 * i + 6)
-        A[here, body.places[1]] = body.ratio * body.joint.axes.T
-        G[here, here] = body.inertia.matrix
+        rows = slice(6 * i, 6 * i + 6)
+        A[rows, body.places[1]] = body.ratio * body.joint.axes.T
+        G[rows, rows] = body.inertia.matrix
         X = Ad(se3.inverse(T[i])).matrix
         if body.parent == BASE:
-            dV_base[here] = X @ np.concatenate([np.zeros(3), -model.gravity])
+            dV_base[rows] = X @ np.concatenate([np.zeros(3), -model.gravity])
         else:
-            W[here, 6 * body.parent : 6 * body.parent + 6] = X
+            W[rows, 6 * body.parent : 6 * body.parent + 6] = X
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
@@ -370,13 +370,13 @@ def _armature_products(model: Model, dq: Array) -> Array:
     """Part of c due to the armature of each joint: -S [V, ·]' S' A u, with V = S' u the joint's own twist; (nv,)."""
     c = np.zeros(model.nv)
     for body in model.leaders:
-        mine, S = body.places[1], body.joint.axes
-        c[mine] = -S @ (ad(dq[mine] @ S).T @ ((model.armature * dq)[mine] @ S))
+        columns, S = body.places[1], body.joint.axes
+        c[columns] = -S @ (ad(dq[columns] @ S).T @ ((model.armature * dq)[columns] @ S))
     return c
 
 
 def _block_diagonal(V: Array) -> Array:
-    big = np.zeros((len(V), len(V)))
+    matrix = np.zeros((len(V), len(V)))
     for k in range(0, len(V), 6):
-        big[k : k + 6, k : k + 6] = ad(V[k : k + 6]).matrix
-    return big
+        matrix[k : k + 6, k : k + 6] = ad(V[k : k + 6]).matrix
+    return matrix

@@ -19,10 +19,10 @@ from .recursion import ancestors, base_poses, joint_poses, zeros
 
 def forward_kinematics(model: Model, q: Array, frame: str) -> Array:
     """Pose of the frame in the base frame, T_s,frame; (4, 4)."""
-    place = model.frame(frame)
+    target = model.frame(frame)
     T = joint_poses(model, q)
-    X = place.pose
-    for i in ancestors(model, place.body):
+    X = target.pose
+    for i in ancestors(model, target.body):
         X = T[i] @ X
     return np.asarray(X)
 
@@ -51,17 +51,19 @@ def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
     if rows is None:
         return tuple(range(6))
     try:
-        given = rows.replace(",", " ").split() if isinstance(rows, str) else list(rows)
+        entries = rows.replace(",", " ").split() if isinstance(rows, str) else list(rows)
     except TypeError:
         raise ShapeError(
             f"rows={rows!r}: give names, such as {' '.join(TWIST[3:])!r}, or numbers from 0 to 5."
         ) from None
-    found = tuple(_row_number(row) for row in given)
-    if not found:
+    numbers = tuple(_row_number(row) for row in entries)
+    if not numbers:
         raise ValueRangeError(f"rows={rows!r} names no row. Choose from {', '.join(TWIST)}; None means all six.")
-    if len(set(found)) < len(found):
-        raise ValueRangeError(f"rows={rows!r} names a row twice: {', '.join(TWIST[k] for k in found)}. Name each once.")
-    return found
+    if len(set(numbers)) < len(numbers):
+        raise ValueRangeError(
+            f"rows={rows!r} names a row twice: {', '.join(TWIST[k] for k in numbers)}. Name each once."
+        )
+    return numbers
 
 
 def _row_number(row: object) -> int:
@@ -78,21 +80,21 @@ def _row_number(row: object) -> int:
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
     """(body, its joint's screw axes (k, 6) in the frame of ``kind``) from the base to the frame. MR eq. 5.11, 5.18."""
-    place, T = model.frame(frame), joint_poses(model, q)
-    path = list(ancestors(model, place.body))
-    seen: dict[int, Array] = {}
+    target, T = model.frame(frame), joint_poses(model, q)
+    path = list(ancestors(model, target.body))
+    poses: dict[int, Array] = {}  # of the bodies, in the frame of ``kind``
     if kind == "body":
-        X = se3.inverse(place.pose)
+        X = se3.inverse(target.pose)
         for i in path:
-            seen[i] = X
+            poses[i] = X
             X = X @ se3.inverse(T[i])
     else:
         T_s = base_poses(model, T)
-        shift = np.zeros(3) if kind == "space" or place.body == BASE else (T_s[place.body] @ place.pose)[:3, 3]
-        seen = {i: se3.pose(T_s[i][:3, :3], T_s[i][:3, 3] - shift) for i in path}
+        shift = np.zeros(3) if kind == "space" or target.body == BASE else (T_s[target.body] @ target.pose)[:3, 3]
+        poses = {i: se3.pose(T_s[i][:3, :3], T_s[i][:3, 3] - shift) for i in path}
     for i in reversed(path):
         body = model.bodies[i]
-        yield body, body.ratio * Ad(seen[i]).apply(body.joint.axes)
+        yield body, body.ratio * Ad(poses[i]).apply(body.joint.axes)
 
 
 def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
@@ -131,8 +133,8 @@ def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") 
 
 
 def _add(J: Array, body: Body, axes: Array) -> None:
-    mine = body.places[1]
-    J[:, mine] = J[:, mine] + axes.T
+    columns = body.places[1]
+    J[:, columns] = J[:, columns] + axes.T
 
 
 def frame_velocity(model: Model, q: Array, dq: Array, frame: str, kind: str = "body") -> Array:
@@ -147,13 +149,13 @@ def frame_acceleration(model: Model, q: Array, dq: Array, ddq: Array, frame: str
 
 def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
     """J_b' F: torques for a wrench (6,) that the robot exerts at the frame, in its axes; (nv,). MR eq. 5.26."""
-    place, T = model.frame(frame), joint_poses(model, q)
+    target, T = model.frame(frame), joint_poses(model, q)
     tau = zeros(model.nv)
-    F = Ad(place.pose).inverse.T @ F
-    for i in ancestors(model, place.body):
+    F = Ad(target.pose).inverse.T @ F
+    for i in ancestors(model, target.body):
         body = model.bodies[i]
-        mine = body.places[1]
-        tau[mine] = tau[mine] + body.ratio * (body.joint.axes @ F)
+        columns = body.places[1]
+        tau[columns] = tau[columns] + body.ratio * (body.joint.axes @ F)
         F = Ad(T[i]).inverse.T @ F
     return tau
 
@@ -197,10 +199,10 @@ def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
     """
     yield q, coordinate_rates(model, q)
     for body in model.leaders:
-        place, mine = body.places
-        for R, slopes in body.joint.rotation_slopes(q[place]):
+        q_columns, v_columns = body.places
+        for R, slopes in body.joint.rotation_slopes(q[q_columns]):
             dR = zeros(3, 3, model.nv)
-            dR[:, :, mine] = slopes
+            dR[:, :, v_columns] = slopes
             yield R, dR
 
 
@@ -208,10 +210,12 @@ def brackets(model: Model) -> Array:
     """Structure constants c of each joint's screw axes, [S_a, S_b] = Σ c_abd S_d, which form a Lie algebra; (nv, nv, nv)."""
     c = np.zeros((model.nv, model.nv, model.nv))
     for body in model.leaders:
-        mine = body.places[1]
+        columns = body.places[1]
         axes = body.joint.axes
-        both = np.array([[ad(S_a) @ S_b for S_b in axes] for S_a in axes], float)
-        c[mine, mine, mine] = np.round(both @ np.linalg.pinv(axes), 12)  # orthonormal axes: 0, 1 and -1
+        products = np.zeros((len(axes), len(axes), 6))
+        for a, b in np.ndindex(*products.shape[:2]):
+            products[a, b] = ad(axes[a]) @ axes[b]
+        c[columns, columns, columns] = np.round(products @ np.linalg.pinv(axes), 12)  # orthonormal axes: 0, 1 and -1
     return c
 
 
@@ -220,44 +224,44 @@ def brackets(model: Model) -> Array:
 
 def add(model: Model, q: Array, dv: Array) -> Array:
     """q ⊕ dv; (nq,)."""
-    return moved(model, q, dv, q)
+    return add_at_angles(model, q, dv, q)
 
 
-def moved(model: Model, q: Array, dv: Array, angles: Array) -> Array:
+def add_at_angles(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     """q ⊕ dv, each joint along its constant twist for unit time; (nq,). :meth:`twistwrench.Robot.add` on symbols.
 
     ``angles`` are the values of q to use in sines, cosines and rotations.
     """
-    found = q.copy()
+    q_new = q.copy()
     for body in model.leaders:
-        mine, rates = body.places
-        found[mine] = body.joint.add(q[mine], dv[rates], angles[mine])
-    return found
+        q_columns, v_columns = body.places
+        q_new[q_columns] = body.joint.add(q[q_columns], dv[v_columns], angles[q_columns])
+    return q_new
 
 
 def subtract(model: Model, q1: Array, q0: Array) -> Array:
     """q1 ⊖ q0; (nv,). :meth:`twistwrench.Robot.subtract`."""
-    found = np.full(model.nv, 0.0, object)
+    difference = np.full(model.nv, 0.0, object)
     for body in model.leaders:
-        mine, rates = body.places
-        found[rates] = body.joint.subtract(q1[mine], q0[mine])
-    return found
+        q_columns, v_columns = body.places
+        difference[v_columns] = body.joint.subtract(q1[q_columns], q0[q_columns])
+    return difference
 
 
 def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     """q ⊕ dv/2; (nq,). Sines of its angles need no range reduction: they come from the angle-sum formulas."""
-    found, turn = moved(model, q, 0.5 * dv, angles), 0.5 * dv
+    q_new, turn = add_at_angles(model, q, 0.5 * dv, angles), 0.5 * dv
     for body in model.leaders:
         if body.joint.angle is not None:
-            at, k = body.q_index + body.joint.angle[0], body.v_index + body.joint.angle[1]
-            found[at] = angles[at].turned(turn[k].clip(-LARGEST_HALF_TURN, LARGEST_HALF_TURN))
-    return found
+            i, k = body.q_index + body.joint.angle[0], body.v_index + body.joint.angle[1]
+            q_new[i] = angles[i].turned(turn[k].clip(-LARGEST_HALF_TURN, LARGEST_HALF_TURN))
+    return q_new
 
 
-def normalised(model: Model, q: Array, share: Any = 1.0) -> Array:
+def normalise_quaternions(model: Model, q: Array, share: Any = 1.0) -> Array:
     """q with its quaternions normalised, or moved towards unit length by the fraction ``share``; (nq,)."""
-    found = q.copy()
-    for mine in model.quaternions:
-        Q = q[mine]
-        found[mine] = Q + share * (1.0 / np.sqrt(Q @ Q) - 1.0) * Q
-    return found
+    q_new = q.copy()
+    for columns in model.quaternions:
+        Q = q[columns]
+        q_new[columns] = Q + share * (1.0 / np.sqrt(Q @ Q) - 1.0) * Q
+    return q_new

@@ -22,15 +22,15 @@ from ...core.typing import Array
 from ..lie import so3
 from ..model.model import Model
 from .constraints import Closure, Constraint, closure_poses, constraint_jacobian, with_gaps
-from .kinematics import add, normalised
-from .mass_matrix import factored, lowered, mass_matrix, raised, solved
+from .kinematics import add, normalise_quaternions
+from .mass_matrix import ldl_factors, mass_matrix, solve_ldl, solve_transposed, solve_triangular
 from .recursion import zeros
 
 ROUNDS = 2
 """Iterations of (1): they reduce a gap of 1e-5 of the robot's size to 1e-10, then to rounding error."""
 
 
-_OPPOSITE = 1e-30
+_MIN_COSINE_SUM = 1e-30
 """Avoids a division by zero for a rotation by π, whose sine is zero; negligible for any other angle."""
 
 
@@ -43,22 +43,22 @@ class LoopRows:
     """Numbers of the rows of A that are independent of earlier rows."""
 
     @property
-    def places(self) -> tuple[list[int], list[int]]:
-        """Numbers of these rows in :func:`small_gaps`, and in A."""
-        with_gap = [k for k, has in enumerate(with_gaps(self.constraints)) if has]
-        closing = [n for n, k in enumerate(with_gap) if k in self.independent]
-        return closing, [with_gap[n] for n in closing]
+    def indices(self) -> tuple[list[int], list[int]]:
+        """Indices of these rows in :func:`small_gaps`, and in A."""
+        rows = np.flatnonzero(with_gaps(self.constraints)).tolist()
+        gaps = [n for n, k in enumerate(rows) if k in self.independent]
+        return gaps, [rows[n] for n in gaps]
 
     def gaps(self, model: Model, q: Array) -> Array:
         """Gaps of the loops, rad and m."""
-        return small_gaps(model, q, self.constraints)[self.places[0]]
+        return small_gaps(model, q, self.constraints)[self.indices[0]]
 
     def jacobian(self, model: Model, q: Array) -> Array:
         """Rows of A that belong to these gaps."""
-        return constraint_jacobian(model, q, self.constraints)[self.places[1]]
+        return constraint_jacobian(model, q, self.constraints)[self.indices[1]]
 
 
-def projected(
+def project_state(
     model: Model, q: Array, dq: Array, constraints: Sequence[Constraint], independent: Sequence[int]
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """q and dq on the constraints, the gaps and the rates A dq before, the gaps after, and the pivots of A M⁻¹ A'.
@@ -66,21 +66,21 @@ def projected(
     (nq,), (nv,), (rows of closures,), (independent rows,), (rows of closures,), (independent rows,). ``independent`` holds the
     numbers of the rows of A that are independent of earlier rows.
     """
-    closing, rows = LoopRows(tuple(constraints), tuple(independent)).places
+    gaps, rows = LoopRows(tuple(constraints), tuple(independent)).indices
     before = after = small_gaps(model, q, constraints)
-    if closing:
-        (L, D), A = factored(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))
-        Y = lowered(L, A[rows].T)
-        R, E = factored(Y.T @ (D[:, None] * Y))
+    if gaps:
+        (L, D), A = ldl_factors(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))
+        Y = solve_transposed(L, A[rows].T)
+        R, E = ldl_factors(Y.T @ (D[:, None] * Y))
         for _ in range(ROUNDS):
-            q = add(model, q, -raised(L, D * (Y @ solved(R, E, after[closing]))))  # (1)
+            q = add(model, q, -solve_triangular(L, D * (Y @ solve_ldl(R, E, after[gaps]))))  # (1)
             after = small_gaps(model, q, constraints)
-    q = normalised(model, q)
-    (L, D), A = factored(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))[list(independent)]
-    Y = lowered(L, A.T)
-    R, E = factored(Y.T @ (D[:, None] * Y))
+    q = normalise_quaternions(model, q)
+    (L, D), A = ldl_factors(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))[list(independent)]
+    Y = solve_transposed(L, A.T)
+    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
     rates = A @ dq
-    return q, dq - raised(L, D * (Y @ solved(R, E, rates))), before, rates, after, 1.0 / E  # (2)
+    return q, dq - solve_triangular(L, D * (Y @ solve_ldl(R, E, rates))), before, rates, after, 1.0 / E  # (2)
 
 
 def small_gaps(model: Model, q: Array, constraints: Sequence[Constraint]) -> Array:
@@ -106,7 +106,9 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
         turn[i], turn[j], cosine = -R[j, k], R[i, k], R[k, k]  # e_k × R e_k
     elif len(turning) == 1:
         cosine = 0.5 * (R[i, i] + R[j, j])
-    turn = turn * np.sqrt(2.0 / (1.0 + cosine + _OPPOSITE))  # sin x = 2 sin(x/2) cos(x/2), and 1 + cos x = 2 cos²(x/2)
+    turn = turn * np.sqrt(
+        2.0 / (1.0 + cosine + _MIN_COSINE_SUM)
+    )  # sin x = 2 sin(x/2) cos(x/2), and 1 + cos x = 2 cos²(x/2)
     return np.concatenate([turn, p])[list(rows)]
 
 
@@ -118,15 +120,15 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
 TOLERANCE = 1.5e-8
 """Singular values below it count as zero. Coordinates accurate to the rounding of doubles, ε, may be √ε away from a singular
 configuration, and singular values grow with that distance."""
-SAFE = 1e-6
-"""Smallest pivot of B B' for elimination, whose error is then about ε/SAFE = 1e-10. Below it, the singular values of B are
+MIN_PIVOT = 1e-6
+"""Smallest pivot of B B' for elimination, whose error is then about ε/MIN_PIVOT = 1e-10. Below it, the singular values of B are
 used instead; those of B B' are their squares."""
-SAFE_SINGLE = 1e-2
+MIN_PIVOT_SINGLE = 1e-2
 """The same threshold for float32."""
-NEGLIGIBLE = 1e-9
+MIN_SIZE_RATIO = 1e-9
 """Negligible rad relative to m, and m relative to rad: lever arms below a nanometre, or radii above a gigametre."""
 
-GENERIC = 1e-6
+MIN_INDEPENDENT_PART = 1e-6
 """Distance of a row from the span of others, as a fraction of its usual size. A row that is nearer at every sampled
 configuration is dependent: samples are consistent to 1e-12 only, and redundancy of special geometry holds everywhere."""
 
@@ -151,17 +153,20 @@ class ConstraintProjector:
     """1/σ; (..., m)."""
 
     @classmethod
-    def from_rows(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> ConstraintProjector:
-        """A (..., k, nv), M (..., nv, nv), sizes (k,); at most ``most`` directions, if more are known to be rounding errors."""
+    def from_rows(cls, A: Array, M: Array, sizes: Array, max_rank: int | None = None) -> ConstraintProjector:
+        """A (..., k, nv), M (..., nv, nv), sizes (k,); ``max_rank`` if further directions are known to be rounding errors."""
         L = _factor(M)
-        B = _through(A, L) / sizes[:, None]
-        if 0 in B.shape[-2:]:
-            empty = [np.zeros((*B.shape[:-2], *shape)) for shape in ((B.shape[-2], 0), (B.shape[-1], 0), (0,))]
-            return cls(sizes, L, *empty)
+        B = _mass_weighted(A, L) / sizes[:, None]
+        batch, (k, nv) = B.shape[:-2], B.shape[-2:]
+        if k == 0 or nv == 0:
+            return cls(sizes, L, np.zeros((*batch, k, 0)), np.zeros((*batch, nv, 0)), np.zeros((*batch, 0)))
         U, sigma, Vt = np.linalg.svd(B, full_matrices=False)
-        kept = (sigma > TOLERANCE) & (np.arange(sigma.shape[-1]) < (sigma.shape[-1] if most is None else most))
-        inverse = np.where(kept, 1.0 / np.where(kept, sigma, 1.0), 0.0)
-        return cls(sizes, L, U * kept[..., None, :], np.swapaxes(Vt, -1, -2) * kept[..., None, :], inverse)
+        significant = sigma > TOLERANCE
+        if max_rank is not None:
+            significant[..., max_rank:] = False
+        inverse = np.where(significant, 1.0 / np.where(significant, sigma, 1.0), 0.0)
+        V = np.swapaxes(Vt, -1, -2)
+        return cls(sizes, L, U * significant[..., None, :], V * significant[..., None, :], inverse)
 
     @property
     def rank(self) -> Array:
@@ -180,9 +185,9 @@ class ConstraintProjector:
     def lost(self) -> Array:
         """Orthonormal rows that span the complement of the range of A, zero-padded to the largest number; (..., n, k)."""
         k, rank = len(self.sizes), np.asarray(self.rank)[..., None]
-        place = rank + np.arange(k - rank.min(initial=k))
-        columns = np.take_along_axis(self.directions, np.minimum(place, k - 1)[..., None, :], axis=-1)
-        return np.asarray(np.swapaxes(columns * (place < k)[..., None, :], -1, -2))
+        index = rank + np.arange(k - rank.min(initial=k))
+        columns = np.take_along_axis(self.directions, np.minimum(index, k - 1)[..., None, :], axis=-1)
+        return np.asarray(np.swapaxes(columns * (index < k)[..., None, :], -1, -2))
 
     @property
     def range(self) -> Array:
@@ -204,27 +209,27 @@ class ConstraintProjector:
 
     def nearest(self, v: Array, missing: Array, damped: Array | float = 1.0) -> Array:
         """v minus the smallest change in the kinetic metric that A maps to ``missing``, its directions ``damped`` (..., m)."""
-        y = self.V @ (damped * self.inverse_sigma * self._seen(missing))[..., None]
-        return np.asarray(v - self._back(y))
+        y = self.V @ (damped * self.inverse_sigma * self._significant_part(missing))[..., None]
+        return np.asarray(v - self._to_velocities(y))
 
-    def constrained(self, force: Array, b: Array) -> tuple[Array, Array]:
+    def constrained_acceleration(self, force: Array, b: Array) -> tuple[Array, Array]:
         """q̈ and λ of M q̈ + A'λ = force, A q̈ + b = 0, with λ of minimum norm; (..., nv), (..., k)."""
         w = np.linalg.solve(self.L, force[..., None])
-        taken = (np.swapaxes(self.V, -1, -2) @ w)[..., 0] + self.inverse_sigma * self._seen(b)
-        lam = (self.U @ (self.inverse_sigma * taken)[..., None])[..., 0] / self.sizes
-        return self._back(w - self.V @ taken[..., None]), (self.range @ lam[..., None])[..., 0]
+        removed = (np.swapaxes(self.V, -1, -2) @ w)[..., 0] + self.inverse_sigma * self._significant_part(b)
+        lam = (self.U @ (self.inverse_sigma * removed)[..., None])[..., 0] / self.sizes
+        return self._to_velocities(w - self.V @ removed[..., None]), (self.range @ lam[..., None])[..., 0]
 
-    def _seen(self, b: Array) -> Array:
+    def _significant_part(self, b: Array) -> Array:
         return np.asarray((np.swapaxes(self.U, -1, -2) @ (b / self.sizes)[..., None])[..., 0])
 
-    def _back(self, y: Array) -> Array:
+    def _to_velocities(self, y: Array) -> Array:
         """L⁻ᵀ y; (..., nv, 1) → (..., nv)."""
         return np.asarray(np.linalg.solve(np.swapaxes(self.L, -1, -2), y)[..., 0])
 
 
-def through(A: Array, M: Array) -> Array:
+def mass_weighted_rows(A: Array, M: Array) -> Array:
     """A L⁻ᵀ with M = L L'; (..., k, nv)."""
-    return _through(A, _factor(M))
+    return _mass_weighted(A, _factor(M))
 
 
 def _factor(M: Array) -> Array:
@@ -237,8 +242,10 @@ def _factor(M: Array) -> Array:
         ) from None
 
 
-def _through(A: Array, L: Array) -> Array:
-    return np.swapaxes(np.linalg.solve(L, np.swapaxes(A, -1, -2)), -1, -2) if 0 not in A.shape[-2:] else A
+def _mass_weighted(A: Array, L: Array) -> Array:
+    if 0 in A.shape[-2:]:
+        return A
+    return np.swapaxes(np.linalg.solve(L, np.swapaxes(A, -1, -2)), -1, -2)
 
 
 def usual_sizes(J: Array, M: Array) -> Array:
@@ -246,33 +253,33 @@ def usual_sizes(J: Array, M: Array) -> Array:
 
     The three rows of a kind share one size, so that a row that hardly moves compared with the others is recognised.
     """
-    rows = np.sqrt((through(J, M) ** 2).sum(axis=-1).mean(axis=0))
+    rows = np.sqrt((mass_weighted_rows(J, M) ** 2).sum(axis=-1).mean(axis=0))
     turning, moving = float(rows[:3].max(initial=0.0)), float(rows[3:].max(initial=0.0))
-    turning, moving = max(turning, NEGLIGIBLE * moving), max(moving, NEGLIGIBLE * turning)
+    turning, moving = max(turning, MIN_SIZE_RATIO * moving), max(moving, MIN_SIZE_RATIO * turning)
     return np.repeat([turning or 1.0, moving or 1.0], 3)
 
 
-def doubtful(pivots: Array, sizes: Array) -> Array:
+def needs_singular_values(pivots: Array, sizes: Array) -> Array:
     """True if elimination with these pivots (..., k) of A M⁻¹ A' is too inaccurate and singular values are needed; (...)."""
-    safe = SAFE_SINGLE if pivots.dtype == np.float32 else SAFE
+    min_pivot = MIN_PIVOT_SINGLE if pivots.dtype == np.float32 else MIN_PIVOT
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(~(pivots >= safe * sizes**2).all(axis=-1))
+        return np.asarray(~(pivots >= min_pivot * sizes**2).all(axis=-1))
 
 
 def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
     """Numbers of the rows of A independent of earlier ones, at the sample of largest rank; A (n, k, nv), M (n, nv, nv)."""
-    best: tuple[int, ...] = ()
-    for B in through(A, M) / sizes[:, None]:
-        kept: list[int] = []
+    largest: tuple[int, ...] = ()
+    for B in mass_weighted_rows(A, M) / sizes[:, None]:
+        independent: list[int] = []
         Q = np.zeros((0, A.shape[-1]))
         for i, row in enumerate(B):
-            rest = row - Q.T @ (Q @ row)
-            rest = rest - Q.T @ (Q @ rest)  # repeated against rounding errors
-            if np.linalg.norm(rest) > GENERIC:
-                kept.append(i)
-                Q = np.vstack([Q, rest / np.linalg.norm(rest)])
-        best = max(best, tuple(kept), key=len)
-    return best
+            residual = row - Q.T @ (Q @ row)
+            residual = residual - Q.T @ (Q @ residual)  # repeated against rounding errors
+            if np.linalg.norm(residual) > MIN_INDEPENDENT_PART:
+                independent.append(i)
+                Q = np.vstack([Q, residual / np.linalg.norm(residual)])
+        largest = max(largest, tuple(independent), key=len)
+    return largest
 
 
 # ── Closure errors and closing configurations. Floats, batches
@@ -283,6 +290,8 @@ def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
 
 ITERATIONS = 100
 """Maximum number of Levenberg–Marquardt iterations. Convergence is quadratic near a solution; distant starts need more."""
+HALVINGS = 12
+"""Number of lengths that are tried for a step, each half of the last."""
 
 
 def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:
@@ -297,7 +306,7 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     if len(turning) == 3:
         turn = so3.log(R)
     elif len(turning) == 2:
-        turn = _between_axes(R, 3 - sum(turning))
+        turn = _rotation_of_axis(R, 3 - sum(turning))
     elif len(turning) == 1:
         i, j, k = ((turning[0] + n) % 3 for n in range(3))
         turn = np.zeros_like(p)
@@ -307,53 +316,74 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     return np.concatenate([turn, p], axis=-1)[..., list(rows)]
 
 
-def _between_axes(R: Array, k: int) -> Array:
+def _rotation_of_axis(R: Array, k: int) -> Array:
     """Smallest rotation vector that takes axis k of {c} to axis k of {b}; if they are opposite, one of those by π."""
-    there = R[..., :, k]
-    across = np.cross(np.eye(3)[k], there)
-    sine, cosine = np.linalg.norm(across, axis=-1), there[..., k]
+    axis = R[..., :, k]
+    across = np.cross(np.eye(3)[k], axis)
+    sine, cosine = np.linalg.norm(across, axis=-1), axis[..., k]
     angle = np.arctan2(sine, cosine)
     opposite = (sine < TOLERANCE) & (cosine < 0)
     scale = np.divide(angle, sine, out=np.ones_like(sine), where=sine > TOLERANCE)
     return np.where(opposite[..., None], np.pi * np.eye(3)[(k + 1) % 3], scale[..., None] * across)
 
 
-def settled(
-    q: Array,
-    gaps: Callable[[Array], Array],
-    slopes: Callable[[Array], tuple[Array, Array]],
-    add: Callable[[Array, Array], Array],
-    sizes: Array,
-    units: Array,
-    tolerance: float,
-) -> tuple[Array, Array]:
+@dataclass(frozen=True, eq=False)
+class LoopProblem:
+    """Gaps of closed loops and their derivatives at a batch of configurations, with the scales of rows."""
+
+    gaps: Callable[[Array], Array]
+    """Gaps (n, rows) of configurations (n, nq) [rad, m]."""
+    slopes: Callable[[Array], tuple[Array, Array]]
+    """A (n, rows, nv) of the gaps, and M (n, nv, nv)."""
+    add: Callable[[Array, Array], Array]
+    """q ⊕ dv."""
+    sizes: Array
+    """Usual size of each row of A; (rows,)."""
+    units: Array
+    """Unit of each gap; (rows,)."""
+
+    def largest_gaps(self, gaps: Array) -> Array:
+        """Largest gap of each configuration, divided by the unit of its row; (n,)."""
+        return np.asarray(np.abs(gaps / self.units).max(axis=-1, initial=0.0))
+
+    def gap_norms(self, gaps: Array) -> Array:
+        """Norm of the gaps of each configuration, divided by the sizes of their rows; (n,)."""
+        return np.asarray(np.linalg.norm(gaps / self.sizes, axis=-1))
+
+
+def close_loops(q: Array, problem: LoopProblem, tolerance: float) -> tuple[Array, Array]:
     """Configurations near q (n, nq) without gaps, and the largest remaining gap of each (n,), divided by the unit of its row.
 
-    Levenberg–Marquardt steps, smallest in the kinetic metric, with the squared gap as damping parameter; a step is halved while
-    it does not reduce the gap. Fan and Yuan, Computing 74, 2005: quadratic convergence also at singular solutions.
-    ``slopes`` returns A of the gaps and M.
+    Levenberg–Marquardt steps, smallest in the kinetic metric, with the squared gap as damping parameter. Fan and Yuan,
+    Computing 74, 2005: quadratic convergence also at singular solutions.
     """
-    q, gap = q.copy(), gaps(q)
-    left = np.abs(gap / units).max(axis=-1, initial=0.0)
-    going = left > tolerance
+    q, gaps = q.copy(), problem.gaps(q)
+    largest_gap = problem.largest_gaps(gaps)
+    is_open = largest_gap > tolerance
     for _ in range(ITERATIONS):
-        n = np.flatnonzero(going)
+        n = np.flatnonzero(is_open)
         if not n.size:
             break
-        step = _step(gap[n], *slopes(q[n]), sizes, np.minimum(1.0, left[n] ** 2))
-        length = np.ones(n.size)
-        before = np.linalg.norm(gap[n] / sizes, axis=-1)
-        for _ in range(12):
-            tried = add(q[n], length[:, None] * step)
-            new = gaps(tried)
-            better = np.linalg.norm(new / sizes, axis=-1) < before
-            if better.all():
-                break
-            length = np.where(better, length, 0.5 * length)
-        q[n[better]], gap[n[better]] = tried[better], new[better]
-        left[n] = np.abs(gap[n] / units).max(axis=-1)
-        going[n] = better & (left[n] > tolerance)
-    return q, left
+        A, M = problem.slopes(q[n])
+        step = _step(gaps[n], A, M, problem.sizes, damping=np.minimum(1.0, largest_gap[n] ** 2))
+        q[n], gaps[n], improved = _shorten_step(q[n], gaps[n], step, problem)
+        largest_gap[n] = problem.largest_gaps(gaps[n])
+        is_open[n] = improved & (largest_gap[n] > tolerance)
+    return q, largest_gap
+
+
+def _shorten_step(q: Array, gaps: Array, step: Array, problem: LoopProblem) -> tuple[Array, Array, Array]:
+    """q and gaps after the step, halved while it does not reduce the gaps, and where one does; elsewhere q is unchanged."""
+    length = np.ones(len(q))
+    norm = problem.gap_norms(gaps)
+    for _ in range(HALVINGS):
+        q_new = problem.add(q, length[:, None] * step)
+        gaps_new = problem.gaps(q_new)
+        improved = problem.gap_norms(gaps_new) < norm
+        if improved.all():
+            break
+        length = np.where(improved, length, 0.5 * length)
+    return np.where(improved[:, None], q_new, q), np.where(improved[:, None], gaps_new, gaps), improved
 
 
 def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:

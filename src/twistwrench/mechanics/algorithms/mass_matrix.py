@@ -30,7 +30,7 @@ from .recursion import (
 )
 
 
-def factored(M: Array) -> tuple[Array, Array]:
+def ldl_factors(M: Array) -> tuple[Array, Array]:
     """L, unit lower triangular, and 1/D with M = L' D L, from the last row up; Featherstone, RBDA (2008), 6.5.
 
     Leaves come after their ancestors in M, so elimination from the end keeps the zeros between branches, and tracing omits
@@ -48,12 +48,12 @@ def factored(M: Array) -> tuple[Array, Array]:
     return L, inverse
 
 
-def solved(L: Array, inverse: Array, b: Array) -> Array:
+def solve_ldl(L: Array, inverse: Array, b: Array) -> Array:
     """x with L' D L x = b."""
-    return raised(L, inverse * lowered(L, b))
+    return solve_triangular(L, inverse * solve_transposed(L, b))
 
 
-def lowered(L: Array, b: Array) -> Array:
+def solve_transposed(L: Array, b: Array) -> Array:
     """z with L' z = b."""
     z = b.astype(np.result_type(L, b))
     for k in reversed(range(len(z))):
@@ -62,7 +62,7 @@ def lowered(L: Array, b: Array) -> Array:
     return z
 
 
-def raised(L: Array, b: Array) -> Array:
+def solve_triangular(L: Array, b: Array) -> Array:
     """x with L x = b."""
     x = b.astype(np.result_type(L, b))
     for k in range(len(x)):
@@ -73,7 +73,7 @@ def raised(L: Array, b: Array) -> Array:
 
 def inverse_factor(L: Array) -> Array:
     """W with W L = 1: unit lower triangular, with the zeros of L; M⁻¹ = W D⁻¹ W'."""
-    return np.array([raised(L, e) for e in np.eye(len(L)).astype(object)]).reshape(L.shape).T
+    return np.array([solve_triangular(L, e) for e in np.eye(len(L)).astype(object)]).reshape(L.shape).T
 
 
 def symmetric_product(W: Array, inverse: Array) -> Array:
@@ -86,12 +86,12 @@ def symmetric_product(W: Array, inverse: Array) -> Array:
     return product
 
 
-def widened(M: Array, diagonal: Array) -> Array:
+def with_diagonal(M: Array, diagonal: Array) -> Array:
     """M with ``diagonal`` added to its diagonal."""
-    found = M.astype(object)
+    total = M.astype(object)
     for i, x in enumerate(diagonal):
-        found[i, i] = found[i, i] + x
-    return found
+        total[i, i] = total[i, i] + x
+    return total
 
 
 # ── Mass matrix by composite bodies. Featherstone, RBDA (2008), 6.2
@@ -124,7 +124,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
                         _add_symmetric(M, model.bodies[j], a, model.bodies[i], b, S_j @ F)
                 F = up[j] @ F
     drives = armature_matrix(model)
-    M = widened(M, drives.diagonal())
+    M = with_diagonal(M, drives.diagonal())
     for at, _, _ in model.coupled:
         for i, j in permutations(at, 2):
             if not is_zero(drives[i, j]):
@@ -267,21 +267,21 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     for i, p in inward(model):
         if p != BASE:
             B[p] = B[p] + B[i].in_frame(T[i])
-    up = [Ad(X).inverse.T for X in T]
+    to_parent = [Ad(X).inverse.T for X in T]
     C = zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
         for b, S in enumerate(body.joint.axes):
             dS = ad(V[i]) @ S
             F, GS, BS = G[i] @ dS + B[i] @ S, G[i] @ S, B[i].transposed_times(S)
             for j in ancestors(model, i):
-                other = model.bodies[j]
-                for a, S_j in enumerate(other.joint.axes):
-                    add_entry(C, other, a, body, b, S_j @ F)  # (1)
+                ancestor = model.bodies[j]
+                for a, S_j in enumerate(ancestor.joint.axes):
+                    add_entry(C, ancestor, a, body, b, S_j @ F)  # (1)
                     if j != i:
-                        add_entry(C, body, b, other, a, (ad(V[j]) @ S_j) @ GS + S_j @ BS)  # (2)
-                F, GS, BS = up[j] @ F, up[j] @ GS, up[j] @ BS
-    for mine, L in armature_symbols(model):
-        C[mine, mine] = C[mine, mine] + L @ dq[mine]
+                        add_entry(C, body, b, ancestor, a, (ad(V[j]) @ S_j) @ GS + S_j @ BS)  # (2)
+                F, GS, BS = to_parent[j] @ F, to_parent[j] @ GS, to_parent[j] @ BS
+    for block, L in armature_symbols(model):
+        C[block, block] = C[block, block] + L @ dq[block]
     return C
 
 

@@ -14,18 +14,18 @@ from ..model.model import Model
 from .forward_dynamics import articulated_pays
 from .inverse_dynamics import bias_forces, inverse_dynamics
 from .kinematics import jacobian, jacobian_rate
-from .mass_matrix import factored, lowered, mass_matrix, solved
+from .mass_matrix import ldl_factors, mass_matrix, solve_ldl, solve_transposed
 from .recursion import zeros
 
 
 def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
     """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for non-square J."""
-    L, D = factored(mass_matrix(model, q))
-    Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
-    R, E = factored(Y.T @ (D[:, None] * Y))
+    L, D = ldl_factors(mass_matrix(model, q))
+    Y = solve_transposed(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
     Lambda = zeros(len(rows), len(rows))
     for k, unit in enumerate(np.eye(len(rows)).astype(object)):
-        Lambda[:, k] = solved(R, E, unit)
+        Lambda[:, k] = solve_ldl(R, E, unit)
     lower = np.tril_indices(len(rows), -1)
     Lambda.T[lower] = Lambda[lower]
     return Lambda, 1.0 / E
@@ -33,22 +33,22 @@ def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int,
 
 def task_bias(model: Model, q: Array, dq: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
     """η = Λ (J M⁻¹ h - (dJ/dt) dq) and the pivots of J M⁻¹ J'; (r,), (r,). MR section 8.6."""
-    L, D = factored(mass_matrix(model, q))
-    Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
-    R, E = factored(Y.T @ (D[:, None] * Y))
-    z = D * lowered(L, bias_forces(model, q, dq))
-    return solved(R, E, Y.T @ z - jacobian_rate(model, q, dq, frame, kind)[list(rows)] @ dq), 1.0 / E
+    L, D = ldl_factors(mass_matrix(model, q))
+    Y = solve_transposed(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
+    z = D * solve_transposed(L, bias_forces(model, q, dq))
+    return solve_ldl(R, E, Y.T @ z - jacobian_rate(model, q, dq, frame, kind)[list(rows)] @ dq), 1.0 / E
 
 
 # ── Control laws of joints. Modern Robotics section 11.4
 
 
-def undriven(model: Model) -> tuple[str, ...]:
+def multi_dof_joints(model: Model) -> tuple[str, ...]:
     """Joints of several degrees of freedom (ball, planar, floating), which single-joint control laws do not drive."""
     return tuple(body.joint.name for body in model.leaders if body.joint.nv > 1)
 
 
-def clipped(tau: Array, limits: Array) -> Array:
+def clip_torques(tau: Array, limits: Array) -> Array:
     """Torques clipped to their limits; (nv,). For symbols; a plain number is the 0 of a joint without control law."""
     return np.array([x.clip(-y, y) if hasattr(x, "clip") else x for x, y in zip(tau, limits, strict=True)], object)
 

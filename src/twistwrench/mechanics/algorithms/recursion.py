@@ -36,8 +36,7 @@ def ancestors(model: Model, i: int) -> Iterator[int]:
 
 def joint_coordinates(model: Model, q: Array) -> list[Array]:
     """Coordinates of each body's joint, (nq,) of that joint; those of a follower come from its leader."""
-    mine = [q[body.places[0]] for body in model.bodies]
-    return [body.ratio * x + body.offset if body.follows else x for body, x in zip(model.bodies, mine, strict=True)]
+    return [body.coordinates(q) for body in model.bodies]
 
 
 def joint_poses(model: Model, q: Array) -> list[Array]:
@@ -50,8 +49,8 @@ def spread(model: Model, dq: Array) -> list[Array]:
     """Twist A dq of each joint in its body's frame; (6,) each. For ddq in place of dq, its derivative, as A is constant."""
     twists = []
     for body in model.bodies:
-        mine = dq[body.places[1]]
-        twists.append(body.ratio * (mine @ body.joint.axes))
+        dq_joint = dq[body.places[1]]
+        twists.append(body.ratio * (dq_joint @ body.joint.axes))
     return twists
 
 
@@ -60,8 +59,8 @@ def collect(model: Model, wrenches: Array) -> Array:
     tau = zeros(model.nv)
     for body, F in zip(model.bodies, wrenches, strict=True):
         torque = body.joint.axes @ F
-        mine = body.places[1]
-        tau[mine] = tau[mine] + body.ratio * torque
+        columns = body.places[1]
+        tau[columns] = tau[columns] + body.ratio * torque
     return tau
 
 
@@ -99,20 +98,23 @@ def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
 def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
     """(place in dq, L (n, n, n)) of each joint that has n > 1 velocities and an armature."""
     for body in model.leaders:
-        mine, S = body.places[1], body.joint.axes
-        a = model.armature[mine]
+        columns, S = body.places[1], body.joint.axes
+        a = model.armature[columns]
         if body.joint.nv > 1 and a.any():
-            yield mine, np.array([[a * (S @ (ad(S_a) @ S_b)) for S_b in S] for S_a in S])
+            L = np.empty((body.joint.nv,) * 3, a.dtype)
+            for i, j in np.ndindex(*L.shape[:2]):
+                L[i, j] = a * (S @ (ad(S[i]) @ S[j]))
+            yield columns, L
 
 
 def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
     """Torques of the armature, A ddq + C u with u = dq; (..., nv)."""
     tau = joint_torques(model, model.armature * motor_velocities(model, ddq))
-    for mine, L in armature_symbols(model):
-        u = dq[..., mine]
+    for columns, L in armature_symbols(model):
+        u = dq[..., columns]
         pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; squares have zero coefficients
         products = u[..., None, :, None] * u[..., None, None, :]
-        tau[..., mine] = tau[..., mine] + (pairs * products).sum(axis=(-2, -1))
+        tau[..., columns] = tau[..., columns] + (pairs * products).sum(axis=(-2, -1))
     return tau
 
 
@@ -121,8 +123,11 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
 
 def spring_energy(model: Model, q: Array) -> Any:
     """½ Σ k x² with the elongation x of each spring [J]."""
-    stretched = [(spring.stiffness, _stretch(model, spring, q)) for spring in model.springs]
-    return sum((0.5 * stiffness * (x * x) for stiffness, x in stretched), start=0.0)
+    energy: Any = 0.0
+    for spring in model.springs:
+        x = _stretch(model, spring, q)
+        energy = energy + 0.5 * spring.stiffness * (x * x)
+    return energy
 
 
 def spring_forces(model: Model, q: Array) -> Array:
@@ -139,14 +144,18 @@ def spring_stiffness(model: Model) -> Array:
     """Second derivative of the springs' energy; (nv, nv)."""
     K = zeros(model.nv, model.nv)
     for spring in model.springs:
-        for one, a in _ends(model, spring):
-            for other, b in _ends(model, spring):
-                K[one.v_index, other.v_index] = K[one.v_index, other.v_index] + spring.stiffness * a * b
+        for row, a in _ends(model, spring):
+            for column, b in _ends(model, spring):
+                K[row.v_index, column.v_index] = K[row.v_index, column.v_index] + spring.stiffness * a * b
     return K
 
 
 def _stretch(model: Model, spring: Spring, q: Array) -> Any:
-    return sum((weight * q[body.q_index] for body, weight in _ends(model, spring)), start=-spring.rest)
+    """Elongation of a spring."""
+    x: Any = -spring.rest
+    for body, weight in _ends(model, spring):
+        x = x + weight * q[body.q_index]
+    return x
 
 
 def _ends(model: Model, spring: Spring) -> Iterator[tuple[Body, float]]:

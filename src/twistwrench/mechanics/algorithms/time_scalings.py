@@ -37,8 +37,8 @@ class Polynomial:
         t = arguments.real(t, "t")
         x = np.clip(t / self.duration, 0.0, 1.0)
         moving = (t >= 0) & (t <= self.duration) | np.isnan(t)
-        rates = differentiated(self.coefficients)
-        s, ds, dds = (horner(c, x) for c in (self.coefficients, rates, differentiated(rates)))
+        rates = derivative_coefficients(self.coefficients)
+        s, ds, dds = (horner(c, x) for c in (self.coefficients, rates, derivative_coefficients(rates)))
         return s, np.where(moving, ds / self.duration, 0.0), np.where(moving, dds / self.duration**2, 0.0)
 
     def third(self, t: ArrayLike) -> Array:
@@ -59,7 +59,8 @@ class Polynomial:
         """
         t = arguments.real(t, "t")
         p = horner(
-            differentiated(differentiated(differentiated(self.coefficients))), np.clip(t / self.duration, 0.0, 1.0)
+            derivative_coefficients(derivative_coefficients(derivative_coefficients(self.coefficients))),
+            np.clip(t / self.duration, 0.0, 1.0),
         )
         return np.where((t >= 0) & (t <= self.duration) | np.isnan(t), p / self.duration**3, 0.0)
 
@@ -82,7 +83,7 @@ def horner(coefficients: tuple[float, ...], x: Array) -> Array:
     return np.asarray(p)
 
 
-def differentiated(coefficients: tuple[float, ...]) -> tuple[float, ...]:
+def derivative_coefficients(coefficients: tuple[float, ...]) -> tuple[float, ...]:
     """Coefficients of the polynomial's derivative."""
     return tuple(k * c for k, c in enumerate(coefficients))[1:]
 
@@ -201,25 +202,25 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
     >>> round(trapezoid(v=1.0, a=2.0).duration, 12), trapezoid(v=1.5, duration=1.0).a, trapezoid(a=4.0, duration=1.0).v
     (1.5, 4.5, 2.0)
     """
-    given = {"v": v, "a": a, "duration": duration}
-    named = {name: _positive(x, name) for name, x in given.items() if x is not None}
-    if len(named) != 2:
+    options = {"v": v, "a": a, "duration": duration}
+    numbers = {name: _positive(x, name) for name, x in options.items() if x is not None}
+    if len(numbers) != 2:
         raise ValueRangeError(
-            f"give exactly two of v, a and duration, which determine the third; got {', '.join(named) or 'none'}."
+            f"give exactly two of v, a and duration, which determine the third; got {', '.join(numbers) or 'none'}."
         )
-    if "duration" not in named:
-        v, a = named["v"], named["a"]
+    if "duration" not in numbers:
+        v, a = numbers["v"], numbers["a"]
         return Trapezoid(min(v, float(np.sqrt(a))), a)  # v² > a: bang-bang, whose peak is √a
-    T = named["duration"]
-    if "v" in named:
-        v = named["v"]
+    T = numbers["duration"]
+    if "v" in numbers:
+        v = numbers["v"]
         if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
             raise ValueRangeError(
                 f"v = {printed(v)} over T = {printed(T)} does not allow a trapezoid: 1 < v T ≤ 2 is needed, so "
                 f"v above {printed(1 / T)} and up to {printed(2 / T)}."
             )
         return Trapezoid(v, max(v * v / (v * T - 1.0), v * v))  # MR eq. 9.18
-    a = named["a"]
+    a = numbers["a"]
     if a * T * T < 4.0 * (1 - 1e-12):
         raise ValueRangeError(
             f"a = {printed(a)} over T = {printed(T)} is too slow: a T² ≥ 4 is needed, so a from {printed(4 / T**2)} or "
@@ -246,32 +247,32 @@ class Averaged:
     """Name of the shape."""
 
     @cached_property
-    def _twice(self) -> tuple[Any, Array]:
+    def _second_integral(self) -> tuple[Any, Array]:
         """Second integral of the scaling before averaging, extended beyond both ends, and the times of its knots."""
         from scipy.interpolate import PPoly
 
         steps = 2.0 * np.diff(self.places) / (self.rates[1:] + self.rates[:-1])
         t = np.concatenate([[0.0], np.cumsum(steps)])
         pieces = np.stack([0.5 * np.diff(self.rates) / steps, self.rates[:-1], self.places[:-1]])
-        rest = np.array([[0.0], [0.0], [1.0]])
-        spare = sum(self.windows)
-        ends = np.concatenate([[-spare - 1.0], t, [t[-1] + spare + 1.0]])
-        return PPoly(np.concatenate([0.0 * rest, pieces, rest], axis=1), ends).antiderivative(2), t
+        constant = np.array([[0.0], [0.0], [1.0]])
+        margin = sum(self.windows)
+        ends = np.concatenate([[-margin - 1.0], t, [t[-1] + margin + 1.0]])
+        return PPoly(np.concatenate([0.0 * constant, pieces, constant], axis=1), ends).antiderivative(2), t
 
     @cached_property
     def duration(self) -> float:
         """T [s]."""
-        return float(self._twice[1][-1]) + sum(self.windows)
+        return float(self._second_integral[1][-1]) + sum(self.windows)
 
     @cached_property
     def knots(self) -> Array:
         """Times between which the third derivative is linear [s]."""
-        t, (a, b) = self._twice[1], self.windows
+        t, (a, b) = self._second_integral[1], self.windows
         return np.unique(np.concatenate([t, t + a, t + b, t + (a + b)]))
 
     def _derivative(self, t: Array, order: int) -> Array:
         """Derivative of s at t (...)."""
-        curve, (a, b) = self._twice[0], self.windows
+        curve, (a, b) = self._second_integral[0], self.windows
         t = np.clip(t, 0.0, self.duration)
         return np.asarray(
             (curve(t, order) - curve(t - a, order) - curve(t - b, order) + curve(t - (a + b), order)) / (a * b)
@@ -430,13 +431,13 @@ def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 
 
 def _poses(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
-    found = []
+    poses = []
     for name, T in (("start", start), ("end", end)):
         M = np.asarray(arguments.pose(arguments.finite(T, name, 4, 4), name), float)
         if M.shape != (4, 4):
             raise ShapeError(f"{name} has shape {M.shape}: a path leads from one pose (4, 4) to another.")
-        found.append(M)
-    return found[0], found[1]
+        poses.append(M)
+    return poses[0], poses[1]
 
 
 complete(globals())

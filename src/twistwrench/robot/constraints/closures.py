@@ -15,7 +15,7 @@ from ...core.numbers import printed
 from ...core.typing import Array
 from ...mechanics.algorithms.constraints import Closure, Rolling, place_of
 from ...mechanics.algorithms.kinematics import KINDS, row_numbers
-from ...mechanics.algorithms.loop_closure import LoopRows, through
+from ...mechanics.algorithms.loop_closure import LoopRows, mass_weighted_rows
 from ...mechanics.lie.labelled import TWIST
 from ...mechanics.model.couplings import refuse_couplings
 from ...mechanics.model.model import BASE, Model
@@ -97,7 +97,7 @@ def require_angle(closed: ConstrainedRobot, q: Array) -> None:
     if not isinstance(new, Closure) or len(turning) != 1:
         return
     J = robot.kernel("constraint_jacobian", constraints=(all_rows(new),))(q)
-    others = np.delete(through(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
+    others = np.delete(mass_weighted_rows(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
     if np.abs(others).max() > 1e-9 * six_sizes(robot, new)[0]:
         raise ConstraintError(
             f"{new.name}: {TWIST[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
@@ -131,7 +131,7 @@ class LoopClosureSolver:
         self.closed = closed
         self.rows = LoopRows(closed.constraints, closed.independent)
         self.units = gap_units(closed)
-        mine = self.rows.places[0]
+        mine = self.rows.indices[0]
         self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
         """Index in a twist of each row."""
         self.allowed = tuple((CLOSED * self.units[mine]).tolist())
@@ -185,4 +185,4 @@ class LoopClosureSolver:
     def open_by(self, q: Array) -> tuple[Array, Array]:
         """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
         gaps = self.closed.gaps(q)
-        return gaps[:, self.rows.places[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)
+        return gaps[:, self.rows.indices[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)

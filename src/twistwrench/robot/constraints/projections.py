@@ -20,8 +20,8 @@ from ...core.errors import ConstraintError, UnknownNameError
 from ...core.numbers import printed
 from ...core.typing import Array
 from ...mechanics.algorithms.constraints import (
-    SINGULAR,
-    UNBALANCED,
+    MAX_RESIDUAL_TORQUE,
+    SINGULAR_VALUE,
     Closure,
     ConstrainedDerivatives,
     ConstrainedMotion,
@@ -33,7 +33,7 @@ from ...mechanics.algorithms.constraints import (
     names,
     place_of,
 )
-from ...mechanics.algorithms.loop_closure import doubtful
+from ...mechanics.algorithms.loop_closure import needs_singular_values
 from ...mechanics.joints import Planar
 from ...mechanics.model.model import BASE, Body
 from ..arguments import Wrenches, finite_states
@@ -71,7 +71,7 @@ def forward_dynamics(
         ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=held)
     lam = np.zeros((*some.shape[:-1], len(closed.sizes)), some.dtype)
     lam[..., rows] = some
-    again = doubtful(pivots, closed.sizes[rows])
+    again = needs_singular_values(pivots, closed.sizes[rows])
     if len(rows) < len(closed.sizes) and not again.all():
         usual = np.broadcast_to(q, (*again.shape, closed.nq))[~again]
         lam[~again] = (closed._projector(usual)[1].range @ lam[~again][..., None])[..., 0]
@@ -80,7 +80,7 @@ def forward_dynamics(
         q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
         _, projector = closed._projector(q)
         warn_of_singular(projector.rank, len(rows))
-        ddq[again], lam[again] = projector.constrained(force, closed.constraint_bias(q, dq))
+        ddq[again], lam[again] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
     return ConstrainedMotion(ddq, lam)
 
 
@@ -272,7 +272,7 @@ def _is_planar_base(body: Body) -> bool:
 def require_made(closed: ConstrainedRobot, left: Array, f: Array, driven: Array) -> None:
     """Raise an error if residual torques ``left`` (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
     rest = np.abs(left).max(axis=-1, initial=0.0)
-    allowed = UNBALANCED * np.abs(f).max(axis=-1, initial=0.0)
+    allowed = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
     if (rest <= allowed).all():
         return
     worst = int((rest - allowed).argmax())
@@ -306,7 +306,7 @@ def require_independent(closed: ConstrainedRobot, q: Array, driven: Array) -> No
     A = closed.constraint_jacobian(q)[..., rows, :][..., ~driven] / closed.sizes[rows, None]
     sigma = np.linalg.svd(A, compute_uv=False)
     part = sigma[..., -1] / sigma[..., 0]
-    if not (part > SINGULAR).all():
+    if not (part > SINGULAR_VALUE).all():
         worst = int(np.argmin(part))
         raise ConstraintError(
             f"{mine} do not determine the other joints{place_in_batch(worst, part.shape)}: a dead centre, or a singular "
