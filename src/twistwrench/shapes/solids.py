@@ -13,7 +13,7 @@ from ..core.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.bodies.mesh import convex_hull
-from ..mechanics.bodies.solids import clipped, rotational_inertia, second_moments
+from ..mechanics.bodies.solids import clip_eigenvalues, rotational_inertia, second_moments
 from . import surface
 from .meshes import MeshFiles
 from .reader import LinkShapes, ShapeSpec
@@ -176,13 +176,13 @@ def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = 
     if metric not in METRICS:
         raise ValueRangeError(f"metric={metric!r} is not allowed. Choose from: {', '.join(map(repr, METRICS))}.")
     S = second_moments(tensor)
-    return rotational_inertia(clipped(S, _THINNEST) if metric == "frobenius" else _drawn_in(S, reference))
+    return rotational_inertia(clip_eigenvalues(S, _THINNEST) if metric == "frobenius" else _drawn_in(S, reference))
 
 
 def _drawn_in(S: Array, reference: Array | None) -> Array:
     size = max(abs(float(S.trace())), float(np.abs(S).max()), 1e-300)
     shape = np.eye(3) * size / 3.0 if reference is None else second_moments(reference)
-    L = np.linalg.cholesky(clipped(shape, _THINNEST))
+    L = np.linalg.cholesky(clip_eigenvalues(shape, _THINNEST))
     back = np.linalg.inv(L)
     x, axes = np.linalg.eigh(back @ S @ back.T)
     # x - x_0 + w (1 - 1/x) = 0

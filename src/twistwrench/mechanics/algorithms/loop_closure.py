@@ -106,9 +106,8 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
         turn[i], turn[j], cosine = -R[j, k], R[i, k], R[k, k]  # e_k × R e_k
     elif len(turning) == 1:
         cosine = 0.5 * (R[i, i] + R[j, j])
-    turn = turn * np.sqrt(
-        2.0 / (1.0 + cosine + _MIN_COSINE_SUM)
-    )  # sin x = 2 sin(x/2) cos(x/2), and 1 + cos x = 2 cos²(x/2)
+    # sin x = 2 sin(x/2) cos(x/2), and 1 + cos x = 2 cos²(x/2)
+    turn = turn * np.sqrt(2.0 / (1.0 + cosine + _MIN_COSINE_SUM))
     return np.concatenate([turn, p])[list(rows)]
 
 

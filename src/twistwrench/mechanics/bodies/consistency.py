@@ -14,7 +14,7 @@ from ...core.glossary import complete
 from ...core.numbers import number, percent, printed
 from ...core.typing import Array
 from ..lie import so3
-from .solids import clipped, rotational_inertia, second_moments, ten_parameters
+from .solids import clip_eigenvalues, rotational_inertia, second_moments, ten_parameters
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -48,17 +48,17 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     A, B, C = (float(x) for x in G.principal()[0])
     # Rounding error of moments about a distant origin, when moved to the centre of mass.
     slack = 1e-6 * abs(A + B + C) + 2e-15 * max(size, abs(float(G.moment_about_origin.trace())))
-    found = []
+    problems = []
     if -slack > A:
-        found.append(
+        problems.append(
             f"negative principal moment {number(A, 6)} kg m² (moments {number(A, 6)}, {number(B, 6)}, {number(C, 6)})"
         )
     if A + B + slack < C:
-        found.append(
+        problems.append(
             f"triangle inequality: the largest principal moment {number(C, 6)} kg m² exceeds the sum of the others, "
             f"{number(A, 6)} + {number(B, 6)}, by {number(C - A - B, 3)}"
         )
-    return found
+    return problems
 
 
 def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
@@ -82,7 +82,7 @@ def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
         raise InertiaError(f"this inertia has no consistent one nearby: {'; '.join(G.defects())}.")
     if G.mass == 0:
         return type(G).zero()
-    S = clipped(second_moments(G.moment_about_com))
+    S = clip_eigenvalues(second_moments(G.moment_about_com))
     return type(G).from_com(G.mass, G.com, rotational_inertia(S))
 
 
@@ -145,15 +145,19 @@ class Repair:
     def __str__(self) -> str:
         if not self.reasons:
             return "nothing to repair"
-        moments = [", ".join(number(x, 6) for x in G.principal()[0] + 0.0) for G in (self.before, self.after)]
+        before, after = _moments_text(self.before), _moments_text(self.after)
         change = np.abs(np.linalg.eigvalsh(self.moved)).max()
         return "\n".join(
             [
                 *self.reasons,
-                f"  principal moments  {moments[0]}  →  {moments[1]} kg m²",
+                f"  principal moments  {before}  →  {after} kg m²",
                 f"  largest change     {number(change, 6)} kg m², {percent(self.largest, 3)} of the largest moment",
             ]
         )
+
+
+def _moments_text(G: SpatialInertia) -> str:
+    return ", ".join(number(x, 6) for x in G.principal()[0] + 0.0)
 
 
 # ── Parametrisations of the ten parameters
@@ -162,7 +166,7 @@ class Repair:
 # Slotine, 2018). Its Cholesky factor with logarithms on the diagonal has ten parameters, and *every* choice is a real body, as
 # optimisers and estimators need (Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 7(2), 2022).
 
-_GIANT = 100.0
+_MAX_GYRATION_RADIUS = 100.0
 """Radius of gyration [m] above which a matrix is taken to have its linear part first, of a body below a centimetre. The
 matrix of a ball or cube alone does not show the order."""
 
@@ -192,23 +196,23 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
         raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
     h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
     I = 0.5 * (G[:3, :3] + G[:3, :3].T)
-    found = cls.from_parameters(ten_parameters(G[3:, 3:].trace() / 3, h, I))
+    inertia = cls.from_parameters(ten_parameters(G[3:, 3:].trace() / 3, h, I))
     # Tolerances per unit: kg m² and kg differ by a factor of a million for a body of a millimetre.
-    moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
+    moment, mass = float(np.abs(G[:3, :3]).max()), float(np.abs(G[3:, 3:]).max())
     root = np.sqrt(np.repeat([moment, mass], 3))
-    gap = np.abs(found.matrix - G)
+    gap = np.abs(inertia.matrix - G)
     if not (gap <= 1e-6 * np.outer(root, root)).all():
         raise InertiaError(
             "no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
             f"{printed(gap.max(), 3)}. Is its linear part first? Then swap the blocks."
         )
-    if moment > _GIANT**2 * mass > 0:
+    if moment > _MAX_GYRATION_RADIUS**2 * mass > 0:
         raise InertiaError(
-            f"read with the angular part first, this spatial inertia is of {printed(found.mass, 3)} kg spread over "
+            f"read with the angular part first, this spatial inertia is of {printed(inertia.mass, 3)} kg spread over "
             f"{printed(np.sqrt(moment / mass), 3)} m. Is its linear part first? Then swap the blocks. A body so large is "
             "described by from_com."
         )
-    return found
+    return inertia
 
 
 def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInertia:
@@ -293,7 +297,7 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
     return cls.from_com(m, t, rotational_inertia(S))
 
 
-def aligned_axes(moments: Array, axes: Array) -> Array:
+def principal_axes(moments: Array, axes: Array) -> Array:
     """Principal axes (3, 3) as a rotation; axes of repeated moments are aligned with the frame's axes.
 
     Moments count as repeated if they differ by at most their rounding error, 8 eps of their sum.
@@ -303,13 +307,13 @@ def aligned_axes(moments: Array, axes: Array) -> Array:
         return np.eye(3)
     axes = axes.copy()
     if close.any():
-        alone = 2 if close[0] else 0
-        n = axes[:, alone]
+        single = 2 if close[0] else 0
+        n = axes[:, single]
         n *= np.copysign(1.0, n[np.argmax(np.abs(n))])
         e = np.eye(3)[np.argmin(np.abs(n))]  # the coordinate axis nearest to perpendicular to the single axis
         e = e - (e @ n) * n
-        axes[:, (alone + 1) % 3] = e / np.linalg.norm(e)
-        axes[:, (alone + 2) % 3] = so3.cross(n, axes[:, (alone + 1) % 3])
+        axes[:, (single + 1) % 3] = e / np.linalg.norm(e)
+        axes[:, (single + 2) % 3] = so3.cross(n, axes[:, (single + 1) % 3])
     axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
     return axes
 

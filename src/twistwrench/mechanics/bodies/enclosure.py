@@ -84,14 +84,19 @@ class Enclosure:
         """
         if not self.reaches(points).all():
             return False
-        around = [(shell.closed, shell.around(points[0])) for shell in self.shells]
-        walls = [faces for closed, faces in around if closed and faces is not None]
+        walls, in_open_shell = list[Array](), False
+        for shell in self.shells:
+            faces = shell.around(points[0])
+            if faces is not None and shell.closed:
+                walls.append(faces)
+            elif faces is not None:
+                in_open_shell = True
         if walls:
             label = np.repeat(np.arange(len(walls)), [len(part) for part in walls])
-            found = nest(np.concatenate(walls), label, len(walls))
-            if found.cutting or int(found.depth.max()) % 2 == 0:  # the innermost shell around it bounds a solid
+            nesting = nest(np.concatenate(walls), label, len(walls))
+            if nesting.cutting or int(nesting.depth.max()) % 2 == 0:  # the innermost shell around it bounds a solid
                 return True
-        return None if any(not closed and faces is not None for closed, faces in around) else False
+        return None if in_open_shell else False
 
     @cached_property
     def _box(self) -> tuple[Array, Array]:

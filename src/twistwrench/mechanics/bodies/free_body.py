@@ -24,16 +24,16 @@ WrenchLaw = Callable[[float, Array, Array], ArrayLike]
 """Function that returns a wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,), plain arrays."""
 
 
-def steps(duration: float, dt: float, every: int) -> int:
+def steps(duration: float, dt: float, stride: int) -> int:
     """Number of steps that fill the duration. Raises ValueRangeError."""
     for name, x in (("duration", duration), ("dt", dt)):
         if not 0.0 < arguments.number(x, name) < np.inf:
             raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
-    if not (arguments.number(every, "every") >= 1 and every % 1 == 0):
-        raise ValueRangeError(f"every is {every}, and must be a whole number of steps, at least 1.")
-    if not float(duration) < 1e8 * every * dt:
+    if not (arguments.number(stride, "every") >= 1 and stride % 1 == 0):
+        raise ValueRangeError(f"every is {stride}, and must be a whole number of steps, at least 1.")
+    if not float(duration) < 1e8 * stride * dt:
         raise ValueRangeError(
-            f"a duration of {printed(duration)} s in steps of {printed(dt)} s, one in {every} kept, makes more than 1e8 "
+            f"a duration of {printed(duration)} s in steps of {printed(dt)} s, one in {stride} kept, makes more than 1e8 "
             "states. Keep fewer with every, or take a larger dt."
         )
     return max(1, int(np.ceil(duration / dt * (1.0 - 1e-12))))
@@ -50,18 +50,18 @@ def constant(wrench: ArrayLike) -> WrenchLaw:
     return lambda _t, _T, _V: F
 
 
-def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
+def checked_law(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
     """Function checked to take three arguments; all its labelled values must be in one frame."""
     try:
-        taken = signature(wrench)
+        parameters = signature(wrench)
     except (TypeError, ValueError):  # some C functions have no signature
-        taken = None
-    if taken is not None:
+        parameters = None
+    if parameters is not None:
         try:
-            taken.bind(0.0, None, None)
+            parameters.bind(0.0, None, None)
         except TypeError as problem:
             raise ValueRangeError(
-                f"wrench is a function of {taken}, and is called as wrench(t, T, V), with the time [s], the pose T_sb "
+                f"wrench is a function of {parameters}, and is called as wrench(t, T, V), with the time [s], the pose T_sb "
                 f"(4, 4) and the body twist (6,): {problem}. Write lambda t, T, V: …"
             ) from None
 
@@ -76,7 +76,7 @@ def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
 
 # ── Quadrature error of the impulse of a time-dependent wrench
 
-_REMARKED = 0.05
+_MAX_IMPULSE_ERROR = 0.05
 """Fraction of the momentum above which a quadrature error is reported."""
 
 State = tuple[Array, Array, Array, Array]
@@ -84,7 +84,7 @@ Push = Callable[..., Array]
 """Wrench (6,) about the centre of mass from time, quaternion, position, angular and linear momentum."""
 
 
-class Unseen:
+class MissedImpulse:
     """Estimate of the impulses missed so far (absolute values), and the time of the largest."""
 
     def __init__(self, fractions: Sequence[float], h: float, spacing: float) -> None:
@@ -99,20 +99,20 @@ class Unseen:
         if not self.needed:
             return
         shares, weights = self.rule.shares(self.h)
-        found = []
+        wrenches = []
         for share in shares.tolist():
-            q, *rest = ((1.0 - share) * a + share * b for a, b in zip(before, after, strict=True))
-            found.append(push(t + share * self.h, q / np.linalg.norm(q), *rest))
-        forces = np.array(found)
+            q, *state = ((1.0 - share) * a + share * b for a, b in zip(before, after, strict=True))
+            wrenches.append(push(t + share * self.h, q / np.linalg.norm(q), *state))
+        forces = np.array(wrenches)
         missing = self.h * np.abs(left_out(weights, forces))
         self.sum += missing
         if missing.max() > self.worst:
-            far = np.abs(forces - np.median(forces, axis=0)).max(axis=1)
-            self.worst, self.when = float(missing.max()), t + self.h * float(shares[int(far.argmax())])
+            deviation = np.abs(forces - np.median(forces, axis=0)).max(axis=1)
+            self.worst, self.when = float(missing.max()), t + self.h * float(shares[int(deviation.argmax())])
 
     def remark(self, linear: float, angular: float) -> str:
         """Remark if the missed impulse is a large part of the largest linear [N s] or angular momentum [N m s]; else empty."""
-        if not (self.sum[3:].max() > _REMARKED * linear or self.sum[:3].max() > _REMARKED * angular):
+        if not (self.sum[3:].max() > _MAX_IMPULSE_ERROR * linear or self.sum[:3].max() > _MAX_IMPULSE_ERROR * angular):
             return ""
         return (
             f"the wrench changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
@@ -170,63 +170,71 @@ Rows = tuple[Array, Array, Array, Array, Array, Array]
 """Rows of a record: quaternion (k, 4), position, angular and linear momentum (k, 3), impulse (k, 6), work (k,)."""
 
 
-def torque_free(
-    body: FreeBody, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...]
+def torque_free_motion(
+    body: FreeBody, start: tuple[Array, ...], h: float, n: int, stride: int, fractions: tuple[float, ...]
 ) -> Rows:
     """Record of torque-free motion: rotation steps are composed of split rotors with the given fractions."""
     q0, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
-    turns, last = rotor.schedule(h, fractions)
-    _countable(l, 0.0)
+    turns, last_turn = rotor.schedule(h, fractions)
+    _require_computable(l, 0.0)
     q = _quat(q0)
     L = _vec(l)
     record = array("d", q)
     for i in range(1, n + 1):
-        q = rotor.step(q, L, h, turns, last)
-        if i % every == 0 or i == n:
+        q = rotor.step(q, L, h, turns, last_turn)
+        if i % stride == 0 or i == n:
             record.extend(q)
     Q = np.frombuffer(record).reshape(-1, 4)
     k = len(Q)
-    t = np.append(np.arange(0, n, every), n) * h
-    moved = p + np.multiply.outer(t, f / body.mass)
-    return Q, moved, np.broadcast_to(l, (k, 3)), np.broadcast_to(f, (k, 3)), np.zeros((k, 6)), np.zeros(k)
+    t = np.append(np.arange(0, n, stride), n) * h
+    positions = p + np.multiply.outer(t, f / body.mass)
+    return Q, positions, np.broadcast_to(l, (k, 3)), np.broadcast_to(f, (k, 3)), np.zeros((k, 6)), np.zeros(k)
 
 
-def pushed(
+def motion_under_wrench(
     body: FreeBody,
     start: tuple[Array, ...],
     h: float,
     n: int,
-    every: int,
+    stride: int,
     fractions: tuple[float, ...],
     law: WrenchLaw,
-    unseen: Unseen,
+    missed: MissedImpulse,
 ) -> Rows:
     """Record of motion under a wrench. Each fraction of a step: half of it free, the whole impulse, the other half free."""
     q, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
-    halves = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
+    half_steps = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
     impulse, work = np.zeros(6), 0.0
     record = [(q, p, l, f, impulse, work)]
     for i in range(1, n + 1):
         t, before = (i - 1) * h, (q, p, l, f)
-        for half, turns, last in halves:
-            _countable(l, t)
-            q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
+        for half, turns, last_turn in half_steps:
+            _require_computable(l, t)
+            q, p, t = (
+                np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn)),
+                p + half / body.mass * f,
+                t + half,
+            )
             F, power = _midpoint(body, law, t, q, p, l, f, 2.0 * half)
             l, f = l + 2.0 * half * F[:3], f + 2.0 * half * F[3:]
             about_origin = np.concatenate([F[:3] + so3.cross(p, F[3:]), F[3:]])
             impulse, work = impulse + 2.0 * half * about_origin, work + 2.0 * half * power
-            _countable(l, t)
-            q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
-        unseen.look((i - 1) * h, lambda t, *state: body.push(law, t, *state)[0], before, (q, p, l, f))
-        if i % every == 0 or i == n:
+            _require_computable(l, t)
+            q, p, t = (
+                np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn)),
+                p + half / body.mass * f,
+                t + half,
+            )
+        missed.look((i - 1) * h, lambda t, *state: body.push(law, t, *state)[0], before, (q, p, l, f))
+        if i % stride == 0 or i == n:
             record.append((q, p, l, f, impulse, work))
     q, p, l, f, J, W = (np.array(x) for x in zip(*record, strict=True))
     return q, p, l, f, J, W
 
 
-def _countable(l: Array, t: float) -> None:
+def _require_computable(l: Array, t: float) -> None:
     """Raise ValueRangeError if the angular momentum is too large to compute the rotation per step."""
     if not np.abs(l).max() < 1e100:
         raise ValueRangeError(
@@ -254,7 +262,7 @@ def _midpoint(
     )
 
 
-def adaptive(
+def adaptive_motion(
     body: FreeBody, start: tuple[Array, ...], times: Array, law: WrenchLaw | None, tolerance: float, longest: float
 ) -> Rows:
     """Record integrated by SciPy's DOP853 in pose and momentum, to a relative error per step."""
@@ -365,8 +373,8 @@ class Flight:
         l, f = self.momentum[:, :3], self.momentum[:, 3:]
         dP = self.momentum - self.impulse - self.momentum[0]
         terms = np.abs(l).max() + np.abs(p).max() * np.abs(f).max(), np.abs(f).max()
-        moved = (np.abs(dP[:, :3]).max(), np.abs(dP[:, 3:]).max())
-        momentum = max(float(d / s) if s else 0.0 for d, s in zip(moved, terms, strict=True))
+        changes = (np.abs(dP[:, :3]).max(), np.abs(dP[:, 3:]).max())
+        momentum = max(float(d / s) if s else 0.0 for d, s in zip(changes, terms, strict=True))
         scale = float(self.energy.max()) or 1.0
         dE = (self.energy - self.work - self.energy[0]) / scale
         t = self.times / self.times[-1] - 0.5
@@ -434,16 +442,18 @@ def fly(
     frame = common_frame(T0=T0, V0=V0, wrench=wrench)
     pose = arguments.pose(arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
     start = body.state(pose, six("V0", V0))
-    kept = np.append(np.arange(0, n, every), n)
-    law = None if wrench is None else called(wrench, frame) if callable(wrench) else constant(wrench)
+    records = np.append(np.arange(0, n, every), n)
+    law: WrenchLaw | None = None
+    if wrench is not None:
+        law = checked_law(wrench, frame) if callable(wrench) else constant(wrench)
     spacing = probe_spacing(h, float(duration)) if callable(wrench) else np.inf
-    unseen = Unseen(COMPOSITIONS[order], h, spacing)
+    unseen = MissedImpulse(COMPOSITIONS[order], h, spacing)
     if tolerance is not None:
-        rows = adaptive(body, start, kept * h, law, tolerance, _STAGES * spacing)
+        rows = adaptive_motion(body, start, records * h, law, tolerance, _STAGES * spacing)
     elif law is None:
-        rows = torque_free(body, start, h, n, every, COMPOSITIONS[order])
+        rows = torque_free_motion(body, start, h, n, every, COMPOSITIONS[order])
     else:
-        rows = pushed(body, start, h, n, every, COMPOSITIONS[order], law, unseen)
+        rows = motion_under_wrench(body, start, h, n, every, COMPOSITIONS[order], law, unseen)
     q, p, l, f, impulse, work = rows
     T, V = body.motion(q, p, l, f)
     P = inertia @ V
@@ -451,7 +461,7 @@ def fly(
     exact = law is None and np.diff(moments).min() <= 1e-6 * moments[2]
     turn = 0.0 if exact or tolerance is not None else h * float(np.linalg.norm(V[:, :3], axis=-1).max())
     momentum = se3.Ad(se3.inverse(T)).T @ P
-    said = unseen.remark(
+    remark = unseen.remark(
         max(float(np.abs(f).max()), float(np.abs(impulse[:, 3:]).sum(axis=-1).max())), float(np.abs(l).max())
     )
-    return Flight(kept * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, said)
+    return Flight(records * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, remark)

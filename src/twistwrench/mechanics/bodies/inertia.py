@@ -55,8 +55,8 @@ class SpatialInertia(metaclass=HintedClass):
             raise ShapeError(
                 "SpatialInertia takes ten parameters, got a matrix (6, 6). Write SpatialInertia.from_matrix(G)."
             )
-        what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
-        pi = np.array(arguments.one(self.parameters, f"{what} the array", 10, symbols=True))
+        names = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
+        pi = np.array(arguments.one(self.parameters, f"{names} the array", 10, symbols=True))
         pi.setflags(write=False)
         object.__setattr__(self, "parameters", pi)
 
@@ -67,15 +67,15 @@ class SpatialInertia(metaclass=HintedClass):
         I, c = self.moment_about_com, self.com
         products = I[[0, 0, 1], [1, 2, 2]]
         scale = float(np.abs(I).max() + self.mass * c @ c)  # rounding error of Steiner's terms
-        said = f"Ixx, Iyy, Izz = {vector(without_noise(I.diagonal(), scale))}"
+        moments = f"Ixx, Iyy, Izz = {vector(without_noise(I.diagonal(), scale))}"
         if without_noise(products, scale).any():
-            said += f", Ixy, Ixz, Iyz = {vector(without_noise(products, scale))}"
-        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {said} kg m²"
+            moments += f", Ixy, Ixz, Iyz = {vector(without_noise(products, scale))}"
+        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {moments} kg m²"
 
     def _repr_html_(self) -> str | None:
         if self.parameters.dtype == object:
             return None  # notebooks show repr
-        I = [[float(x) for x in row] for row in self.moment_about_com]
+        I = self.moment_about_com.tolist()
         title = f"{number(self.mass, 6)} kg, com {vector(self.com)} m; moments of inertia about the com, in kg m²"
         from ...core.tables import html_table
 
@@ -124,8 +124,8 @@ class SpatialInertia(metaclass=HintedClass):
         I = np.zeros((3, 3)) if moment_about_com is None else moment_matrix(moment_about_com)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
         gap = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
-        most = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
-        if not gap <= 1e-9 * most and np.isfinite(I).all():
+        largest = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
+        if not gap <= 1e-9 * largest and np.isfinite(I).all():
             raise InertiaError(
                 f"moment_about_com is not symmetric: entries that should be equal differ by {number(gap, 3)} kg m²."
             )
@@ -284,7 +284,7 @@ class SpatialInertia(metaclass=HintedClass):
         if not np.isfinite(self.parameters).all():
             raise InertiaError(f"this inertia has no principal axes: it {self.defects()[0]}.")
         moments, axes = np.linalg.eigh(self.moment_about_com)
-        return moments, consistency.aligned_axes(moments, axes)
+        return moments, consistency.principal_axes(moments, axes)
 
     # ── change of frame, sums ──
 
@@ -460,7 +460,7 @@ class SplitRotor:
         ends = (0.0, *fractions)
         return [(a * (ends[i] + f), b * f) for i, f in enumerate(fractions)], a * fractions[-1]
 
-    def step(self, q: Quat, l: Vec, h: float, turns: list[tuple[float, float]], last: float) -> Quat:
+    def step(self, q: Quat, l: Vec, h: float, turns: list[tuple[float, float]], last_turn: float) -> Quat:
         """Quaternion after a step ``h``; ``l`` is the spatial angular momentum, which is constant."""
         w, x, y, z = q
         k, m, n = body_momentum(q, l)
@@ -473,7 +473,7 @@ class SplitRotor:
             w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
             s, c = 2.0 * s * c, 1.0 - 2.0 * s * s
             k, m = k * c + m * s, m * c - k * s
-        s, c = sin(last * k), cos(last * k)
+        s, c = sin(last_turn * k), cos(last_turn * k)
         w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
 
         lx, ly, lz = l

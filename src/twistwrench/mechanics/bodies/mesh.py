@@ -66,16 +66,16 @@ def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
     """1 for each shell that bounds a solid, -1 for a cavity; triangles (k, 3, 3) oriented outwards."""
     if count == 1:
         return np.ones(1)
-    found = nest(outwards, shell, count)
-    if found.cutting:
+    nesting = nest(outwards, shell, count)
+    if nesting.cutting:
         warnings.warn(
-            f"{name}: of its {count} shells {len(found.cutting)} pairs cut each other or coincide; each counts as a solid, so "
-            "what they have in common counts twice. Unite them (trimesh.boolean.union can), or give the mass and check "
+            f"{name}: of its {count} shells {len(nesting.cutting)} pairs cut each other or coincide; each counts as a solid, "
+            "so what they have in common counts twice. Unite them (trimesh.boolean.union can), or give the mass and check "
             "the centre of mass.",
             ModelWarning,
             stacklevel=4,
         )
-    return found.sign
+    return nesting.sign
 
 
 def _remark_on_size(name: str, extent: float, density: float, mass: float) -> None:
@@ -126,19 +126,24 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
     if not np.isfinite(vertices[faces]).all():
         raise ValueRangeError(f"{name} has corners that are not finite numbers.")
     edges = edges_of(faces)
-    there, back = (edges[:, i] * len(vertices) + edges[:, 1 - i] for i in (0, 1))
-    keys, first, counts = np.unique(there, return_index=True, return_counts=True)
-    alone = edges[first[~np.isin(keys, back)]]
-    for bad, what in (
-        (alone, "is not watertight: {n} edges have a face on one side only"),
-        (edges[first[counts > 1]], "has {n} edges along which two faces run the same way (flipped or doubled)"),
-    ):
-        if len(bad):
-            shown = "; ".join(f"{vertices[i].round(6).tolist()} to {vertices[j].round(6).tolist()}" for i, j in bad[:3])
-            raise ModelError(
-                f"{name} {what.format(n=len(bad))}, the first at {shown}. Close it (trimesh.repair can), or take a solid "
-                "that bounds it, such as SpatialInertia.box."
-            )
+    forward = edges[:, 0] * len(vertices) + edges[:, 1]
+    backward = edges[:, 1] * len(vertices) + edges[:, 0]
+    keys, first, counts = np.unique(forward, return_index=True, return_counts=True)
+    one_sided = edges[first[~np.isin(keys, backward)]]
+    _refuse_edges(name, vertices, one_sided, "is not watertight: {n} edges have a face on one side only")
+    doubled = edges[first[counts > 1]]
+    _refuse_edges(name, vertices, doubled, "has {n} edges along which two faces run the same way (flipped or doubled)")
+
+
+def _refuse_edges(name: str, vertices: Array, edges: Array, defect: str) -> None:
+    """Raise ModelError if there are edges (n, 2) with this defect."""
+    if not len(edges):
+        return
+    examples = "; ".join(f"{vertices[i].round(6).tolist()} to {vertices[j].round(6).tolist()}" for i, j in edges[:3])
+    raise ModelError(
+        f"{name} {defect.format(n=len(edges))}, the first at {examples}. Close it (trimesh.repair can), or take a solid "
+        "that bounds it, such as SpatialInertia.box."
+    )
 
 
 # ── Convex hull of points, as a closed triangle mesh

@@ -17,7 +17,7 @@ from ...core.typing import Array
 
 SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
 """Suffixes of the mesh files that a robot file may name. Others are never opened."""
-_MOST_BYTES = 256 * 2**20
+_MAX_BYTES = 256 * 2**20
 """Largest file of a mesh [bytes]."""
 _GLB, _JSON = b"glTF", slice(20, None)
 """First bytes of binary glTF, and its JSON behind two heads."""
@@ -47,7 +47,7 @@ def read_parts(path: Path) -> list[MeshPart]:
     if not path.is_file():
         raise NotFoundError(f"no mesh file {str(path)!r}.")
     with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
-        found, scene = [], _scene(path, trimesh)
+        parts, scene = [], _scene(path, trimesh)
         for node in scene.graph.nodes_geometry:
             T, name = scene.graph[node]
             mesh = scene.geometry[name]
@@ -57,10 +57,10 @@ def read_parts(path: Path) -> list[MeshPart]:
                 raise ModelError(f"has vertices of {np.shape(mesh.vertices)[-1]} numbers, and three are needed")
             check_faces(mesh.faces, len(mesh.vertices))
             vertices = np.asarray(mesh.vertices, float) @ T[:3, :3].T + T[:3, 3]
-            found.append(MeshPart(vertices, np.asarray(mesh.faces, np.int64), _colour_of(mesh)))
-    if not found:
+            parts.append(MeshPart(vertices, np.asarray(mesh.faces, np.int64), _colour_of(mesh)))
+    if not parts:
         raise ModelError("holds no triangles")
-    return found
+    return parts
 
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
@@ -82,9 +82,9 @@ def _scene(path: Path, trimesh: Any) -> Any:
             place = (home / name.strip()).resolve()
             if not place.is_relative_to(home):
                 raise ModelError(f"names {name[:200]!r}, which lies outside the folder of the mesh")
-            return read_bytes(place, _MOST_BYTES)
+            return read_bytes(place, _MAX_BYTES)
 
-    data, kind = read_bytes(path, _MOST_BYTES), path.suffix.lower()
+    data, kind = read_bytes(path, _MAX_BYTES), path.suffix.lower()
     if kind == ".dae":
         from ...core.entities import refuse_entities
 
@@ -96,9 +96,9 @@ def _scene(path: Path, trimesh: Any) -> Any:
 
 def check_faces(faces: Any, count: int) -> None:
     """Raise ModelError, a sentence without its subject, for a face of a vertex that is not one of ``count``."""
-    least, most = int(faces.min()), int(faces.max())
-    if least < 0 or most >= count:
-        raise ModelError(f"has a face of vertex {most if most >= count else least}, and {count} vertices")
+    lowest, highest = int(faces.min()), int(faces.max())
+    if lowest < 0 or highest >= count:
+        raise ModelError(f"has a face of vertex {highest if highest >= count else lowest}, and {count} vertices")
 
 
 def _check_gltf(data: bytes) -> None:

@@ -36,7 +36,7 @@ def rotational_inertia(S: Array) -> Array:
     return np.asarray(S.trace() * np.eye(3) - S)
 
 
-def clipped(S: Array, least: float = 0.0) -> Array:
+def clip_eigenvalues(S: Array, least: float = 0.0) -> Array:
     """Nearest S in the Frobenius norm with eigenvalues of at least ``least`` times the largest absolute eigenvalue."""
     values, axes = np.linalg.eigh(S)
     return np.asarray(axes * np.maximum(values, least * np.abs(values).max()) @ axes.T)
@@ -109,7 +109,7 @@ def box(
     [13.0, 10.0, 5.0]
     """
     a = _lengths("size", size, 3)
-    return _centred(cls, "box", float(a.prod()), (a @ a - a**2) / 12.0, mass, density)
+    return _solid_about_centre(cls, "box", float(a.prod()), (a @ a - a**2) / 12.0, mass, density)
 
 
 def ellipsoid(
@@ -128,7 +128,9 @@ def ellipsoid(
     [13.0, 10.0, 5.0]
     """
     a = _lengths("semi_axes", semi_axes, 3)
-    return _centred(cls, "ellipsoid", 4.0 / 3.0 * np.pi * float(a.prod()), (a @ a - a**2) / 5.0, mass, density)
+    return _solid_about_centre(
+        cls, "ellipsoid", 4.0 / 3.0 * np.pi * float(a.prod()), (a @ a - a**2) / 5.0, mass, density
+    )
 
 
 def sphere(
@@ -159,7 +161,7 @@ def cylinder(
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
     across = r * r / 4.0 + h * h / 12.0
-    return _centred(cls, "cylinder", np.pi * r * r * h, (across, across, r * r / 2.0), mass, density)
+    return _solid_about_centre(cls, "cylinder", np.pi * r * r * h, (across, across, r * r / 2.0), mass, density)
 
 
 def capsule(
@@ -183,7 +185,9 @@ def capsule(
     # The centre of mass of a hemisphere is 3r/8 above its flat face: Steiner from the ball's centre to there, and on by h/2.
     across = tube * (r * r / 4.0 + h * h / 12.0) + ball * (2.0 / 5.0 * r * r + h * h / 4.0 + 3.0 / 8.0 * h * r)
     along = tube * r * r / 2.0 + ball * 2.0 / 5.0 * r * r
-    return _centred(cls, "capsule", tube + ball, np.array([across, across, along]) / (tube + ball), mass, density)
+    return _solid_about_centre(
+        cls, "capsule", tube + ball, np.array([across, across, along]) / (tube + ball), mass, density
+    )
 
 
 def cone(
@@ -206,14 +210,16 @@ def cone(
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("height", height, 1)
     across = 3.0 / 20.0 * r * r + 3.0 / 80.0 * h * h
-    return _centred(cls, "cone", np.pi / 3.0 * r * r * h, (across, across, 3.0 / 10.0 * r * r), mass, density)
+    return _solid_about_centre(
+        cls, "cone", np.pi / 3.0 * r * r * h, (across, across, 3.0 / 10.0 * r * r), mass, density
+    )
 
 
 def total_mass(shape: str, volume: float, mass: float | None, density: float | None) -> float:
     """Mass [kg] of ``volume`` [m³] from exactly one of mass and density, both positive and finite."""
     if (mass is None) == (density is None):
-        given = "neither" if mass is None else "both"
-        raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
+        count = "neither" if mass is None else "both"
+        raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {count}.")
     name, number = ("mass", mass) if mass is not None else ("density", density)
     value = arguments.number(number, f"{shape}: {name}")
     if not 0.0 < value < np.inf:
@@ -224,12 +230,12 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
     a = arguments.one(value, name, count) if count > 1 else np.array([arguments.number(value, name)])
     if not ((a >= 1e-100) & (a <= 1e100)).all():  # outside this range, squares and products overflow or underflow
-        given = a.tolist() if count > 1 else a[0]
-        raise ValueRangeError(f"{name} is {given}; lengths must be positive and finite, 1e-100 to 1e100 m.")
+        text = a.tolist() if count > 1 else a[0]
+        raise ValueRangeError(f"{name} is {text}; lengths must be positive and finite, 1e-100 to 1e100 m.")
     return a
 
 
-def _centred(
+def _solid_about_centre(
     cls: type[SpatialInertia], shape: str, volume: float, moments: ArrayLike, mass: float | None, density: float | None
 ) -> SpatialInertia:
     """Solid about its centre, from its principal moments per unit mass."""
@@ -243,13 +249,13 @@ def _centred(
 # faces is ignored: an outer shell bounds a solid, a shell inside it a cavity, a shell inside a cavity a solid again. Shells
 # that intersect do not nest.
 
-_LOOKED_AT = 64
+_MAX_SAMPLE_POINTS = 64
 """Number of sample points (vertices and face centres) per shell in the containment test."""
-_PAIRS = 1 << 22
+_MAX_PAIRS = 1 << 22
 """Maximum number of edge-face pairs per two shells in the intersection test."""
-_AT_ONCE = 1 << 20
+_PAIRS_PER_BLOCK = 1 << 20
 """Number of pairs whose bounding boxes are compared at once."""
-_TOUCHING = 1e-9
+_MIN_DISTANCE_RATIO = 1e-9
 """Relative distance below which a point counts as on a face, and an edge only touches the face."""
 
 
@@ -298,7 +304,7 @@ def nest(triangles: Array, shell: Array, count: int) -> Nest:
         near = np.flatnonzero((low[i] <= high).all(axis=1) & (low <= high[i]).all(axis=1))
         for j in near[near > i]:
             inside = _inside(parts[i], parts[j]), _inside(parts[j], parts[i])
-            if None in inside or _cut(parts[i], parts[j]) or _cut(parts[j], parts[i]):
+            if None in inside or _edges_cut(parts[i], parts[j]) or _edges_cut(parts[j], parts[i]):
                 cutting.append((i, int(j)))
             else:
                 depth[i] += bool(inside[0])
@@ -309,12 +315,12 @@ def nest(triangles: Array, shell: Array, count: int) -> Nest:
 def _inside(part: Array, other: Array) -> bool | None:
     """True if a shell (n, 3, 3) lies inside another, False if outside; None if partly inside, or on its surface."""
     points = np.concatenate([part.mean(axis=1), part.reshape(-1, 3)])
-    points = points[:: max(1, len(points) // _LOOKED_AT)]
+    points = points[:: max(1, len(points) // _MAX_SAMPLE_POINTS)]
     w = winding(points, other)
-    found = w[~np.isnan(w)] > 0.5
-    if not found.size:
+    is_inside = w[~np.isnan(w)] > 0.5
+    if not is_inside.size:
         return None
-    return bool(found[0]) if (found == found[0]).all() else None
+    return bool(is_inside[0]) if (is_inside == is_inside[0]).all() else None
 
 
 def winding(points: Array, triangles: Array) -> Array:
@@ -323,19 +329,19 @@ def winding(points: Array, triangles: Array) -> Array:
     From the solid angle of each face: van Oosterom and Strackee, 1983.
     """
     total = np.zeros(len(points))
-    portion = max(1, _AT_ONCE // (16 * len(triangles)))
+    portion = max(1, _PAIRS_PER_BLOCK // (16 * len(triangles)))
     for k in range(0, len(points), portion):
         a, b, c = np.moveaxis(triangles - points[k : k + portion, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
         volume = (a * np.cross(b, c)).sum(axis=-1)
-        along = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
-        small = _TOUCHING * np.maximum(np.maximum(la, lb), lc) ** 3
-        on = ((np.abs(volume) <= small) & (along <= small)).any(axis=-1)
-        total[k : k + portion] = np.where(on, np.nan, np.arctan2(volume, along).sum(axis=-1) / (2.0 * np.pi))
+        denominator = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
+        rounding = _MIN_DISTANCE_RATIO * np.maximum(np.maximum(la, lb), lc) ** 3
+        on_face = ((np.abs(volume) <= rounding) & (denominator <= rounding)).any(axis=-1)
+        total[k : k + portion] = np.where(on_face, np.nan, np.arctan2(volume, denominator).sum(axis=-1) / (2.0 * np.pi))
     return total
 
 
-def _cut(part: Array, other: Array) -> bool:
+def _edges_cut(part: Array, other: Array) -> bool:
     """True if an edge of one shell passes through a face of the other."""
     starts, ends = part.reshape(-1, 3), np.roll(part, -1, axis=1).reshape(-1, 3)
     low, high = other.min(axis=(0, 1)), other.max(axis=(0, 1))
@@ -345,14 +351,14 @@ def _cut(part: Array, other: Array) -> bool:
     faces = other[(other.min(axis=1) <= high).all(axis=1) & (other.max(axis=1) >= low).all(axis=1)]
     if not len(starts) or not len(faces):
         return False
-    step = max(1, len(starts) * len(faces) // _PAIRS)
-    least = _TOUCHING * max(float(np.ptp(x, axis=(0, 1)).max()) for x in (part, other)) ** 3
+    step = max(1, len(starts) * len(faces) // _MAX_PAIRS)
+    min_volume = _MIN_DISTANCE_RATIO * max(float(np.ptp(x, axis=(0, 1)).max()) for x in (part, other)) ** 3
     starts, ends = starts[::step], ends[::step]
-    portion = max(1, _AT_ONCE // len(faces))
+    portion = max(1, _PAIRS_PER_BLOCK // len(faces))
     for k in range(0, len(starts), portion):
         p, q = starts[k : k + portion], ends[k : k + portion]
         edge, face = _boxes_meet(np.minimum(p, q), np.maximum(p, q), faces.min(axis=1), faces.max(axis=1))
-        if _pierced(p[edge], q[edge], faces[face], least).any():
+        if _edges_through_faces(p[edge], q[edge], faces[face], min_volume).any():
             return True
     return False
 
@@ -367,14 +373,14 @@ def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) ->
     return first, second
 
 
-def _pierced(p: Array, q: Array, faces: Array, least: float) -> Array:
+def _edges_through_faces(p: Array, q: Array, faces: Array, min_volume: float) -> Array:
     """True for each edge from p to q (n, 3) that passes through its face (n, 3, 3), beyond touching it."""
     a, b, c = np.moveaxis(faces, 1, 0)
     normal = np.cross(b - a, c - a)
     before, after = (((x - a) * normal).sum(axis=1) for x in (p, q))
-    through = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
+    passes = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > min_volume)
     sides = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
-    return np.asarray(through & ((np.min(sides, axis=0) > least) | (np.max(sides, axis=0) < -least)))
+    return np.asarray(passes & ((np.min(sides, axis=0) > min_volume) | (np.max(sides, axis=0) < -min_volume)))
 
 
 complete(globals())

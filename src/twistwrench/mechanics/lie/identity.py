@@ -23,7 +23,9 @@ def is_identity(T: Array) -> bool:
 
 def product(A: Array, B: Array) -> Array:
     """Product A B of poses (4, 4); if one factor is :data:`IDENTITY`, the other factor itself."""
-    return B if A is IDENTITY else A if B is IDENTITY else A @ B
+    if A is IDENTITY:
+        return B
+    return A if B is IDENTITY else A @ B
 
 
 def pose_rows(R: Any, p: Any) -> Array:
