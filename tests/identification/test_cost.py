@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
 from twistwrench.core.estimation.filters import REACH, lagged, low_pass, low_pass_at
-from twistwrench.core.estimation.sampling import SingleRowGlitches
+from twistwrench.core.estimation.single_row_glitches import SingleRowGlitches
 from twistwrench.identification.cause_fit import CauseFit, log_fit, screened
 from twistwrench.identification.causes import LogStates, continuous_causes
 from twistwrench.identification.hyperparameters import FitSettings

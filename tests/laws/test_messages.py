@@ -10,7 +10,7 @@ import pytest
 import twistwrench
 import twistwrench as tw
 from twistwrench.core.errors import TrajectoryError, ValueRangeError
-from twistwrench.core.text import Argument, Placeholder, spelled
+from twistwrench.core.text import Argument, Placeholder, spell
 
 PACKAGE = Path(twistwrench.__file__).parent
 OTHER_PROGRAMS = {
@@ -58,7 +58,7 @@ def test_no_sentence_of_the_library_has_an_option_of_the_shell():
     ],
 )
 def test_one_rule_spells_an_argument_in_python_and_in_the_shell(argument, python, shell):
-    assert (spelled(argument), spelled(argument, shell=True)) == (python, shell)
+    assert (spell(argument), spell(argument, shell=True)) == (python, shell)
 
 
 def test_an_error_speaks_python_and_the_shell_asks_for_its_own_words():

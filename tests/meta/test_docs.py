@@ -208,12 +208,13 @@ def test_every_error_and_warning_is_explained():
 
 def test_what_no_log_tells_is_the_table():
     from twistwrench.core.doubts import undetermined_table
-    from twistwrench.core.text import spoken, words_of_the_shell
+    from twistwrench.core.text import spell_out, words_of_the_shell
 
     words = {"joints": "JOINTS", "left": "a share"}
     with words_of_the_shell():
         told = [
-            f"| `{name}` | {spoken(a).format(**words)} | {spoken(b)} |" for name, (a, b) in undetermined_table().items()
+            f"| `{name}` | {spell_out(a).format(**words)} | {spell_out(b)} |"
+            for name, (a, b) in undetermined_table().items()
         ]
     assert "\n".join(told) in page("identification-method") + page("identification")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.core.estimation.sampling import OVERLAP
+from twistwrench.core.estimation.single_row_glitches import OVERLAP
 from twistwrench.motion.contradictions import Contradictions
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.motion_log import LogRows

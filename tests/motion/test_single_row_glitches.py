@@ -61,7 +61,7 @@ def test_what_may_be_meant_is_no_glitch(name):
 @pytest.mark.parametrize("row", range(60, 70))
 def test_portions_of_a_long_file_find_the_same(row):
     """Long logs are looked at in portions; whatever row a portion ends at, the glitch is found."""
-    from twistwrench.core.estimation.sampling import OVERLAP, SingleRowGlitches
+    from twistwrench.core.estimation.single_row_glitches import OVERLAP, SingleRowGlitches
 
     q = CLEAN.copy()
     q[row, 2] += 0.3

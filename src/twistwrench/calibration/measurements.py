@@ -16,7 +16,7 @@ from ..core import arguments
 from ..core.errors import ModelError, NotFoundError, TrajectoryError, UnknownNameError, ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import number, printed
-from ..core.text import Argument, argument, listed, spelled
+from ..core.text import Argument, argument, listed, spell
 from ..core.typing import Array
 from ..mechanics.lie import quaternion, se3, so3
 from ..motion.column_names import split_unit, unit_factor
@@ -317,7 +317,7 @@ class _MeasurementFile:
             )
         if kind in TOUCHES and "distance" in has:
             raise ValueRangeError(
-                f"{self.path}: kind {kind} with a column 'distance'. Remove the column, or {spelled(Argument('kind', kind))}."
+                f"{self.path}: kind {kind} with a column 'distance'. Remove the column, or {spell(Argument('kind', kind))}."
             )
         targets = [cells[self._place("target")] for cells in rows] if "target" in has else []
         rotations = self._rotations(has) if kind == "pose" else np.zeros((0, 3, 3))
@@ -345,11 +345,11 @@ class _MeasurementFile:
             return "pose" if any(has.issuperset(names) for names in _ORIENTATIONS) else "position"
         if "target" in has:
             raise ValueRangeError(
-                f"{self.path}: the column 'target' needs the kind of touch, {spelled(Argument('kind'))}: {listed(TOUCHES)}."
+                f"{self.path}: the column 'target' needs the kind of touch, {spell(Argument('kind'))}: {listed(TOUCHES)}."
             )
         raise ValueRangeError(
             f"{self.path}: no reading in the columns {listed(self.file.header)}. Give x, y, z, perhaps with qw, qx, qy, qz; or "
-            f"distance; or {spelled(Argument('kind'))} for touches: {listed(TOUCHES)}."
+            f"distance; or {spell(Argument('kind'))} for touches: {listed(TOUCHES)}."
         )
 
     def _place(self, name: str) -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .errors import UnknownNameError
-from .text import Argument, spelled, spoken
+from .text import Argument, spell, spell_out
 from .verdict import Reason, Verdict
 
 Level = Literal["refuse", "unsure", "note"]
@@ -160,9 +160,9 @@ def doubt(
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
-    spelt = {name: spelled(word) if isinstance(word, Argument) else word for name, word in words.items()}
+    spelt = {name: spell(word) if isinstance(word, Argument) else word for name, word in words.items()}
     filled = {"joints": ", ".join(joints) if named is None else named} | spelt
-    evidence, remedy = (spoken(text).format(**filled) for text in (row.sentence, row.remedy))
+    evidence, remedy = (spell_out(text).format(**filled) for text in (row.sentence, row.remedy))
     said = f"{evidence} {remedy}".strip()
     return Doubt(
         kind,

@@ -34,7 +34,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, NoReturn
 
 from .glossary import complete
-from .text import Argument, bounded_message, clipped, listed, visible, with_arguments
+from .text import Argument, bounded_message, listed, shorten, visible, with_arguments
 from .version import ON_INDEX
 
 __all__ = [
@@ -152,9 +152,9 @@ class UnknownNameError(TwistWrenchError, KeyError):
         import difflib
 
         known, text = list(dict.fromkeys(choices)), repr(str(name) if isinstance(name, str) else name)
-        text = clipped(text)
-        near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=similarity)
-        hint = f" Did you mean {' or '.join(repr(clipped(n)) for n in near)}?" if near else ""
+        text = shorten(text)
+        near = difflib.get_close_matches(shorten(str(name)), known, n=3, cutoff=similarity)
+        hint = f" Did you mean {' or '.join(repr(shorten(n)) for n in near)}?" if near else ""
         return cls(f"no {kind} named {text}.{hint} Known: {listed(known, 40) or '(none)'}.")
 
 

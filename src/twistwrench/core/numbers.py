@@ -29,9 +29,11 @@ DIGITS = 4
 TOLERANCE = 1e-6
 """Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
 digits in files."""
-_IN_FULL = 1e6
-_WHOLE = 100.0
-_NOISE = 1e-12
+_MIN_ABBREVIATED = 1e6
+"""Size from which the integer part is abbreviated to significant digits."""
+_PERCENT = 100.0
+_MAX_ROUNDING = 1e-12
+"""Rounding error of a computed number, relative to the scale of its computation."""
 
 
 def number(
@@ -44,10 +46,15 @@ def number(
     >>> number(-62.2648), number(12345.6), number(0.5, decimals=3), number(2e-5, decimals=3), number(float("inf"))
     ('-62.26', '12346', '0.5', '0', '–')
     """
-    if value is None or not math.isfinite(x := float(value)):
+    if value is None:
         return missing
-    x = (x if decimals is None else round(x, decimals)) + 0.0  # no negative zero
-    if 10.0**digits - 0.5 <= abs(x) < _IN_FULL:
+    x = float(value)
+    if not math.isfinite(x):
+        return missing
+    if decimals is not None:
+        x = round(x, decimals)
+    x += 0.0  # no negative zero
+    if 10.0**digits - 0.5 <= abs(x) < _MIN_ABBREVIATED:
         return f"{x:.0f}"
     return f"{x:.{digits}g}"
 
@@ -62,7 +69,7 @@ def rounded_down(value: SupportsFloat) -> str:
     if not 0.0 < value < math.inf:
         return number(value)
     step = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
-    return number(math.floor(value / step * (1.0 + _NOISE)) * step)
+    return number(math.floor(value / step * (1.0 + _MAX_ROUNDING)) * step)
 
 
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
@@ -85,15 +92,18 @@ def torque(value: float) -> str:
 
     At most three decimals, which suffice in N m, N, rad and m.
     """
-    if not 5e-4 <= abs(value) < _IN_FULL:
+    if not 5e-4 <= abs(value) < _MIN_ABBREVIATED:
         return number(value, decimals=3)
-    return f"{value:.{min(max(DIGITS - 1 - math.floor(math.log10(abs(value))), 0), 3)}f}"
+    decimals = DIGITS - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:.{min(max(decimals, 0), 3)}f}"
 
 
 def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, decimals: int | None = None) -> str:
     """Number with its unit; a missing number has no unit."""
     text = number(value, digits, decimals=decimals)
-    return text if text == MISSING else f"{text}{unit if unit == '°' else f' {unit}'}"
+    if text == MISSING:
+        return text
+    return f"{text}°" if unit == "°" else f"{text} {unit}"
 
 
 def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
@@ -102,9 +112,12 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
     >>> percent(0.7649), percent(0.03217, 3), percent(float("nan"))
     ('76 %', '3.22 %', '–')
     """
-    if share is None or not math.isfinite(x := _WHOLE * float(share)):
+    if share is None:
         return MISSING
-    if digits is None and abs(x) < _IN_FULL:
+    x = _PERCENT * float(share)
+    if not math.isfinite(x):
+        return MISSING
+    if digits is None and abs(x) < _MIN_ABBREVIATED:
         return f"{x:.0f} %"
     return f"{number(x, DIGITS if digits is None else digits)} %"
 
@@ -117,30 +130,39 @@ def percent_of_limit(share: SupportsFloat | None) -> str:
     """
     if share is None or not 0.99 < abs(float(share)) < 1.01:
         return percent(share)
-    tried = [f"{_WHOLE * float(share):.{decimals}f}" for decimals in range(5)]  # limits are checked to four decimals
-    return f"{next((text for text in tried if abs(float(text)) != _WHOLE), tried[0])} %"
+    for decimals in range(5):  # limits are checked to four decimals
+        text = f"{_PERCENT * float(share):.{decimals}f}"
+        if abs(float(text)) != _PERCENT:
+            return f"{text} %"
+    return f"{_PERCENT * float(share):.0f} %"
 
 
 def deviation(sigma: float, decimals: int = 3) -> str:
     """Standard deviation with two digits, including trailing zeros, and at most ``decimals``."""
     if not math.isfinite(sigma):
         return MISSING
-    least = 10.0**-decimals
-    if sigma < 0.5 * least:
-        return f"<{least:.{decimals}f}" if sigma > 0 else "0"
-    if sigma >= _IN_FULL:
+    last_decimal = 10.0**-decimals
+    if sigma < 0.5 * last_decimal:
+        return f"<{last_decimal:.{decimals}f}" if sigma > 0 else "0"
+    if sigma >= _MIN_ABBREVIATED:
         return number(sigma, 2)
-    return f"{float(f'{sigma:.1e}'):.{min(max(_decimals(sigma), 0), decimals)}f}"
+    rounded = float(f"{sigma:.1e}")
+    return f"{rounded:.{min(max(_decimals(sigma), 0), decimals)}f}"
 
 
 def estimate(value: float, sigma: float) -> tuple[str, str]:
     """Estimate and its standard deviation, or half its interval, both rounded to the deviation's second digit."""
     if not (math.isfinite(sigma) and sigma > 0 and math.isfinite(value)):
         return number(value), number(sigma, 2)
-    places = _decimals(sigma)
-    if places > 6 or max(abs(value), sigma) >= _IN_FULL:
+    decimals = _decimals(sigma)
+    if decimals > 6 or max(abs(value), sigma) >= _MIN_ABBREVIATED:
         return number(value), number(sigma, 2)
-    return tuple(f"{round(x, places) + 0.0:.{max(places, 0)}f}" for x in (value, sigma))  # type: ignore[return-value]
+    return _rounded_text(value, decimals), _rounded_text(sigma, decimals)
+
+
+def _rounded_text(x: float, decimals: int) -> str:
+    """Number rounded to decimals, or to a power of ten if they are negative."""
+    return f"{round(x, decimals) + 0.0:.{max(decimals, 0)}f}"
 
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
@@ -171,7 +193,7 @@ def vector(x: Array, digits: int = 6) -> str:
 def without_noise(x: Array, scale: float | None = None) -> Array:
     """Numbers with rounding errors, entries below 1e-12 of ``scale``, set to zero; None: scale of the largest entry."""
     size = np.abs(x[np.isfinite(x)]).max(initial=0.0) if scale is None else scale
-    return np.where(np.abs(x) <= _NOISE * size, 0.0, x) + 0.0  # no negative zero
+    return np.where(np.abs(x) <= _MAX_ROUNDING * size, 0.0, x) + 0.0  # no negative zero
 
 
 def _decimals(sigma: float) -> int:

@@ -22,19 +22,19 @@ from .files import replacing
 from .numbers import number
 from .typing import Array
 
-_PORTION = 4096
-_RUN = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
+_ROWS_PER_BLOCK = 4096
+_FORMULA = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
 """Text that a spreadsheet reads as a formula, or would without its leading apostrophes."""
 
-_LOST = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
+_UNREADABLE = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
 """Text that a line-based reader loses or truncates, or that would be read as a JSON string."""
 
 
 def harmless_text(text: str) -> str:
     """Single-line text that no spreadsheet reads as a formula; :func:`unescape_cell` restores the original."""
-    if _LOST.search(text):
+    if _UNREADABLE.search(text):
         return json.dumps(text, ensure_ascii=False)
-    return f"'{text}" if _RUN.match(text) else text
+    return f"'{text}" if _FORMULA.match(text) else text
 
 
 def unescape_cell(cell: str) -> str:
@@ -46,7 +46,7 @@ def unescape_cell(cell: str) -> str:
     if len(cell) > 1 and cell[0] == cell[-1] == '"':
         with suppress(ValueError):
             return str(json.loads(cell))
-    return cell[1:] if cell.startswith("'") and _RUN.match(cell) else cell
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +58,23 @@ class CsvWriter:
     def row(self, cells: Iterable[str | float | None]) -> None:
         """Add one row; numbers have the digits that reproduce them exactly, None is an empty cell."""
         line = io.StringIO()
-        texts = [harmless_text(c) if isinstance(c, str) else "" if c is None else repr(float(c)) for c in cells]
-        csv.writer(line, lineterminator="\r\n").writerow(texts)  # "\r" is quoted only if it may end lines
+        csv.writer(line, lineterminator="\r\n").writerow(
+            map(_cell_text, cells)
+        )  # "\r" is quoted only if it may end lines
         self.file.write((line.getvalue().removesuffix("\r\n") + "\n").encode())
 
     def numbers(self, rows: Array) -> None:
         """Add rows (n, columns) of numbers, with the digits that reproduce them exactly."""
         # Numbers need no quotes, and repr gives the shortest exact decimal; the csv module takes twice as long.
-        for k in range(0, len(rows), _PORTION):  # text takes ten times the memory of the numbers
-            lines = [",".join(map(repr, row)) for row in rows[k : k + _PORTION].tolist()]
+        for k in range(0, len(rows), _ROWS_PER_BLOCK):  # text takes ten times the memory of the numbers
+            lines = [",".join(map(repr, row)) for row in rows[k : k + _ROWS_PER_BLOCK].tolist()]
             self.file.write(("\n".join(lines) + "\n").encode("ascii"))
+
+
+def _cell_text(cell: str | float | None) -> str:
+    if cell is None:
+        return ""
+    return harmless_text(cell) if isinstance(cell, str) else repr(float(cell))
 
 
 @contextmanager
@@ -90,19 +97,24 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     """
     import html
 
-    def text(value: Any) -> str:
-        return number(value) if value is None or isinstance(value, float) else str(value)
+    def table_row(tag: str, texts: Iterable[str]) -> str:
+        cells = [f"<{tag}{style}>{html.escape(text)}</{tag}>" for style, text in zip(styles, texts, strict=True)]
+        return f"<tr>{''.join(cells)}</tr>"
 
     cells = [list(row) for row in rows]
-    words = [any(isinstance(row[k], str) for row in cells) for k in range(len(header))]
-    sides = [' style="text-align: left"' if word else "" for word in words]
-    head = "".join(f"<th{side}>{html.escape(name)}</th>" for side, name in zip(sides, header, strict=True))
-    body = "".join(
-        f"<tr>{''.join(f'<td{s}>{html.escape(text(x))}</td>' for s, x in zip(sides, row, strict=True))}</tr>"
-        for row in cells
-    )
-    above = f"<p>{html.escape(title)}</p>" if title else ""
-    return f"{above}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    styles = [""] * len(header)
+    for row in cells:
+        for k, value in enumerate(row):
+            if isinstance(value, str):
+                styles[k] = ' style="text-align: left"'
+    head = table_row("th", header)
+    body = "".join(table_row("td", map(_display_text, row)) for row in cells)
+    caption = f"<p>{html.escape(title)}</p>" if title else ""
+    return f"{caption}<table><thead>{head}</thead><tbody>{body}</tbody></table>"
+
+
+def _display_text(value: Any) -> str:
+    return number(value) if value is None or isinstance(value, float) else str(value)
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:

@@ -11,19 +11,19 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-MOST = 12
+MAX_LISTED = 12
 """Default number of listed names."""
 
 
-_LONGEST = 200
+_MAX_QUOTED = 200
 """Maximum number of quoted characters from foreign text in a message."""
-_QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_LONGEST}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
+_QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_MAX_QUOTED}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
 """Text between quotation marks as written by repr; an apostrophe does not start one."""
 
 
-def clipped(text: str) -> str:
+def shorten(text: str) -> str:
     """Text from another author's file, shortened for messages."""
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return text if len(text) <= _MAX_QUOTED else f"{text[:_MAX_QUOTED]}…"
 
 
 def with_clipped_quotations(message: str) -> str:
@@ -32,7 +32,7 @@ def with_clipped_quotations(message: str) -> str:
     >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
     221
     """
-    return re.sub(_QUOTED, lambda found: f"{found[0][: _LONGEST + 1]}…{found[0][-1]}", message)
+    return re.sub(_QUOTED, lambda quotation: f"{quotation[0][: _MAX_QUOTED + 1]}…{quotation[0][-1]}", message)
 
 
 _LONGEST_MESSAGE = 1000
@@ -55,7 +55,7 @@ class ReadingNote(str):
     __slots__ = ()
 
 
-def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> str:
+def listed(items: Iterable[object], most: int = MAX_LISTED, between: str = ", ") -> str:
     r"""The first items, and the number of further ones; tabs and line ends in names become escapes.
 
     >>> listed(["elbow", "wrist"]), listed("abcde", 2), listed("abcde", 2, "; ")
@@ -63,10 +63,11 @@ def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> st
     >>> print(listed(["elbow\twrist"]))
     elbow\twrist
     """
-    texts = [clipped(str(item)).replace("\t", r"\t").replace("\n", r"\n") for item in items]
-    more = len(texts) - most
-    tail = f"{between.rstrip().strip(',')} and {more} more" if more > 0 else ""
-    return between.join(texts[:most]) + tail
+    texts = [shorten(str(item)).replace("\t", r"\t").replace("\n", r"\n") for item in items]
+    text = between.join(texts[:most])
+    if len(texts) <= most:
+        return text
+    return f"{text}{between.rstrip().strip(',')} and {len(texts) - most} more"
 
 
 def text_width(text: str) -> int:
@@ -78,7 +79,7 @@ def text_width(text: str) -> int:
     return sum(not unicodedata.combining(character) for character in text)
 
 
-_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def visible(text: str) -> str:
@@ -87,7 +88,7 @@ def visible(text: str) -> str:
     >>> print(visible("joint\x1b[2J \u202e1"))
     joint\x1b[2J \u202e1
     """
-    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _CONTROL_CHARACTERS.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 # ── Arguments in a message: ``limits="limits.csv"`` in Python, ``--limits limits.csv`` in the shell
@@ -112,7 +113,7 @@ class Argument:
     """True if the option stands for the value too."""
 
 
-_OF_COMMAND: ContextVar[bool] = ContextVar("of_command", default=False)
+_IN_COMMAND: ContextVar[bool] = ContextVar("of_command", default=False)
 
 
 @contextmanager
@@ -120,45 +121,54 @@ def words_of_the_shell() -> Iterator[None]:
     """Spell arguments as options within the context: a command runs in it.
 
     >>> with words_of_the_shell():
-    ...     print(spelled(Argument("inertia", True, option="with-inertia")))
+    ...     print(spell(Argument("inertia", True, option="with-inertia")))
     --with-inertia
     """
-    before = _OF_COMMAND.set(True)
+    before = _IN_COMMAND.set(True)
     try:
         yield
     finally:
-        _OF_COMMAND.reset(before)
+        _IN_COMMAND.reset(before)
 
 
-def spelled(argument: Argument, *, shell: bool | None = None) -> str:
+def spell(argument: Argument, *, shell: bool | None = None) -> str:
     """Argument as it is typed in Python, or as an option in the shell; by default, as the caller types it.
 
     >>> arguments = Argument("lock", {"a": 0, "b c": 0}), Argument("friction", False), Argument("rate", Placeholder("HZ"))
     >>> for argument in arguments:
-    ...     print(spelled(argument), "|", spelled(argument, shell=True))
+    ...     print(spell(argument), "|", spell(argument, shell=True))
     lock={'a': 0, 'b c': 0} | --lock 'a=0,b c=0'
     friction=False | --no-friction
     rate=HZ | --rate HZ
     """
+    if shell is None:
+        shell = _IN_COMMAND.get()
+    return _option_text(argument) if shell else _python_text(argument)
+
+
+def _python_text(argument: Argument) -> str:
     value = argument.value
-    if not (_OF_COMMAND.get() if shell is None else shell):
-        if value is None:
-            return argument.name
-        shown = "…" if value is ... else str(value) if isinstance(value, Placeholder) else repr(value)
-        return f"{argument.name}={shown}"
+    if value is None:
+        return argument.name
+    if value is ...:
+        return f"{argument.name}=…"
+    return f"{argument.name}={value if isinstance(value, Placeholder) else repr(value)}"
+
+
+def _option_text(argument: Argument) -> str:
+    value = argument.value
     name = argument.option or argument.name.replace("_", "-")
     if value is False and not argument.option:
         return f"--no-{name}"
     if value is ... or value is None or isinstance(value, bool) or argument.alone:
         return f"--{name}"
     if isinstance(value, Mapping):
-        text = ",".join(f"{quoted(key)}={quoted(str(one))}" for key, one in value.items())
-        of_words = any(isinstance(x, str) for x in value.values()) and "'" not in text
-        return f"--{name} '{text}'" if of_words else f"--{name} {shlex.quote(text)}"
+        text = ",".join(f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items())
+        has_words = any(isinstance(entry, str) for entry in value.values())
+        return f"--{name} '{text}'" if has_words and "'" not in text else f"--{name} {shlex.quote(text)}"
     parts = value if isinstance(value, tuple) else (value,)
-    return " ".join(
-        [f"--{name}", *(part if isinstance(part, Placeholder) else shlex.quote(str(part)) for part in parts)]
-    )
+    words = [part if isinstance(part, Placeholder) else shlex.quote(str(part)) for part in parts]
+    return " ".join([f"--{name}", *words])
 
 
 def argument(name: str, value: object = ..., *, option: str = "") -> str:
@@ -167,41 +177,43 @@ def argument(name: str, value: object = ..., *, option: str = "") -> str:
     >>> argument("tip"), argument("inertia", "repair")
     ('tip=…', "inertia='repair'")
     """
-    return spelled(Argument(name, value, option))
+    return spell(Argument(name, value, option))
 
 
-def quoted(name: str) -> str:
+def quote_name(name: str) -> str:
     """Quote a name in a list of the shell as in CSV if it has a comma, an equals sign or a quote.
 
-    >>> quoted("a"), quoted("a, b")
+    >>> quote_name("a"), quote_name("a, b")
     ('a', '"a, b"')
     """
-    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',="') or name.startswith("@") else name
+    if name.startswith("@") or any(character in name for character in ',="'):
+        return '"' + name.replace('"', '""') + '"'
+    return name
 
 
-_MARKED = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
+_ARGUMENT = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
 
 
-def spoken(template: str) -> str:
+def spell_out(template: str) -> str:
     """Template of a table with its arguments ``<name=value>`` or ``<name=value|option>`` as the caller types them.
 
-    >>> spoken("with <friction=False> or <inertia=True|with-inertia>")
+    >>> spell_out("with <friction=False> or <inertia=True|with-inertia>")
     'with friction=False or inertia=True'
     """
 
-    def replacement(found: re.Match[str]) -> str:
-        name, value, option = found.groups("")
-        given = ast.literal_eval(value)
-        if isinstance(given, str):  # it may have places of the template
-            return spelled(Argument(name, Placeholder(given) if in_the_shell() else given, option))
-        return spelled(Argument(name, given, option)).replace("{", "{{").replace("}", "}}")
+    def replacement(match: re.Match[str]) -> str:
+        name, text, option = match.groups("")
+        value = ast.literal_eval(text)
+        if isinstance(value, str):  # it may have places of the template
+            return spell(Argument(name, Placeholder(value) if in_the_shell() else value, option))
+        return spell(Argument(name, value, option)).replace("{", "{{").replace("}", "}}")
 
-    return _MARKED.sub(replacement, template)
+    return _ARGUMENT.sub(replacement, template)
 
 
 def in_the_shell() -> bool:
     """True while a command runs: its texts name options and commands in place of arguments and functions."""
-    return _OF_COMMAND.get()
+    return _IN_COMMAND.get()
 
 
 def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool | None = None) -> str:
@@ -211,5 +223,5 @@ def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool | No
     'Choose one: --episode 3.'
     """
     for k, argument in enumerate(arguments):
-        text = text.replace(f"{{{k}}}", spelled(argument, shell=shell))
+        text = text.replace(f"{{{k}}}", spell(argument, shell=shell))
     return text

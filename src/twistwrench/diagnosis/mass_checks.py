@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ..core.numbers import number, percent, printed
-from ..core.text import Argument, listed, spelled
+from ..core.text import Argument, listed, spell
 from ..core.typing import Array
 from ..formats.edit import Edit
 from ..formats.robot_text import WrittenInertia, about_com
@@ -91,7 +91,7 @@ def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     for kind, names in nothing.items():
         link = robot.links.get(names[0], ParsedLink(names[0], 0))
         joints = [robot.model.bodies[robot.model.frames[name].body].joint.name for name in names]
-        singular, fixed = kind == "singular", spelled(Argument("lock", {joints[0]: 0}))
+        singular, fixed = kind == "singular", spell(Argument("lock", {joints[0]: 0}))
         what = f"; M is singular, as {listed(map(repr, joints), _NAMED)} move nothing" if singular else ""
         yield Finding(
             "massless", Severity.WARNING if singular else Severity.NOTE,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pkgutil import get_data
 
-from ..core.text import clipped
+from ..core.text import shorten
 from .xml import Element
 
 READ = "read"
@@ -146,7 +146,7 @@ class Unread:
                 if entry is None:
                     self.unknown(at.tag, name, at.place)
                 elif isinstance(entry, LeftOut) and entry.acts([text]):
-                    self.left_out(at.tag, name, entry, f'{name}="{clipped(text)}" of {at}')
+                    self.left_out(at.tag, name, entry, f'{name}="{shorten(text)}" of {at}')
             read = []
             for child in at.children:
                 name = f"<{child.tag}>"
@@ -176,12 +176,12 @@ class Unread:
     def _meant(self, tag: str, name: str) -> str:
         """Sentence about an unknown name, with the closest known name."""
         if not name.startswith("<"):
-            said, choices = f"{clipped(name)} is not an attribute of <{tag}> in {self.format}", self.row(tag)
+            said, choices = f"{shorten(name)} is not an attribute of <{tag}> in {self.format}", self.row(tag)
         else:
             homes = [f"<{home.rpartition('/')[2]}>" for home, names in self.rows.items() if name in names]
             if homes:
                 return f"{name} is not an element of <{tag}> in {self.format}; it belongs into {' or '.join(homes[:3])}"
-            said, choices = f"{clipped(name)} is not an element of {self.format}", self.row(tag)
+            said, choices = f"{shorten(name)} is not an element of {self.format}", self.row(tag)
         near = difflib.get_close_matches(
             name[:_MOST], [one for one in choices if one.startswith("<") == name.startswith("<")], n=1
         )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import RobotFileError
 from ..core.numbers import printed
-from ..core.text import clipped
+from ..core.text import shorten
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import quaternion, se3, so3
@@ -125,7 +125,7 @@ def _rows_of_quaternion(origin: Element) -> list[list[float]]:
     length = math.hypot(x, y, z, w)
     if abs(length - 1.0) > _UNIT_LENGTH:
         raise RobotFileError(
-            f'{origin} has quat_xyzw="{clipped(origin.attributes["quat_xyzw"])}" of length {printed(length)}; a rotation has '
+            f'{origin} has quat_xyzw="{shorten(origin.attributes["quat_xyzw"])}" of length {printed(length)}; a rotation has '
             "length 1. Divide the four numbers by their length, or check that they stand in the order x y z w."
         )
     return quaternion.rotation([w, x, y, z]).tolist()

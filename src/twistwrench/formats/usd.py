@@ -21,7 +21,7 @@ from ..core.child_process import ChildLimits, run_in_child, sandboxed
 from ..core.errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
-from ..core.text import argument, clipped, listed
+from ..core.text import argument, listed, shorten
 from ..core.third_party import captured_stderr, reason_of, third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -90,10 +90,10 @@ def _check_place(name: str, allowed: Sequence[Path]) -> None:
     place = Path(name.partition("[")[0]).resolve()
     if not any(place.is_relative_to(folder) for folder in allowed):
         raise RobotFileError(
-            f"it takes in {clipped(str(place))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
+            f"it takes in {shorten(str(place))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
         )
     if place.exists() and not place.is_file():
-        raise RobotFileError(f"it takes in {clipped(str(place))!r}, which is not a file.")
+        raise RobotFileError(f"it takes in {shorten(str(place))!r}, which is not a file.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ def value_of(prim: Any, name: str, *, default: Any) -> Any:
 
 
 def _wrong_type(prim: Any, name: str, found: str, expected: str) -> RobotFileError:
-    return RobotFileError(f"{who(prim)} has {name} = {clipped(found)}; expected {expected}.")
+    return RobotFileError(f"{who(prim)} has {name} = {shorten(found)}; expected {expected}.")
 
 
 def number_of(prim: Any, name: str, default: float = 0.0) -> float:

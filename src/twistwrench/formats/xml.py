@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import ModelError, RobotFileError
-from ..core.text import clipped, listed
+from ..core.text import listed, shorten
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
 
@@ -67,13 +67,13 @@ class Element:
         """Name for messages: ``<mass> of link 'arm' (line 12)``."""
         place = f" ({self.place})" if self.place else ""
         if "name" in self.attributes:
-            return f"<{clipped(self.tag)} name={clipped(self.attributes['name'])!r}>{place}"
+            return f"<{shorten(self.tag)} name={shorten(self.attributes['name'])!r}>{place}"
         owner = self.parent
         while owner is not None and not _NAMES & owner.attributes.keys():
             owner = owner.parent
         name = None if owner is None else owner.attributes.get("name", owner.attributes.get("reference", ""))
-        of = f" of {clipped(owner.tag)} {clipped(name)!r}" if owner is not None and name is not None else ""
-        return f"<{clipped(self.tag)}>{of}{place}"
+        of = f" of {shorten(owner.tag)} {shorten(name)!r}" if owner is not None and name is not None else ""
+        return f"<{shorten(self.tag)}>{of}{place}"
 
     def error(self, text: str) -> RobotFileError:
         """Error whose message begins with the element's name."""
@@ -151,7 +151,7 @@ class Element:
         text = self.text(attribute)
         values = self._numbers(attribute, text)
         if len(values) != count:
-            raise RobotFileError(f'{self} has {attribute}="{clipped(text)}": {len(values)} numbers, expected {count}.')
+            raise RobotFileError(f'{self} has {attribute}="{shorten(text)}": {len(values)} numbers, expected {count}.')
         return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
@@ -161,7 +161,7 @@ class Element:
         values = self._numbers(attribute, self.attributes[attribute].strip())
         if len(values) > len(default):
             raise RobotFileError(
-                f'{self} has {attribute}="{clipped(self.attributes[attribute].strip())}": {len(values)} numbers, expected at '
+                f'{self} has {attribute}="{shorten(self.attributes[attribute].strip())}": {len(values)} numbers, expected at '
                 f"most {len(default)}."
             )
         return values + list(default[len(values) :])
@@ -170,7 +170,7 @@ class Element:
         """Attribute with one of the values ``choices``."""
         value = self.attributes.get(attribute, default).strip()
         if value not in choices:
-            raise RobotFileError(f'{self} has {attribute}="{clipped(value)}". Allowed: {", ".join(choices)}.')
+            raise RobotFileError(f'{self} has {attribute}="{shorten(value)}". Allowed: {", ".join(choices)}.')
         return value
 
     def flag(self, attribute: str, *, default: bool) -> bool:
@@ -199,7 +199,7 @@ class Element:
         value = float(word) if _NUMBER.fullmatch(word) else None
         if value is not None and abs(value) <= _LARGEST:
             return value
-        shown = repr(clipped(word))
+        shown = repr(shorten(word))
         if value is not None:
             problem = f"{shown} is too large to be meant. Write a finite number in SI units"
         elif word.lower().lstrip("+-").startswith(("nan", "inf")):
@@ -208,7 +208,7 @@ class Element:
             problem = f"{shown} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
         else:
             problem = f"{shown} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
-        raise RobotFileError(f'{self} has {attribute}="{clipped(self.attributes[attribute].strip())}": {problem}.')
+        raise RobotFileError(f'{self} has {attribute}="{shorten(self.attributes[attribute].strip())}": {problem}.')
 
 
 # ── Safe parser of XML text into elements

@@ -30,7 +30,7 @@ from ..core.estimation.least_squares import (
     sum_of,
 )
 from ..core.numbers import number, printed
-from ..core.text import Argument, listed, spelled
+from ..core.text import Argument, listed, spell
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -358,7 +358,7 @@ class ConsistentRobot:
         return [
             f"physically consistent bodies, drawn to the file's by the prior, put {len(worst)} of {len(values)} groups "
             f"outside their 95 % intervals: {listed(groups, 3, '; ')}. Torques held out are predicted as well; a smaller "
-            f"weight of the prior, {spelled(Argument('keep_close'))}, stays nearer to the log"
+            f"weight of the prior, {spell(Argument('keep_close'))}, stays nearer to the log"
         ]
 
     @property

@@ -30,7 +30,7 @@ from ..core.doubts import Doubt, Level, doubt, doubt_table
 from ..core.estimation.covariance import student_quantile
 from ..core.estimation.least_squares import MAD
 from ..core.numbers import number, percent, seconds
-from ..core.text import Argument, Placeholder, listed, spelled
+from ..core.text import Argument, Placeholder, listed, spell
 from ..core.typing import Array
 from . import causes
 from .cause_fit import (
@@ -667,7 +667,7 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
                 words["taken"] += " Are positions commands? Log those of the encoders."
                 own = "unsure"
         else:
-            shift = spelled(Argument("shift", Placeholder(seconds(delay, 3))))
+            shift = spell(Argument("shift", Placeholder(seconds(delay, 3))))
             words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give {shift}."
             own = level
     found = {

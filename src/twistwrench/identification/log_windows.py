@@ -18,7 +18,8 @@ import numpy as np
 
 from ..core.doubts import Doubt
 from ..core.errors import ShapeError, TrajectoryError, ValueRangeError
-from ..core.estimation.sampling import OVERLAP, SingleRowGlitches, dropouts, gaps, held_rows, new_rows, spikes
+from ..core.estimation.sampling import dropouts, gaps, held_rows, new_rows, spikes
+from ..core.estimation.single_row_glitches import OVERLAP, SingleRowGlitches
 from ..core.text import Argument
 from ..core.third_party import Failure, Workers
 from ..core.typing import Array

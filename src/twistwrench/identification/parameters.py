@@ -26,7 +26,7 @@ from ..core.doubts import undetermined_table
 from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, percent
-from ..core.text import argument, listed, spoken
+from ..core.text import argument, listed, spell_out
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.joints.units import units_of
@@ -536,7 +536,7 @@ def undetermined(base: BaseParameters, left: float) -> dict[str, str]:
     }
     joints = {name: listed([names[k] for k in which]) for name, which in (("zero", zeros), ("sign-of-both", signs))}
     return {
-        name: " ".join(spoken(text).format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
+        name: " ".join(spell_out(text).format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
         for name, texts in undetermined_table().items()
         if here[name]
     }

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.doubts import Doubt
 from ..core.errors import ValueRangeError
-from ..core.estimation.sampling import OVERLAP
+from ..core.estimation.single_row_glitches import OVERLAP
 from ..core.glossary import complete
 from ..core.typing import Array
 from ..formats.actuators import ActuatorFile, read_log_side

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..core.errors import TrajectoryError
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..mechanics.lie.labelled import WRENCH
 
@@ -213,7 +213,7 @@ def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
     """Factor of :func:`si_factor`; errors (TrajectoryError) start with ``where``."""
     factor = si_factor(unit, part, angular)
     if factor is None:
-        currents = f", and of currents with {spelled(Argument('gain'))} A, mA" if part == "tau" else ""
+        currents = f", and of currents with {spell(Argument('gain'))} A, mA" if part == "tau" else ""
         raise TrajectoryError(
             f"{where}: the unit {unit!r} is not one of this column's kind. Known: {known_units(part, angular)}"
             f"{currents}. Convert the column, "

@@ -10,20 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.doubts import Doubt, doubt, doubt_table
-from ..core.estimation.sampling import (
-    OVERLAP,
-    Gap,
-    SingleRowGlitches,
-    dropouts,
-    gaps,
-    late_by_turns,
-    new_rows,
-    rate_delays,
-    rate_scales,
-    spikes,
-)
+from ..core.estimation.logged_rates import rate_delays, rate_scales
+from ..core.estimation.sampling import Gap, dropouts, gaps, late_by_turns, new_rows, spikes
+from ..core.estimation.single_row_glitches import OVERLAP, SingleRowGlitches
 from ..core.numbers import number, percent, printed, seconds
-from ..core.text import Argument, Placeholder, listed, spelled
+from ..core.text import Argument, Placeholder, listed, spell
 from ..core.typing import Array
 from ..mechanics.model.limits import known_velocities
 
@@ -160,7 +151,7 @@ def _too_far(
         angle=printed(size[k], 4),
         limit=f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else "",
         more=f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else "",
-        question=f"Did you mean {spelled(Argument('degrees', True))}? Or are" if degrees else "Are",
+        question=f"Did you mean {spell(Argument('degrees', True))}? Or are" if degrees else "Are",
         counts="" if degrees else ", or counts of an encoder",
         **level,
     )
@@ -399,7 +390,7 @@ class Contradictions:
         else:
             return []
         why = f"the usual step of time is {printed(step, 4)} s, and {why}"
-        by = spelled(Argument("rate", Placeholder("HZ")))
+        by = spell(Argument("rate", Placeholder("HZ")))
         rate = f"; if it counts rows, give their rate by {by}" if self._counts_rows else ""
         return [
             doubt("time-unit", why=why, unit=unit, rate=rate, column=Argument("columns", {"time": f"COLUMN [{unit}]"}))

@@ -16,7 +16,7 @@ from ..core import arguments
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, printed
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import drive_turns
@@ -259,7 +259,7 @@ def configuration_of(
     >>> [configuration_of(arm, given).tolist() for given in ([0.1, 0.5], {"joint2": 0.5}, "0.1,0.5", ["0.1,0", "joint2=0.5"])]
     [[0.1, 0.5], [0.0, 0.5], [0.1, 0.5], [0.1, 0.5]]
     """
-    q, name = np.array(robot.neutral if start is None else start), spelled(replace(what, value=None))
+    q, name = np.array(robot.neutral if start is None else start), spell(replace(what, value=None))
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     texts = [given] if isinstance(given, str) else given
     if texts is None:
@@ -324,7 +324,7 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     k = int(np.argmax(angular))
     name = robot.coordinate_names[k]
     turns = number(angular[k] / math.tau, 3)
-    return f"{name} is at {printed(q[k])} rad, {turns} turns. For degrees add {spelled(Argument('degrees', True))}."
+    return f"{name} is at {printed(q[k])} rad, {turns} turns. For degrees add {spell(Argument('degrees', True))}."
 
 
 def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:

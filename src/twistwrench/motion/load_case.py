@@ -20,7 +20,7 @@ from ..core.arguments import number as number_of
 from ..core.doubts import Doubt
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
-from ..core.text import Argument, in_the_shell, listed, spelled
+from ..core.text import Argument, in_the_shell, listed, spell
 from ..core.typing import Array
 from ..core.verdict import Reason
 from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
@@ -56,11 +56,11 @@ def limits_remedy(robot: str = "ROBOT") -> str:
     if in_the_shell():
         name = path.stem if bundled else "ROBOT" if unknown else shlex.quote(str(path))
         quote = '"' if "'" in name else "'"
-        command = f"{quote}twistwrench info {name} {spelled(Argument('csv', 'limits.csv'))}{quote}"
+        command = f"{quote}twistwrench info {name} {spell(Argument('csv', 'limits.csv'))}{quote}"
     else:
         of = repr(path.stem) if bundled else "robot" if unknown else repr(str(path))
         command = f"tw.info({of}).to_csv('limits.csv')"
-    return f"write a table with {command}, fill in its efforts, and add {spelled(Argument('limits', 'limits.csv'))}"
+    return f"write a table with {command}, fill in its efforts, and add {spell(Argument('limits', 'limits.csv'))}"
 
 
 _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"

@@ -10,7 +10,7 @@ import numpy as np
 from ..core.answers.sentences import sentence
 from ..core.gravity import STRENGTH
 from ..core.numbers import number, percent
-from ..core.text import Argument, listed, spelled
+from ..core.text import Argument, listed, spell
 from ..core.verdict import Reason, Word
 from ..mechanics.model.inertia_checks import massless_links
 from ..mechanics.model.legs import hanging_base
@@ -155,7 +155,7 @@ def assumptions(
         apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
         if apart:
             mass = mass or number(sum(p.mass for p in payloads if p.frame is None))
-            clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; {spelled(Argument('tip'))})")
+            clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; {spell(Argument('tip'))})")
     weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
     if weightless:
         have = "have a shape" if len(weightless) > 1 else "has a shape"

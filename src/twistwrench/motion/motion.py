@@ -23,7 +23,7 @@ from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.tables import csv_table, data_frame
-from ..core.text import clipped
+from ..core.text import shorten
 from ..core.typing import Array
 from ..mechanics.model.limits import Limits
 from ..robot.task_space_methods import require_robot
@@ -108,7 +108,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
     def __post_init__(self) -> None:
         first: object = self.time
         if isinstance(first, str | Path):
-            name = clipped(str(first))
+            name = shorten(str(first))
             raise TypeError(f'Motion takes arrays; to read a file: tw.Motion.from_file("{name}", robot)')
         if self.robot is None:
             raise ShapeError("Motion: robot= is missing: the robot whose states these are.")

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..core.doubts import Doubt, doubt
 from ..core.errors import TrajectoryError, ValueRangeError
-from ..core.estimation.sampling import OVERLAP
+from ..core.estimation.single_row_glitches import OVERLAP
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
 from ..core.text import Argument, Placeholder, ReadingNote, listed

@@ -11,7 +11,7 @@ from ..core.answers.sentences import sentence
 from ..core.colours import NEAR_LIMIT
 from ..core.doubts import Doubt, Level, doubt_table
 from ..core.numbers import deviation, number, over_limit, percent, percent_of_limit, seconds, torque
-from ..core.text import Argument, ReadingNote, listed, spelled
+from ..core.text import Argument, ReadingNote, listed, spell
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import BEARINGS
@@ -504,7 +504,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     if report.idle_payload:
         yield (
             "What is carried makes no torque in any joint: its place stays on their axes. Say where it is, in metres from its "
-            f"frame: {spelled(Argument('payload', 'MASS,x,y,z@FRAME'))}."
+            f"frame: {spell(Argument('payload', 'MASS,x,y,z@FRAME'))}."
         )
     yield from _friction_notes(report)
     yield from _measured_notes(report)

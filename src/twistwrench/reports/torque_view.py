@@ -18,10 +18,10 @@ from ..core.answers.blocks import (
     Glyphs,
     Line,
     Table,
+    cell_text,
     numbers,
     remarks,
     share_cell,
-    shown,
     words,
 )
 from ..core.colours import Style, strong
@@ -177,7 +177,7 @@ def _peaks(report: TorqueReport) -> Table:
         column("± 1σ", [report.reach(j) for j in joints], deviation) if report.noisy else None,
         column("raw\npeak", [j.raw for j in joints], report.label) if report.derived is not None else None,
         column("rms", [j.rms for j in joints], torque),
-        column("limit", [j.limit for j in joints], shown),
+        column("limit", [j.limit for j in joints], cell_text),
         words("share of limit", bars, fold=False, narrow=numbers("of\nlimit", shares)),
         numbers("when", [j.time for j in joints], seconds, "s"),
     )
@@ -199,7 +199,7 @@ def _causes(report: TorqueReport) -> Table:
     return _joint_table(
         "What the peak is made of",
         joints,
-        *(column(cause_label(term), [cause(j, term) for j in joints], shown) for term in terms),
+        *(column(cause_label(term), [cause(j, term) for j in joints], cell_text) for term in terms),
         column("noise", [j.chance for j in joints], report.label) if chance else None,
         words("mostly", map(mostly, joints), fold=False),
     )
@@ -222,7 +222,7 @@ def _beside_measured(report: TorqueReport) -> Table:
         [j for j, _ in pairs],
         column("rms\ncomputed", [m.computed for m in measured], torque),
         column("rms\nmeasured", [m.measured for m in measured], torque),
-        column("rms of\ndifference", map(difference, measured), shown),
+        column("rms of\ndifference", map(difference, measured), cell_text),
         column("measured\npeak", [m.peak for m in measured], torque),
         numbers("when", [m.time for m in measured], seconds, "s"),
     )

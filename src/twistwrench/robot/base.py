@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
-from ..core.text import clipped
+from ..core.text import shorten
 from ..core.typing import Array
 from .engine import CachedModel, Engine
 
@@ -51,7 +51,7 @@ class RobotBase:
 
     def __init__(self, model: Model | CachedModel) -> None:
         if isinstance(model, str | PathLike):
-            raise TypeError(f'Robot takes a Model; to read a file: tw.load("{clipped(str(model))}")')
+            raise TypeError(f'Robot takes a Model; to read a file: tw.load("{shorten(str(model))}")')
         self.engine = Engine(model, WeakMethod(self._put_in_front))  # weak: a robot without references is freed at once
         vars(self).update(_call=self.engine.call, _with_wrenches=self.engine.call_with_wrenches)  # one frame less
 

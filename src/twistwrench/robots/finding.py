@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..core.errors import MissingExtraError, NotFoundError, UnknownNameError
 from ..core.first_calls import similar_names
-from ..core.text import clipped
+from ..core.text import shorten
 from . import names, path_of
 
 _EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
@@ -87,7 +87,7 @@ def robot_file(source: str) -> Path:
     near = similar_names(wanted, known, cutoff=0.6)
     hint = f" Did you mean {near}?" if near else ""
     raise NotFoundError(
-        f"no robot file {clipped(source)!r}, and no bundled robot of that name, nor one of another package.{hint} "
+        f"no robot file {shorten(source)!r}, and no bundled robot of that name, nor one of another package.{hint} "
         "Give a path, or a name that `twistwrench robots` lists."
     )
 

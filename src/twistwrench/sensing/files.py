@@ -21,7 +21,7 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY, checked_strength
 from ..core.numbers import printed
 from ..core.tables import csv_table
-from ..core.text import Argument, Placeholder, in_the_shell, spelled
+from ..core.text import Argument, Placeholder, in_the_shell, spell
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -46,7 +46,7 @@ _MOST_BYTES = 2**20
 def _advice() -> str:
     """Sentence that names the call or command for a sensor file."""
     if in_the_shell():
-        return f"twistwrench sensor identify LOG {spelled(Argument('save', Placeholder('FILE')))} writes one."
+        return f"twistwrench sensor identify LOG {spell(Argument('save', Placeholder('FILE')))} writes one."
     return "tw.sensing.identify(log).write(path) writes one."
 
 

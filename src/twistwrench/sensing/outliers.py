@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.estimation.least_squares import MAD
 from ..core.numbers import number
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..mechanics.lie import so3
 from .contact_detection import CollisionThreshold
@@ -290,11 +290,11 @@ class Diagnosis:
     @property
     def options(self) -> str:
         """Arguments that select this explanation."""
-        sign = spelled(Argument("sign", self.sign))
+        sign = spell(Argument("sign", self.sign))
         if not self.turn:
             return sign
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
-        return f"{sign} with {spelled(Argument('assume', 'orientation'))} (turned by {number(degrees, 3)}°)"
+        return f"{sign} with {spell(Argument('assume', 'orientation'))} (turned by {number(degrees, 3)}°)"
 
     def improves(self, on: Fit) -> bool:
         """True if the residual noise is significantly less than that of another fit of the same log."""

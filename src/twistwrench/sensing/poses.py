@@ -23,7 +23,7 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH, checked_strength
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..mechanics.lie import quaternion, se3, so3
@@ -193,7 +193,7 @@ class PoseProposal(Answer):
         count, limited = len(self.gravity), self.within < _UPRIGHT
         those = f"{count} pose{'s' * (count > 1)}"
         those += f" tilted by up to {number(math.degrees(self.within))}°" if limited else ""
-        way = f"Allow larger tilts by {spelled(Argument('within'))}, such as 60°" if limited else "Ask for more of them"
+        way = f"Allow larger tilts by {spell(Argument('within'))}, such as 60°" if limited else "Ask for more of them"
         return (doubt("sensor-few-poses", those=those, what=what, mass=number(self.mass), way=way),)
 
     @property

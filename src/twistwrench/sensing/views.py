@@ -12,7 +12,7 @@ import numpy as np
 from ..core.answers.blocks import Block, Headline, Line, Remark, Table, numbers, remarks, words
 from ..core.colours import Style
 from ..core.numbers import estimate, number, percent, quantity, seconds
-from ..core.text import Argument, Placeholder, spelled
+from ..core.text import Argument, Placeholder, spell
 from ..core.typing import Array
 from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit, unit_of
@@ -135,7 +135,7 @@ def _outcome(found: Compensation) -> str:
     if found.inertia and found.inertia.refuses:
         return f"the load's inertia is left in the moments, {number(moment, 2)} N m {noise}."
     good = int((~found.off).sum())
-    contacts = spelled(Argument("false_alarms", Placeholder("1e-6"), option="contacts"))
+    contacts = spell(Argument("false_alarms", Placeholder("1e-6"), option="contacts"))
     rest = "" if good == len(log) else f" In the others something else acts; {contacts} lists when."
     left = f"{number(force, 2)} N and {number(moment, 2)} N m left {noise}"
     return f"{good} of {len(log)} readings are explained, with {left}.{rest}"

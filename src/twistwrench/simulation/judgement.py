@@ -10,7 +10,7 @@ import numpy as np
 from ..core.answers.page import MarkedJoint
 from ..core.colours import Style
 from ..core.numbers import number, seconds
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import unit_of
@@ -47,7 +47,7 @@ PASSED = {
 def _meaning(kind: str) -> str:
     """Meaning of an exceeded limit, and what to do."""
     stop = Argument("limits", "stop", option="stop-at-limits", alone=True)
-    return PASSED[kind][1].format(stop=spelled(stop), tau=spelled(Argument("tau", option="torque")))
+    return PASSED[kind][1].format(stop=spell(stop), tau=spell(Argument("tau", option="torque")))
 
 
 def verdict_with_clearance(result: SimulationResult) -> Verdict:

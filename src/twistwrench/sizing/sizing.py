@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.errors import ModelError, ShapeError, ValueRangeError
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Celsius, Hours, Seconds
 from ..formats.yaml import Source
 from ..mechanics.model.couplings import refuse_couplings
@@ -130,7 +130,7 @@ def size_drives(
     if arm.actuators:
         raise ModelError(
             f"robot {arm.name!r} has actuators already, and the catalogue describes the drives. "
-            f"Load it without {spelled(Argument('actuators'))}."
+            f"Load it without {spell(Argument('actuators'))}."
         )
     reading = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode, "degrees": degrees}
     logs = {"named": named, "plan": plan, "locked": tuple(lock or ()), **reading}

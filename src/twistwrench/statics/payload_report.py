@@ -18,7 +18,7 @@ from ..core.doubts import Doubt
 from ..core.errors import FrameError, UnknownNameError, ValueRangeError
 from ..core.numbers import rounded_down, without_noise
 from ..core.tables import csv_table
-from ..core.text import Argument, argument, listed, spelled
+from ..core.text import Argument, argument, listed, spell
 from ..core.typing import Array, Frame, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.limits import Limits
@@ -143,7 +143,7 @@ class PayloadReport(Answer):
         if found.joint < 0 and found.holds and self.is_default_pose:
             doubts.append(
                 "at the default pose the load stands on the axes of the joints, so no torque depends on it: give "
-                f"{spelled(Argument('at'))}"
+                f"{spell(Argument('at'))}"
             )
         if lacking := model_warnings(model):
             doubts.append(f"{'; '.join(lacking)}: the payload may be less")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import margin, number, printed
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..robot.task_space_methods import require_robot
 
@@ -55,7 +55,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     if limits is None and robot.nv and not free.all() and np.isinf(effort[~free]).all():
         raise ValueRangeError(
             f"robot {robot.name!r} has no effort limits, so its holding torques are unbounded. "
-            f"Pass {spelled(Argument('limits'))} with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
+            f"Pass {spell(Argument('limits'))} with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
         )
     return effort
 
@@ -103,7 +103,7 @@ def require_fixed_base(robot: Robot, what: str) -> None:
     if floating_entries(robot).any():
         raise ValueRangeError(
             f"{what} of {robot.name!r} needs a fixed base, since a floating base is not driven. "
-            f"With {spelled(Argument('floating_base', False, option='fixed-base'))} the answer is that of a robot whose base"
+            f"With {spell(Argument('floating_base', False, option='fixed-base'))} the answer is that of a robot whose base"
             " a stand holds. What contacts with the ground carry is not part of it: in Python, "
             "statics.robot_equilibrium checks whether given contacts hold the robot."
         )
@@ -217,7 +217,7 @@ def unit_slips(
         if turns and not degrees and beyond > 2 * math.pi:
             yield (
                 f"{name} at {printed(value)} rad is more than a turn beyond its limits: angles are in radians. If those "
-                f"are degrees, add {spelled(Argument('degrees', True))}."
+                f"are degrees, add {spell(Argument('degrees', True))}."
             )
         elif not turns and beyond > _FAR:
             yield (

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.errors import PathError, ValueRangeError
 from ..core.numbers import printed
-from ..core.text import Argument, spelled
+from ..core.text import Argument, spell
 from ..core.typing import Array
 from ..mechanics.model.couplings import motor_torques, motor_velocities
 
@@ -81,7 +81,7 @@ class PathRows:
         if friction and (np.any(law.load) or np.any(law.static != law.coulomb)):
             raise ValueRangeError(
                 f"friction of {robot.name!r} depends on the load or has static or Stribeck parts, but fastest timing supports "
-                f"only viscous and Coulomb friction. Leave friction out ({spelled(Argument('friction', False))}) and lower the "
+                f"only viscous and Coulomb friction. Leave friction out ({spell(Argument('friction', False))}) and lower the "
                 "effort limits by the friction torques."
             )
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))

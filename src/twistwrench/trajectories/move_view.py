@@ -11,7 +11,7 @@ from ..core.answers.blocks import Bar, Block, Glyphs, Headline, Line, Table, mar
 from ..core.answers.page import MarkedJoint
 from ..core.colours import Style, strong, word_style
 from ..core.numbers import number, over_limit, percent, percent_of_limit, seconds, torque
-from ..core.text import Argument, listed, spelled
+from ..core.text import Argument, listed, spell
 from ..core.typing import Array
 from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit
@@ -106,7 +106,7 @@ def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
     if not len(missing):
         return []
     of = "any joint" if len(missing) == len(names) else listed(missing, 6)
-    file = spelled(Argument("limits", "FILE.csv"))
+    file = spell(Argument("limits", "FILE.csv"))
     return [f"No velocity limit of {of} is known, so none was applied. Give them with {file} (column velocity)."]
 
 

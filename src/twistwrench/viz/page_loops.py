@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.errors import ConstraintError, ValueRangeError
 from ..core.numbers import number
-from ..core.text import spoken
+from ..core.text import spell_out
 from ..core.typing import Array
 from ..mechanics.algorithms.constraints import GROUND, Closure, independent_constraints
 from ..mechanics.lie import se3
@@ -172,7 +172,7 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     if len(feet) < len(held.legs) or any(body.joint.nv != 1 for body in robot.model.leaders):
         missing = ", ".join(robot.model.bodies[chain[-1]].link for chain in held.legs if chain[-1] not in shapes)
         why = f"no shape of {missing}" if missing else "joints of several degrees of freedom"
-        return q, f"{spoken(HELD)}; no standing pose found: {why}"
+        return q, f"{spell_out(HELD)}; no standing pose found: {why}"
     start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
     T = scene.body_poses(start)
     heights = np.concatenate([sole @ T[k][2, :3] + T[k][2, 3] + lift for k, sole in zip(feet, soles, strict=True)])
@@ -180,9 +180,10 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     if off > _LEVEL:
         return (
             q,
-            f"{spoken(HELD)}; no standing pose found: within the limits a foot stays {number(1e3 * off, 2)} mm off the floor",
+            f"{spell_out(HELD)}; no standing pose found: within the limits a foot stays {number(1e3 * off, 2)} mm off the "
+            "floor",
         )
-    return start, spoken(HELD)
+    return start, spell_out(HELD)
 
 
 def _stance_on(

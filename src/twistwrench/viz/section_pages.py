@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core import arguments
 from ..core.errors import ValueRangeError
-from ..core.text import Argument, Placeholder, spelled
+from ..core.text import Argument, Placeholder, spell
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..motion.coordinates import Coordinates
@@ -55,7 +55,7 @@ class SectionPanel:
         """Raise ValueRangeError if the page cannot show this robot."""
         why = None
         if robot.model.tip is None:
-            why = f"has no single tip: name one, {spelled(Argument('tip', Placeholder('FRAME')))}"
+            why = f"has no single tip: name one, {spell(Argument('tip', Placeholder('FRAME')))}"
         elif any(body.joint.nv != 1 or not body.joint.driven for body in robot.model.leaders):
             why = "has joints that neither turn nor slide, or a base that moves"
         elif not 1 <= robot.nv <= MOST_JOINTS:
@@ -303,7 +303,7 @@ def _rows(programs: PagePrograms) -> tuple[str, ...]:
     if not found or programs.tip is None:
         raise ValueRangeError(
             f"robot {programs.robot.name!r}: no joint moves the origin of its tip {programs.robot.tip!r}, so the page of this "
-            f"section has nothing to show. Load it with another tip: {spelled(Argument('tip', Placeholder('FRAME')))}."
+            f"section has nothing to show. Load it with another tip: {spell(Argument('tip', Placeholder('FRAME')))}."
         )
     return found
 

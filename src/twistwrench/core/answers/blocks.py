@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from itertools import chain, repeat
 from textwrap import wrap
 from typing import Any, TypeAlias
 
@@ -81,11 +80,11 @@ class Headline:
     def pieces(self) -> list[Piece]:
         """Text with its styles."""
         sentence = f"{self.at}: {self.sentence}" if self.sentence else self.at
-        found: list[Piece] = [(str(self.word), word_style(self.word)), sentence]
-        found += [f"\n  - {reason}" for reason in self.reasons]
+        pieces: list[Piece] = [(str(self.word), word_style(self.word)), sentence]
+        pieces += [f"\n  - {reason}" for reason in self.reasons]
         for line in self.further:
-            found += ["\n", *line.pieces]
-        return found
+            pieces += ["\n", *line.pieces]
+        return pieces
 
 
 @dataclass(frozen=True)
@@ -155,7 +154,7 @@ Cell: TypeAlias = str | Line | Bar | Glyphs
 """Content of a cell of a table."""
 
 
-def shown(value: Any) -> Cell:
+def cell_text(value: Any) -> Cell:
     """Text of a cell: words unchanged, integers in full, other numbers rounded."""
     if isinstance(value, str | Line | Bar | Glyphs):
         return value
@@ -168,7 +167,7 @@ class Column:
 
     name: str
     values: Sequence[Any]
-    show: Callable[[Any], Cell] = shown
+    show: Callable[[Any], Cell] = cell_text
     unit: str = ""
     """Unit of the values; all units if they differ by row. Shares are ratios without a unit."""
     headed: bool = True
@@ -202,7 +201,7 @@ def words(
 def numbers(
     name: str,
     values: Iterable[Any],
-    show: Callable[[Any], Cell] = shown,
+    show: Callable[[Any], Cell] = cell_text,
     unit: str = "",
     *,
     headed: bool = True,
@@ -294,14 +293,15 @@ class Aligned:
 
     def lines(self, width: int) -> list[str]:
         """Rows, indented by two blanks, without trailing blanks."""
-        widest = max((text_width(left) for left, _ in self.rows), default=0)
-        room = width - 2 - widest - len(self.gap)
-        found: list[str] = []
-        for left, right in self.rows:
-            starts = chain([left + " " * (widest - text_width(left))], repeat(" " * widest))
-            folded = self.fold(right, room) or [""]
-            found += [f"  {start}{self.gap}{text}".rstrip() for start, text in zip(starts, folded, strict=False)]
-        return found
+        name_width = max((text_width(name) for name, _ in self.rows), default=0)
+        room = width - 2 - name_width - len(self.gap)
+        lines: list[str] = []
+        for name, text in self.rows:
+            start = name + " " * (name_width - text_width(name))
+            for line in self.fold(text, room) or [""]:
+                lines.append(f"  {start}{self.gap}{line}".rstrip())
+                start = " " * name_width
+        return lines
 
 
 Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More | Aligned
@@ -313,8 +313,8 @@ Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More | Alig
 
 def remarks(sentences: Iterable[str]) -> list[Remark]:
     """One remark for each sentence; notes on how a file was read come last."""
-    found = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
-    return sorted(found, key=lambda remark: remark.reading)
+    unsorted = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
+    return sorted(unsorted, key=lambda remark: remark.reading)
 
 
 def word_cell(word: str) -> Line:
@@ -337,7 +337,9 @@ def mark_style(share: float) -> Style:
 
 def share_cell(share: float) -> str | Line:
     """A share of a limit, in its colour; a dash without a limit."""
-    return Line((percent_of_limit(share), limit_style(share)), value=share) if math.isfinite(share) else MISSING
+    if not math.isfinite(share):
+        return MISSING
+    return Line((percent_of_limit(share), limit_style(share)), value=share)
 
 
 # ── What a surface shows
@@ -353,43 +355,48 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str, rows: int |
     Long tables keep the rows with the largest share, at most ``rows``; notes on how files were read are counted. The ``hint``
     says how to see the rest.
     """
-    most = Level.ALL if every else Level.SHORT
-    found = [block for block in blocks if isinstance(block, str) or block.level <= most]
+    level = Level.ALL if every else Level.SHORT
+    in_level = [block for block in blocks if isinstance(block, str) or block.level <= level]
     if every:
-        return [block for block in found if not isinstance(block, More)]
-    reading = [block for block in found if isinstance(block, Remark) and block.reading]
-    kept = list[Block]()
-    for block in found:
+        return [block for block in in_level if not isinstance(block, More)]
+    short = list[Block]()
+    reading_notes = 0
+    for block in in_level:
         if isinstance(block, Table):
-            kept += shortened(block, hint, rows)
-        elif isinstance(block, More):
-            kept += [Line((f"{block.sentence}: {hint}", Style.QUIET))] if hint else []
-        elif not (isinstance(block, Remark) and block.reading):
-            kept.append(block)
-    if reading and hint:
-        kept.append(
-            Line((f"{len(reading)} note{'s' * (len(reading) > 1)} on how the log was read: {hint}", Style.QUIET))
-        )
-    return kept
+            short += shorten_table(block, hint, rows)
+        elif isinstance(block, Remark) and block.reading:
+            reading_notes += 1
+        elif not isinstance(block, More):
+            short.append(block)
+        elif hint:
+            short.append(Line((f"{block.sentence}: {hint}", Style.QUIET)))
+    if reading_notes and hint:
+        plural = "s" * (reading_notes > 1)
+        short.append(Line((f"{reading_notes} note{plural} on how the log was read: {hint}", Style.QUIET)))
+    return short
 
 
-def shortened(table: Table, hint: str, rows: int | None = None) -> list[Block]:
+def shorten_table(table: Table, hint: str, rows: int | None = None) -> list[Block]:
     """Table with its most important rows, at most ``rows``, in their order, and a line that counts the others."""
     count = len(table.styles)
     if table.most is None:
         return [table]
-    most = table.most if rows is None else min(table.most, rows)
-    if count <= max(most, ROWS_OF_ARM) + 1:
+    row_count = table.most if rows is None else min(table.most, rows)
+    if count <= max(row_count, ROWS_OF_ARM) + 1:
         return [table]
-    shares = [0.0 if math.isnan(x) else x for x in table.by] if table.by is not None else [0.0] * count
+    shares = [0.0] * count
+    if table.by is not None:
+        shares = [0.0 if math.isnan(share) else share for share in table.by]
     order = sorted(range(count), key=lambda k: -shares[k])
-    kept, left = sorted(order[:most]), order[most:]
-    largest = shares[left[0]] if table.of_limits else 0.0
-    below = f" below {percent_of_limit(largest)}" if largest > 0 else ""
-    columns = [_rows_of(column, kept) for column in table.columns]
-    styles = [table.styles[k] for k in kept]
+    selected, omitted = sorted(order[:row_count]), order[row_count:]
+    columns = [_rows_of(column, selected) for column in table.columns]
+    styles = [table.styles[k] for k in selected]
     short = Table(table.title, *columns, styles=styles, style=table.style, level=table.level)
-    return [short, Line((f"{len(left)} more{below}: {hint}", Style.QUIET))] if hint else [short]
+    if not hint:
+        return [short]
+    largest = shares[omitted[0]] if table.of_limits else 0.0
+    bound = f" below {percent_of_limit(largest)}" if largest > 0 else ""
+    return [short, Line((f"{len(omitted)} more{bound}: {hint}", Style.QUIET))]
 
 
 def _rows_of(column: Column, rows: Sequence[int]) -> Column:

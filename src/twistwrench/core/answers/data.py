@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -75,7 +74,10 @@ class DataTable:
         -------
         columns : {column: list of values}
         """
-        return {name: [row[k] for row in self.cells] for k, (name, _) in enumerate(self.columns)}
+        columns: dict[str, list[Any]] = {}
+        for k, (name, _) in enumerate(self.columns):
+            columns[name] = [row[k] for row in self.cells]
+        return columns
 
     def to_pandas(self) -> Any:
         """Table as a DataFrame, with units in ``attrs``.
@@ -100,13 +102,17 @@ _UNIT = re.compile(r" \[[^\]]*\]$")
 
 def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
     """Verdict (None without one), sentences, tables and notes of a report, for JSON."""
-    sentences = [block for block in blocks if not isinstance(block, Table | Remark | More)]
-    return {
-        "verdict": next((str(block.word) for block in blocks if isinstance(block, Headline)), None),
-        "sentences": list(chain.from_iterable(map(_lines, sentences))),
-        "tables": [table_data(block) for block in blocks if isinstance(block, Table)],
-        "notes": [block.words for block in blocks if isinstance(block, Remark)],
-    }
+    headlines = [block for block in blocks if isinstance(block, Headline)]
+    verdict = str(headlines[0].word) if headlines else None
+    data: dict[str, Any] = {"verdict": verdict, "sentences": [], "tables": [], "notes": []}
+    for block in blocks:
+        if isinstance(block, Table):
+            data["tables"].append(table_data(block))
+        elif isinstance(block, Remark):
+            data["notes"].append(block.words)
+        elif not isinstance(block, More):
+            data["sentences"] += _lines(block)
+    return data
 
 
 def table_data(table: Table) -> dict[str, Any]:
@@ -131,7 +137,7 @@ def table_data(table: Table) -> dict[str, Any]:
 def plain(block: Block | Cell) -> str:
     """The text of a block or cell without styles; a bar is its label, and glyphs are left out."""
     if isinstance(block, Branch):
-        return "\n".join([plain(block.label), *(plain(branch) for branch in block.branches)])
+        return "\n".join(map(plain, [block.label, *block.branches]))
     if isinstance(block, Glyphs):
         return ""
     if isinstance(block, Bar):
@@ -139,7 +145,7 @@ def plain(block: Block | Cell) -> str:
     if isinstance(block, Headline | Line | Remark):
         return _text(block.pieces)
     if isinstance(block, Aligned):
-        return "\n".join([block.title, *(f"{left} {right}" for left, right in block.rows)])
+        return "\n".join([block.title, *(f"{name} {text}" for name, text in block.rows)])
     return str(block)
 
 
@@ -147,8 +153,10 @@ def _text(pieces: Sequence[Piece]) -> str:
     return "".join(piece if isinstance(piece, str) else piece[0] for piece in pieces)
 
 
-def _lines(block: Block) -> Iterator[str]:
-    yield from (line.strip() for line in plain(block).splitlines() if line.strip())
+def _lines(block: Block) -> list[str]:
+    """Lines of a block's text, without blank ones."""
+    lines = [line.strip() for line in plain(block).splitlines()]
+    return [line for line in lines if line]
 
 
 def _cell(column: Column, value: Any) -> str | float | None:

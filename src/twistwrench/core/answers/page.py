@@ -27,7 +27,7 @@ from ..colours import COLOURS, Style, page_colours
 from ..files import replacing
 from ..text import visible
 from ..version import __version__
-from .blocks import Aligned, Bar, Block, Branch, Cell, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
+from .blocks import Aligned, Bar, Block, Branch, Cell, Column, Glyphs, Headline, Level, Line, More, Piece, Remark, Table
 from .data import plain, table_data
 
 if TYPE_CHECKING:
@@ -160,26 +160,9 @@ class ReportPage:
         -------
         text : str
         """
-        end = next((k for k, b in enumerate(self.blocks) if b == "" or isinstance(b, Table)), len(self.blocks))
-        head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != "" and not isinstance(b, More)]
-        head = head or [f"{self.command}: {self.subject}"]
-        doubts = [block for block in self.blocks if isinstance(block, Remark)]
-        shown = [block for block in body if not isinstance(block, Remark)]
-        parts = [
-            _verdict([block for block in head if not isinstance(block, Remark)], self.facts),
-            *map(_picture, [picture for picture in self.pictures if isinstance(picture.content, bytes)]),
-            *([_MOVE] if self.viewer is not None else []),
-            *map(_picture, [picture for picture in self.pictures if isinstance(picture.content, str)]),
-            "<h2>Results</h2>",
-            *map(block_html, shown),
-            *(["<h2>Details</h2>", *map(block_html, self.details)] if self.details else []),
-        ]
-        if doubts or self.notes:
-            items = [_escaped(doubt.words) for doubt in doubts] + [_escaped(note) for note in self.notes]
-            parts.append(f"<h2>Doubts and notes</h2><ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
-        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(table_html, self.tables))}")
-        text = "\n".join(self._cut(part) for part in parts)
-        if terms := _terms_in(text):
+        text = "\n".join(self._without_folders(part) for part in self._parts())
+        terms = _terms_in(text)
+        if terms:
             text += f"\n<h2>Terms</h2>{_list(terms)}"
         policy, scripts = POLICY, ""
         if self.viewer is not None:
@@ -191,12 +174,39 @@ class ReportPage:
         return _TEMPLATE.format(
             policy=html.escape(policy),
             scripts=scripts,
-            title=_escaped(f"{self.command}: {self.subject}"),
+            title=_escape(f"{self.command}: {self.subject}"),
             style=page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8"),
-            kind=_escaped(f"twistwrench {self.command} · {self.subject}"),
+            kind=_escape(f"twistwrench {self.command} · {self.subject}"),
             body=text,
             data=self.shorten(self._data()).replace("<", "\\u003c"),
         )
+
+    def _parts(self) -> list[str]:
+        """Verdict, pictures, results, details, doubts and provenance, in HTML."""
+        head, body = self._head_and_body()
+        parts = [_verdict(head, self.facts)]
+        parts += [_picture(picture) for picture in self.pictures if isinstance(picture.content, bytes)]
+        if self.viewer is not None:
+            parts.append(_MOVE)
+        parts += [_picture(picture) for picture in self.pictures if isinstance(picture.content, str)]
+        parts += ["<h2>Results</h2>", *map(block_html, body)]
+        if self.details:
+            parts += ["<h2>Details</h2>", *map(block_html, self.details)]
+        notes = [block.words for block in self.blocks if isinstance(block, Remark)] + list(self.notes)
+        if notes:
+            items = "".join(f"<li>{_escape(note)}</li>" for note in notes)
+            parts.append(f"<h2>Doubts and notes</h2><ul>{items}</ul>")
+        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(table_html, self.tables))}")
+        return parts
+
+    def _head_and_body(self) -> tuple[list[Block], list[Block]]:
+        """Blocks of the verdict, up to the first table or blank line, and blocks of the results; without remarks."""
+        end = 0
+        while end < len(self.blocks) and self.blocks[end] != "" and not isinstance(self.blocks[end], Table):
+            end += 1
+        head = list(self.blocks[:end]) or [f"{self.command}: {self.subject}"]
+        body = [block for block in self.blocks[end:] if block != "" and not isinstance(block, More | Remark)]
+        return [block for block in head if not isinstance(block, Remark)], body
 
     def write(self, path: Path) -> Path:
         """Write the page, replacing an existing one.
@@ -213,21 +223,23 @@ class ReportPage:
             scratch.write_text(self.html(), encoding="utf-8")
         return path
 
-    def _cut(self, part: str) -> str:
+    def _without_folders(self, part: str) -> str:
         return part if "base64," in part else self.shorten(part)
 
     def _data(self) -> str:
         """Verdict, facts and tables as JSON."""
-        words = [plain(b).split("\n") for b in self.blocks[:1] if isinstance(b, str | Headline | Line)]
-        tables = [
-            table_data(table) for table in (*self.blocks, *self.details, *self.tables) if isinstance(table, Table)
-        ]
+        verdict: list[str] = []
+        if self.blocks and isinstance(self.blocks[0], str | Headline | Line):
+            verdict = plain(self.blocks[0]).split("\n")
+        blocks = (*self.blocks, *self.details, *self.tables)
         data: dict[str, Any] = {
             "command": self.command,
             "subject": self.subject,
-            "verdict": [w for ws in words for w in ws],
+            "verdict": verdict,
+            "facts": dict(self.facts),
+            "provenance": dict(self.provenance),
+            "tables": [table_data(block) for block in blocks if isinstance(block, Table)],
         }
-        data |= {"facts": dict(self.facts), "provenance": dict(self.provenance), "tables": tables}
         return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
@@ -262,9 +274,9 @@ def answer_page(
     Folders are cut from paths unless ``full_paths``.
     """
     blocks, origin = list(answer.blocks()), list(answer.origin())
-    read = {name: str(path) for name, path in answer.sources().items()}
-    read |= {name: str(path) for name, path in files.items() if path is not None and str(path) not in read.values()}
-    typed = [("command", shlex.join(["twistwrench", *command]))] if command else []
+    sources = {name: str(path) for name, path in answer.sources().items()}
+    sources |= {n: str(path) for n, path in files.items() if path is not None and str(path) not in sources.values()}
+    command_line = [("command", shlex.join(["twistwrench", *command]))] if command else []
     settings = [entry for entry in origin if not isinstance(entry, Table)]
     return ReportPage(
         answer.call,
@@ -274,9 +286,9 @@ def answer_page(
         facts=list(answer.facts().items()),
         pictures=list(answer.pictures()),
         notes=notes,
-        provenance=[*typed, *provenance(read), *settings, *versions()],
+        provenance=[*command_line, *provenance(sources), *settings, *versions()],
         tables=[entry for entry in origin if isinstance(entry, Table)],
-        shorten=str if full_paths else without_folders([*command, *read.values()]),
+        shorten=str if full_paths else without_folders([*command, *sources.values()]),
         viewer=answer.viewer(),
     )
 
@@ -346,7 +358,7 @@ _TEMPLATE = """<!doctype html>
 """
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Text for HTML, with control characters as escapes."""
     return html.escape(visible(text))
 
@@ -359,16 +371,16 @@ def _line(line: Block | Cell) -> str:
         return _pieces(line.label)
     if isinstance(line, Headline | Line | Remark):
         return _pieces(line.pieces)
-    return _escaped(str(line))
+    return _escape(str(line))
 
 
 def _pieces(pieces: Iterable[Piece]) -> str:
-    found = []
+    spans = []
     for piece in pieces:
         text, style = (piece, "") if isinstance(piece, str) else piece
-        safe = _escaped(text)
-        found.append(f'<span class="{style}">{safe}</span>' if style else safe)
-    return "".join(found)
+        escaped = _escape(text)
+        spans.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
+    return "".join(spans)
 
 
 def paragraphs(line: Block) -> list[str]:
@@ -378,24 +390,26 @@ def paragraphs(line: Block) -> list[str]:
         lines.append(f"{opened}{part}")
         tags = re.findall(r'<span class="[^"]*">|</span>', lines[-1])
         opened = "" if not tags or tags[-1] == "</span>" else tags[-1]
-        lines[-1] += "</span>" if opened else ""
+        if opened:
+            lines[-1] += "</span>"
     return lines
 
 
 def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
     """Printed verdict and its decisive numbers."""
-    first, *others = [
-        text for block in head if isinstance(block, str | Headline | Line) for text in paragraphs(block)
-    ] or [""]
-    decisive = "".join(f"<div><dt>{_escaped(k)}</dt><dd>{_escaped(v)}</dd></div>" for k, v in facts)
-    more = "".join(f"<p>{text}</p>" for text in others)
-    return f'<div class="verdict"><h1>{first}</h1>{more}</div>' + (
-        f'<dl class="facts">{decisive}</dl>' if decisive else ""
-    )
+    texts = list[str]()
+    for block in head:
+        if isinstance(block, str | Headline | Line):
+            texts += paragraphs(block)
+    first, *others = texts or [""]
+    further = "".join(f"<p>{text}</p>" for text in others)
+    verdict = f'<div class="verdict"><h1>{first}</h1>{further}</div>'
+    numbers = "".join(f"<div><dt>{_escape(name)}</dt><dd>{_escape(value)}</dd></div>" for name, value in facts)
+    return f'{verdict}<dl class="facts">{numbers}</dl>' if numbers else verdict
 
 
 def _picture(picture: Picture) -> str:
-    name = _escaped(picture.title)
+    name = _escape(picture.title)
     if isinstance(picture.content, bytes):
         data = base64.b64encode(picture.content).decode("ascii")
         image = f'<img alt="{name}" src="data:image/png;base64,{data}">'
@@ -410,8 +424,8 @@ def block_html(block: Block) -> str:
     if isinstance(block, Branch):
         return f"<ul><li>{_line(block.label)}{''.join(map(block_html, block.branches))}</li></ul>"
     if isinstance(block, Aligned):
-        caption = f"<h3>{_escaped(block.title)}</h3>" if block.title else ""
-        return caption + "".join(f"<p>{_escaped(f'{left} {right}')}</p>" for left, right in block.rows)
+        caption = f"<h3>{_escape(block.title)}</h3>" if block.title else ""
+        return caption + "".join(f"<p>{_escape(f'{name} {text}')}</p>" for name, text in block.rows)
     start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
     return "".join(f"{start}{text}</p>" for text in paragraphs(block) if text)
 
@@ -420,14 +434,13 @@ def table_html(table: Table) -> str:
     """Table with its title as caption; columns in their narrow form if they have one."""
     columns = [c.narrow or c for c in table.columns]
     columns = [c for c in columns if any(_line(c.show(value)) for value in c.values)]
-    kinds = ["number" if not c.words else "word whole" if c.whole else "word" for c in columns]
-    sides = [f' class="{kind}"' for kind in kinds]
-    heads = "".join(f'<th scope="col"{s}>{_escaped(c.head)}</th>' for s, c in zip(sides, columns, strict=True))
+    classes = [_column_class(c) for c in columns]
+    heads = "".join(f'<th scope="col"{a}>{_escape(c.head)}</th>' for a, c in zip(classes, columns, strict=True))
     rows = []
     for k, style in enumerate(table.styles):
-        cells = "".join(f"<td{s}>{_line(c.show(c.values[k]))}</td>" for s, c in zip(sides, columns, strict=True))
+        cells = "".join(f"<td{a}>{_line(c.show(c.values[k]))}</td>" for a, c in zip(classes, columns, strict=True))
         rows.append(f'<tr class="{style}">{cells}</tr>' if style else f"<tr>{cells}</tr>")
-    name = _escaped(table.title)
+    name = _escape(table.title)
     caption = f"<caption>{name}</caption>" if name else ""
     return (
         f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{name or "Table"}"><table>{caption}'
@@ -435,8 +448,16 @@ def table_html(table: Table) -> str:
     )
 
 
+def _column_class(column: Column) -> str:
+    """Attribute of the cells of a column, by the kind of its text."""
+    if not column.words:
+        return ' class="number"'
+    return ' class="word whole"' if column.whole else ' class="word"'
+
+
 def _list(pairs: Iterable[tuple[str, str]]) -> str:
-    return f"<dl>{''.join(f'<dt>{_escaped(k)}</dt><dd>{_escaped(v)}</dd>' for k, v in pairs)}</dl>"
+    entries = "".join(f"<dt>{_escape(name)}</dt><dd>{_escape(text)}</dd>" for name, text in pairs)
+    return f"<dl>{entries}</dl>"
 
 
 _HEADS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
@@ -445,13 +466,12 @@ _HEADS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1
 
 def _terms_in(page: str) -> list[tuple[str, str]]:
     """Terms that occur on a page; everyday words count only in table heads and row names."""
-    everywhere = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))
-    heads = html.unescape(re.sub(r"<[^>]+>", " ", " ".join(found[0] for found in _HEADS.finditer(page))))
-    return [
-        (term, said)
-        for term, said in TERMS.items()
-        if re.search(
-            rf"(?<!\w){re.escape(term)}(?!\w)",
-            heads if term.isalpha() and term.islower() and len(term) > 1 else everywhere,
-        )
-    ]
+    page_text = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))
+    heads = " ".join(match[0] for match in _HEADS.finditer(page))
+    head_text = html.unescape(re.sub(r"<[^>]+>", " ", heads))
+    terms: list[tuple[str, str]] = []
+    for term, explanation in TERMS.items():
+        is_everyday_word = term.isalpha() and term.islower() and len(term) > 1
+        if re.search(rf"(?<!\w){re.escape(term)}(?!\w)", head_text if is_everyday_word else page_text):
+            terms.append((term, explanation))
+    return terms

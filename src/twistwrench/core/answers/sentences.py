@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from ..text import spoken
+from ..text import spell_out
 
 SENTENCES = MappingProxyType(
     {
@@ -59,9 +59,9 @@ def sentence(name: str, **words: str) -> str:
     >>> sentence("because", cause="payload", share="63 %")
     '. Largest part: payload, 63 %'
     """
-    return spoken(SENTENCES[name]).format(**words)
+    return spell_out(SENTENCES[name]).format(**words)
 
 
 def spoken_sentences() -> dict[str, str]:
     """All templates, with arguments as the caller types them."""
-    return {name: spoken(text) for name, text in SENTENCES.items()}
+    return {name: spell_out(text) for name, text in SENTENCES.items()}

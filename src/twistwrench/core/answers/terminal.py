@@ -32,7 +32,7 @@ class _Output(Console):
         raise
 
     def print(self, *objects: Any, **options: Any) -> None:
-        if any(isinstance(one, Text) and one.no_wrap for one in objects):  # Rich joins texts, and forgets it
+        if any(isinstance(text, Text) and text.no_wrap for text in objects):  # Rich joins texts, and forgets it
             options = {"no_wrap": True, "overflow": "ignore", **options}
         super().print(*objects, **{"crop": False, **options})
 
@@ -42,7 +42,7 @@ def console() -> Console:
     return _Output(highlight=False)
 
 
-_PLAIN_WIDTH, _NARROWEST = 80, 40
+_PLAIN_WIDTH, _MIN_WIDTH = 80, 40
 """Width of reports as text; least width of equations."""
 MOST_LINES = 45
 """Lines of a short form at 80 columns."""
@@ -82,29 +82,29 @@ def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
 
 def _print(blocks: Iterable[Block], output: Console) -> None:
     for block in blocks:
-        output.print(rendered(block, output))
+        output.print(renderable(block, output))
 
 
-def rendered(block: Block, output: Console) -> RenderableType:
+def renderable(block: Block, output: Console) -> RenderableType:
     """Rich renderable of a block; columns have their narrow form if the table would be too wide."""
     if isinstance(block, Table):
         tight = TerminalTable(block)
         tight.padding = (0, 0)
-        wide = Measurement.get(output, output.options.update(max_width=_ANY), tight).maximum > output.width
-        return TerminalTable(block, narrow=wide)
+        width = Measurement.get(output, output.options.update(max_width=_UNBOUNDED_WIDTH), tight).maximum
+        return TerminalTable(block, narrow=width > output.width)
     if isinstance(block, Branch):
         return _tree(block)
     if isinstance(block, Aligned):
-        return _aligned(block, output.width)
+        return _aligned_text(block, output.width)
     text = _text(block)
     if isinstance(block, Headline | Line) and block.whole:
         text.no_wrap = True
     return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
 
 
-def _aligned(block: Aligned, width: int) -> Text:
+def _aligned_text(block: Aligned, width: int) -> Text:
     """Title in bold below a blank line, and the rows."""
-    width = max(width, _NARROWEST)
+    width = max(width, _MIN_WIDTH)
     title = "".join(f"\n{line}" for line in block.title_lines(width))
     rows = "\n".join(block.lines(width))
     between = "\n" if title and rows else ""
@@ -117,25 +117,26 @@ def _text(words: Headline | Remark | More | Cell) -> Text:
     if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # style of the whole cell
         text, style = words.pieces[0]
         return Text(text, style=terminal_style(style))
-    return Text.assemble(*(_styled(piece) for piece in words.pieces))
+    return Text.assemble(*map(_rich_piece, words.pieces))
 
 
-def _styled(piece: Piece) -> str | tuple[str, str]:
+def _rich_piece(piece: Piece) -> str | tuple[str, str]:
     return piece if isinstance(piece, str) else (piece[0], terminal_style(piece[1]))
 
 
-def _tree(tree: Branch, above: Tree | None = None) -> Tree:
-    branch = Tree(_text(tree.label)) if above is None else above.add(_text(tree.label))
-    for below in tree.branches:
-        _tree(below, branch)
-    return branch
+def _tree(content: Branch, parent: Tree | None = None) -> Tree:
+    label = _text(content.label)
+    tree = Tree(label) if parent is None else parent.add(label)
+    for branch in content.branches:
+        _tree(branch, tree)
+    return tree
 
 
 # ── Tables: words at the left, numbers at the right
 
-_ANY = 10_000
+_UNBOUNDED_WIDTH = 10_000
 """Width in characters larger than any table."""
-_LEAST = 8
+_MIN_PIECE_WIDTH = 8
 """Minimum number of characters per piece of a folded name."""
 
 
@@ -147,18 +148,18 @@ class TerminalTable(table.Table):
         if content.title:
             title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
         super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-        columns = [
-            column.narrow if narrow and column.narrow else column
-            for column in content.columns
-            if not (narrow and column.wide_only)
-        ]
-        cells = [[_text(column.show(value)) for value in column.values] for column in columns]
-        self._folding = [
-            texts for column, texts in zip(columns, cells, strict=True) if column.words and not column.whole
-        ]
+        columns = list(content.columns)
+        if narrow:
+            columns = [column.narrow or column for column in content.columns if not column.wide_only]
+        self._folding: list[list[Text]] = []
         """Cells of the foldable columns."""
-        for column, texts in zip(columns, cells, strict=True):
+        cells: list[list[Text]] = []
+        for column in columns:
+            texts = [_text(column.show(value)) for value in column.values]
             self._add(column, texts)
+            cells.append(texts)
+            if column.words and not column.whole:
+                self._folding.append(texts)
         for row, style in zip(zip(*cells, strict=True), content.styles, strict=True):
             self.add_row(*row, style=terminal_style(style))
 
@@ -167,19 +168,19 @@ class TerminalTable(table.Table):
         for text in texts:
             text.no_wrap = column.whole or None
         if column.whole:
-            needs = [cell_len(line) for text in texts for line in text.plain.split("\n")]
+            widths = [cell_len(line) for text in texts for line in text.plain.split("\n")]
         else:
-            needs = [min(cell_len(part), _LEAST) for text in texts for part in text.plain.split()]
+            widths = [min(cell_len(part), _MIN_PIECE_WIDTH) for text in texts for part in text.plain.split()]
         if column.min_width is not None:
-            needs.append(column.min_width)
+            widths.append(column.min_width)
         elif not column.words:
-            needs.append(max(map(cell_len, column.head.split()), default=0))
+            widths.append(max(map(cell_len, column.head.split()), default=0))
         self.add_column(
             Text(column.head),
             justify="left" if column.words else "right",
             overflow="fold" if column.words else "ellipsis",
             style=terminal_style(column.style),
-            min_width=max(needs, default=None),
+            min_width=max(widths, default=None),
         )
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -192,16 +193,16 @@ class TerminalTable(table.Table):
             if excess <= 0:
                 break
             longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
-            least = max(cell_len(part) for text in texts for part in _parts(text.plain))
-            width = max(least, longest - excess)
+            longest_part = max(cell_len(part) for text in texts for part in _parts(text.plain))
+            width = max(longest_part, longest - excess)
             for text in texts:
-                text.plain = _folded(text.plain, width)
+                text.plain = _fold(text.plain, width)
             excess -= max(longest - width, 0)
         yield from super().__rich_console__(console, options)
 
     def _excess(self, console: Console, options: ConsoleOptions) -> int:
         """Characters by which the table is wider than the console."""
-        return Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
+        return Measurement.get(console, options.update(max_width=_UNBOUNDED_WIDTH), self).maximum - options.max_width
 
 
 def _parts(name: str) -> list[str]:
@@ -209,7 +210,7 @@ def _parts(name: str) -> list[str]:
     return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
 
 
-def _folded(name: str, width: int) -> str:
+def _fold(name: str, width: int) -> str:
     """Break a name between its parts into lines of at most this width."""
     if cell_len(name) <= width or " " in name:
         return name

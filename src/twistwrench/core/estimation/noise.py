@@ -15,15 +15,15 @@ ORDERS = range(3, 9)
 _FINEST_DECIMAL = 11
 _ROUND_OFF = 4e-16
 """Ratio of noise to values below which noise is rounding error."""
-_LEAST_SEEN = 0.02
+_MIN_NOISE_OF_GRID = 0.02
 """Smallest noise, as a share of the rounding error q/√12 of a grid q: slow motions stay on each grid point for
 hundreds of samples, which hides most of the error.
 """
 _GRID_STEPS = 1.5
 """Largest effect of rounding by half a grid step on a difference with unit-norm weights: √(m+1)/2, order m ≤ 8."""
-_FEW, _TWO_GLITCHES, _ROUNDS = 0.02, 18, 20
+_MAX_OUTLIER_SHARE, _ROWS_OF_TWO_GLITCHES, _MAX_ROUNDS = 0.02, 18, 20
 """Residuals that may be left out: a share of many; of few, those affected by two glitches at the highest order."""
-_FEWEST_MARKS = 30
+_MIN_KINKS = 30
 """Minimum number of places without parabolic motion for a grid; kinks of planned motions are fewer."""
 
 
@@ -51,12 +51,15 @@ def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Arra
     noise, and 2π is not on a grid.
     """
     steps = np.concatenate([np.diff(t) for t in times])
-    quanta = np.array([quantum([x[:, k] for x in parts]) for k in range(parts[0].shape[1])])
+    columns = range(parts[0].shape[1])
+    quanta = np.empty(len(columns))
+    for k in columns:
+        quanta[k] = quantum([x[:, k] for x in parts])
     moves = np.any([np.ptp(x, axis=0) > 0 for x in parts if len(x)], axis=0)
-    found = np.where(moves, noise(times, parts if curves is None else curves, quanta), 0.0)
+    sigma = np.where(moves, noise(times, parts if curves is None else curves, quanta), 0.0)
     # Rounding causes noise. Without noise, equal steps come from the motion, such as a constant speed.
-    quanta = np.where(found > _LEAST_SEEN * quanta / math.sqrt(12.0), quanta, 0.0)
-    return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, found)
+    quanta = np.where(sigma > _MIN_NOISE_OF_GRID * quanta / math.sqrt(12.0), quanta, 0.0)
+    return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, sigma)
 
 
 def quantum(parts: Sequence[Array]) -> float:
@@ -70,15 +73,19 @@ def quantum(parts: Sequence[Array]) -> float:
     increments = increments[increments > 1e-13 * size]
     if increments.size == 0:
         return 0.0
-    decimal = next((10.0**-d for d in range(_FINEST_DECIMAL + 1) if _on_grid(values, 10.0**d, size)), 0.0)
-    found = max(_common_step(increments), decimal)
-    marks = sum(int((np.abs(np.diff(part, 3)) > 0.5 * found).sum()) for part in parts)
-    return found if marks >= _FEWEST_MARKS else 0.0
+    grid = max(_common_step(increments), _decimal_grid(values, size))
+    kinks = sum(int((np.abs(np.diff(part, 3)) > 0.5 * grid).sum()) for part in parts)
+    return grid if kinks >= _MIN_KINKS else 0.0
 
 
-def _on_grid(values: Array, scale: float, size: float) -> bool:
-    scaled = values * scale
-    return bool((np.abs(np.round(scaled) - scaled) <= 8e-16 * max(size * scale, 1.0)).all())
+def _decimal_grid(values: Array, size: float) -> float:
+    """Coarsest power of ten of which all values are multiples; 0 without one."""
+    for decimals in range(_FINEST_DECIMAL + 1):
+        scale = 10.0**decimals
+        scaled = values * scale
+        if (np.abs(np.round(scaled) - scaled) <= 8e-16 * max(size * scale, 1.0)).all():
+            return 10.0**-decimals
+    return 0.0
 
 
 def _common_step(increments: Array) -> float:
@@ -99,29 +106,30 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     A few glitches do not count as noise, but steps of the columns' grids ``quanta`` (k,) do.
     """
     size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)
-    least = np.full(parts[0].shape[1], np.inf)
+    sigma = np.full(parts[0].shape[1], np.inf)
     for order in ORDERS:
         residuals = [differences(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
         if residuals:
-            least = np.minimum(least, deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
-    return np.asarray(np.where(np.isfinite(least) & (least > _ROUND_OFF * size), least, 0.0))
+            sigma = np.minimum(sigma, deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
+    return np.asarray(np.where(np.isfinite(sigma) & (sigma > _ROUND_OFF * size), sigma, 0.0))
 
 
 def deviation(residuals: Array, floor: Array) -> Array:
     """Standard deviation (k,) of residuals (n, k), with iterative rejection beyond 5 deviations and ``floor``."""
     squares = residuals**2
-    found = whole = np.mean(squares, axis=0)
-    many = np.zeros(found.shape, bool)
-    few = max(_FEW * len(residuals), min(_TWO_GLITCHES, len(residuals) / 8))
-    for _ in range(_ROUNDS):
-        kept = squares <= np.maximum(25.0 * found, floor**2)
-        if kept.all():
+    mean_square = np.mean(squares, axis=0)
+    variance = mean_square
+    has_larger_noise = np.zeros(variance.shape, bool)
+    max_outliers = max(_MAX_OUTLIER_SHARE * len(residuals), min(_ROWS_OF_TWO_GLITCHES, len(residuals) / 8))
+    for _ in range(_MAX_ROUNDS):
+        inliers = squares <= np.maximum(25.0 * variance, floor**2)
+        if inliers.all():
             break
-        found = np.where(kept, squares, 0.0).sum(axis=0) / np.maximum(1, kept.sum(axis=0))
+        variance = np.where(inliers, squares, 0.0).sum(axis=0) / np.maximum(1, inliers.sum(axis=0))
         # Many large residuals are not glitches but a second, larger noise; the accuracy follows from both.
-        many |= (~kept).sum(axis=0) > few
-        found = np.where(many, whole, found)
-    return np.asarray(np.sqrt(found))
+        has_larger_noise |= (~inliers).sum(axis=0) > max_outliers
+        variance = np.where(has_larger_noise, mean_square, variance)
+    return np.asarray(np.sqrt(variance))
 
 
 def differences(t: Array, x: Array, order: int) -> Array:
@@ -138,7 +146,7 @@ def differences(t: Array, x: Array, order: int) -> Array:
 
 # ── Errors of samples: noise, rounding, and stamps
 
-_GROUPS, _FEWEST = 16, 60
+_MAX_GROUPS, _MIN_ROWS_PER_GROUP = 16, 60
 """Number of groups of rows by speed, and minimum rows in each."""
 
 
@@ -173,16 +181,16 @@ class SampleErrors:
     def drawn(self, rng: np.random.Generator, curve: Array, speed: Array, count: int) -> Array:
         """Random samples (n, k, count) of a log of this curve (n, k), which has the speed ``speed`` (n, k)."""
         n = len(curve)
-        found = np.repeat(curve[:, :, None], count, axis=2)
+        samples = np.repeat(curve[:, :, None], count, axis=2)
         if self.stamp.any():
-            found += rng.normal(size=(n, 1, count)) * (self.stamp * speed)[:, :, None]
+            samples += rng.normal(size=(n, 1, count)) * (self.stamp * speed)[:, :, None]
         for column in np.flatnonzero(self.white).tolist():
-            found[:, column] += self.white[column] * rng.normal(size=(n, count))
+            samples[:, column] += self.white[column] * rng.normal(size=(n, count))
         for column in np.flatnonzero(self.grid).tolist():
             step = self.grid[column]
-            place = step * rng.uniform(-0.5, 0.5, count)  # random position of the grid relative to the curve
-            found[:, column] = np.round((found[:, column] + place) / step) * step - place
-        return found
+            offset = step * rng.uniform(-0.5, 0.5, count)  # random position of the grid relative to the curve
+            samples[:, column] = np.round((samples[:, column] + offset) / step) * step - offset
+        return samples
 
 
 def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Survey) -> SampleErrors:
@@ -195,44 +203,45 @@ def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Surve
     white, stamp = np.zeros(columns), np.zeros(columns)
     for k in np.flatnonzero(survey.noise).tolist():
         grid = float(survey.quantum[k])
-        found = _of_least_order(times, [x[:, k] for x in curves], grid)
-        if found is not None:
-            a, b = _split(*found, rounding=grid**2 / 12.0)
+        isolated = _isolate_errors(times, [x[:, k] for x in curves], grid)
+        if isolated is not None:
+            a, b = _split_variance(*isolated, rounding=grid**2 / 12.0)
             white[k], stamp[k] = math.sqrt(a), math.sqrt(b)
         else:
             white[k] = math.sqrt(max(0.0, survey.noise[k] ** 2 - grid**2 / 12.0))
     return SampleErrors(white, survey.quantum.copy(), stamp)
 
 
-def _of_least_order(times: Sequence[Array], parts: Sequence[Array], grid: float) -> tuple[Array, Array] | None:
+def _isolate_errors(times: Sequence[Array], parts: Sequence[Array], grid: float) -> tuple[Array, Array] | None:
     """Differences (n,), scaled to the samples' deviation, and speeds (n,), of the order least affected by motion."""
-    best, least = None, math.inf
+    isolated, smallest = None, math.inf
     for order in ORDERS:
         pairs = [(t, x) for t, x in zip(times, parts, strict=True) if len(t) > order]
-        if sum(len(t) - order for t, _ in pairs) < _FEWEST:
-            return best
-        off = np.concatenate([differences(t, x[:, None], order)[:, 0] for t, x in pairs])
-        size = float(deviation(off[:, None], np.array([_GRID_STEPS * grid]))[0])
-        if size < least:
+        if sum(len(t) - order for t, _ in pairs) < _MIN_ROWS_PER_GROUP:
+            return isolated
+        errors = np.concatenate([differences(t, x[:, None], order)[:, 0] for t, x in pairs])
+        size = float(deviation(errors[:, None], np.array([_GRID_STEPS * grid]))[0])
+        if size < smallest:
             speed = np.concatenate([(x[order:] - x[:-order]) / (t[order:] - t[:-order]) for t, x in pairs])
-            best, least = (off, speed), size
-    return best
+            isolated, smallest = (errors, speed), size
+    return isolated
 
 
-def _split(off: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
+def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
     """Nonnegative a and b of the variance a + rounding + b speed² of differences."""
     from scipy.optimize import nnls
 
-    groups = np.array_split(np.argsort(np.abs(speed), kind="stable"), max(1, min(_GROUPS, len(off) // _FEWEST)))
+    group_count = max(1, min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP))
+    groups = np.array_split(np.argsort(np.abs(speed), kind="stable"), group_count)
     floor = np.array([_GRID_STEPS * math.sqrt(12.0 * rounding)])
-    variance = np.array([float(deviation(off[rows, None], floor)[0]) ** 2 for rows in groups])
+    variance = np.array([float(deviation(errors[rows, None], floor)[0]) ** 2 for rows in groups])
     square = np.array([float(np.mean(speed[rows] ** 2)) for rows in groups])
     top = float(square.max()) or 1.0
     table = np.stack([np.ones(len(groups)), square / top], axis=1)
-    least = 0.02 * float(variance.mean()) + 1e-300  # noise-free rest must not outweigh motion
-    target, scale = np.maximum(variance - rounding, 0.0), np.maximum(variance, least)
-    found = np.zeros(2)
+    floor_of_scale = 0.02 * float(variance.mean()) + 1e-300  # noise-free rest must not outweigh motion
+    target, scale = np.maximum(variance - rounding, 0.0), np.maximum(variance, floor_of_scale)
+    x = np.zeros(2)
     for _ in range(3):  # the error of a variance is proportional to it
-        found = nnls(table / scale[:, None], target / scale)[0]
-        scale = np.maximum(np.maximum(table @ found + rounding, 0.1 * variance), least)
-    return float(found[0]), float(found[1] / top)
+        x = nnls(table / scale[:, None], target / scale)[0]
+        scale = np.maximum(np.maximum(table @ x + rounding, 0.1 * variance), floor_of_scale)
+    return float(x[0]), float(x[1] / top)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
-from ...core.text import Argument, clipped, listed, spelled
+from ...core.text import Argument, listed, shorten, spell
 from ..known_elements import KNOWN, READ, Entry, Rows
 from ..xml import Element, parse
 
@@ -51,7 +51,7 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
         for name, value in element.attributes.items():
             if row.get(name) is READ and any(mark in value for mark in _EXPRESSIONS):
                 shown = (
-                    "" if name == "name" else f": {clipped(f'{name}={value!r}')}"
+                    "" if name == "name" else f": {shorten(f'{name}={value!r}')}"
                 )  # a name stands in that of the element
                 return f"{element} is unexpanded xacro{shown}"
         stack.extend(
@@ -78,7 +78,7 @@ def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, 
     )
     if not plain:
         raise ValueRangeError(
-            f"xacro={clipped(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}, or xacro=True."
+            f"xacro={shorten(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}, or xacro=True."
         )
     return {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in given.items()}
 
@@ -103,7 +103,7 @@ def expand_xacro(
         known = f" It declares the arguments {listed(declared)}." if declared else ""
         return RobotFileError(
             f"xacro cannot expand it: {reason}.{known} Folders of packages that are not above the file, and of other files "
-            f"that it reads, go into {spelled(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
+            f"that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
         )
 
     declared: dict[str, None] = {}

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import gaps
 from ...core.errors import InertiaError, ModelError, ModelWarning
 from ...core.numbers import printed
-from ...core.text import clipped, listed
+from ...core.text import listed, shorten
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import JOINT_TYPES, Fixed, Joint
@@ -99,7 +99,7 @@ TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 
 def label(kind: str, name: str, where: str) -> str:
     """Name of a link or joint in messages: ``joint 'elbow' (line 12)``."""
-    name = clipped(name) if isinstance(name, str) else name
+    name = shorten(name) if isinstance(name, str) else name
     return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.errors import MissingExtraError, NotFoundError, TrajectoryError
 from ...core.numbers import number
-from ...core.text import Argument, listed, spelled
+from ...core.text import Argument, listed, spell
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from ..column_names import SUFFIX, date_note
@@ -110,7 +110,7 @@ def _chosen(path: Path, topics: Topics, wanted: str | None, argument: Argument) 
         )
     best = name or max(readable, key=lambda topic: topics[topic][1])
     others = [topic for topic in readable if topic != best]
-    note = f"Read from topic {best}, which has most messages; {spelled(Argument('topic'))} chooses another: {listed(others)}."
+    note = f"Read from topic {best}, which has most messages; {spell(Argument('topic'))} chooses another: {listed(others)}."
     return [best, known[best], part, *([note] if others and wanted is None else [])]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.numbers import number, seconds
-from ...core.text import Argument, Placeholder, listed, spelled
+from ...core.text import Argument, Placeholder, listed, spell
 from ...core.typing import Array
 from ...core.verdict import Reason, Verdict
 from ...motion.model_doubts import SHARE
@@ -229,7 +229,7 @@ def support_verdict(found: GroundSupport) -> Verdict:
         unsure.append(f"within the noise of the log it {_failure(found, certain)}")
     if not found.ground.given and not over and (need := _need(found)) > ASSUMED:
         k = _row_of_need(found)
-        stated = spelled(Argument("contact_friction", Placeholder("VALUE")))
+        stated = spell(Argument("contact_friction", Placeholder("VALUE")))
         text = f"needs friction {_rounded_up(need)} at t = {seconds(float(found.time[k]))} s, and none is given"
         unsure.append(Reason(text, stated))
     if found.noise is not None and found.noise.hides and not certain.any():
@@ -247,7 +247,7 @@ def _doubts(found: GroundSupport) -> Iterator[str]:
             {found.ground.contacts[k].frame or "" for k in np.flatnonzero(found.in_contact[balancing].any(axis=0))}
         )
         if len(frames) == len(found.contacts):
-            sizes = spelled(Argument("feet", Placeholder(f"LxW@{frames[0]}")))
+            sizes = spell(Argument("feet", Placeholder(f"LxW@{frames[0]}")))
             text = f"feet are points, so it can only balance: {listed(frames, _LISTED)}. Give the sizes of their soles"
             yield Reason(f"{text} in metres, {sizes}", sizes)
         else:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.errors import ValueRangeError
-from ...core.text import Argument, Placeholder, in_the_shell, spelled
+from ...core.text import Argument, Placeholder, in_the_shell, spell
 from ...motion.coordinates import ConfigurationGiven, configuration_of
 from ...motion.load_case import LoadCase
 from ...motion.motion import Motion
@@ -110,7 +110,7 @@ class SupportQuestion:
         log = MotionLog.from_motion(Motion(np.zeros(1), q[None], still, still, robot=robot, in_seconds=True))
         if at is not None:
             return log
-        other = spelled(Argument("at", Placeholder("JOINT=VALUE" if in_the_shell() else "{joint: position}")))
+        other = spell(Argument("at", Placeholder("JOINT=VALUE" if in_the_shell() else "{joint: position}")))
         pose = f"At rest with each joint at zero, or at the nearest limit. Another configuration: {other}."
         return replace(log, columns=replace(log.columns, notes=(*log.columns.notes, pose)))
 

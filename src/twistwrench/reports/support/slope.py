@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.numbers import number, seconds, vector
-from ...core.text import Argument, in_the_shell, listed, spelled
+from ...core.text import Argument, in_the_shell, listed, spell
 from ...core.typing import Array
 from ...core.verdict import Reason
 from ...motion.differentiation import MotionSamples
@@ -110,7 +110,7 @@ def _stated(normal: Array) -> str:
     """Argument that states a normal, as the caller types it."""
     numbers = [round(float(x), 4) + 0.0 for x in normal]
     text = ",".join(number(x) for x in numbers)
-    return spelled(Argument("contact_normal", text if in_the_shell() else numbers))
+    return spell(Argument("contact_normal", text if in_the_shell() else numbers))
 
 
 def _uneven(points: Array, mine: Array, normal: Array) -> tuple[float, Array | None] | None:

@@ -22,7 +22,7 @@ from ...core import arguments
 from ...core.errors import KernelError, ModelError, ValueRangeError
 from ...core.files import check_outputs, replacing
 from ...core.numbers import in_file
-from ...core.text import Argument, Placeholder, argument, in_the_shell, spelled
+from ...core.text import Argument, Placeholder, argument, in_the_shell, spell
 from ...core.typing import Array
 from ...mechanics.algorithms.friction import either, friction_forces, positive
 from ...mechanics.algorithms.inverse_dynamics import drive_torques, driven_velocities
@@ -178,7 +178,7 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
     Raises KernelError for another quantity, and ModelError for a joint without an actuator.
     """
     model, full = robot.model, request.full
-    of_motors = spelled(Argument("torque", "motor", option="torque-side"))
+    of_motors = spell(Argument("torque", "motor", option="torque-side"))
     if request.quantity != "inverse_dynamics" or "derivative" in full or "parameters" in full:
         raise KernelError(
             f"{of_motors} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
@@ -187,7 +187,7 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
     if missing := [name for k, name in enumerate(model.drive_names) if k not in places]:
         raise ModelError(
             f"{of_motors} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: "
-            f"{spelled(Argument('actuators', Placeholder('FILE'))) if in_the_shell() else 'robot.with_actuators(file)'}."
+            f"{spell(Argument('actuators', Placeholder('FILE'))) if in_the_shell() else 'robot.with_actuators(file)'}."
         )
     order = np.argsort(places)
     ratio, efficiency, idle = (
