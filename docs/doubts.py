@@ -10,7 +10,7 @@ from pathlib import Path
 
 from twistwrench.core.answers.sentences import SENTENCES
 from twistwrench.core.doubts import DoubtKind, doubt_table
-from twistwrench.core.text import spoken, words_of_the_shell
+from twistwrench.core.text import spell_out, words_of_the_shell
 from twistwrench.motion.load_case import limits_remedy
 
 PAGE = Path(__file__).with_name("unsure.md")
@@ -255,7 +255,7 @@ def _row(kind: DoubtKind) -> tuple[str, ...]:
 
 def _words(text: str) -> str:
     """A sentence with … for its names and numbers, as Markdown."""
-    shown = re.sub(r"\{\w+\}", "…", spoken(text)).strip().rstrip(":")
+    shown = re.sub(r"\{\w+\}", "…", spell_out(text)).strip().rstrip(":")
     return (
         re.sub(r"…+", "…", shown.replace("[…]", "[unit]")).replace("<", "&lt;").replace("_0", "₀").replace("*", r"\*")
     )

@@ -110,7 +110,7 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
 
 
 def _check_one_coupling_each(couplings: Iterable[Coupling], kind: str) -> None:
-    """Raise ModelError if a motor or joint, as ``kind`` says, is in two couplings."""
+    """Raise ModelError if a motor or joint, selected by ``kind``, is in two couplings."""
     owners: dict[str, str] = {}
     for c in couplings:
         for name in {"motor": c.motors, "joint": c.joints}[kind]:

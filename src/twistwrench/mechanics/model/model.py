@@ -186,7 +186,22 @@ class Body:
         return slice(self.q_index, self.q_index + joint.nq), slice(self.v_index, self.v_index + joint.nv)
 
     def coordinates(self, q: Array) -> Array:
-        """Coordinates of the joint at a configuration; those of a follower come from its leader."""
+        """Coordinates of the joint at a configuration; those of a follower come from its leader.
+
+        Parameters
+        ----------
+        q : (nq,) array, of the model
+
+        Returns
+        -------
+        coordinates : (n,) array [rad or m], quaternions as they are
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().model.bodies[1].coordinates(np.array([0.1, 0.2])).tolist()
+        [0.2]
+        """
         q_joint = q[self.places[0]]
         return self.ratio * q_joint + self.offset if self.follows else q_joint
 
