@@ -43,7 +43,7 @@ def completed_source(path: Path) -> str:
                 a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")
             ]
             text = text.replace(
-                doc, glossary.completed(doc, names, room, ast.unparse(node.returns) if node.returns else "")
+                doc, glossary.complete_docstring(doc, names, room, ast.unparse(node.returns) if node.returns else "")
             )
     return text
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import griffe
 
-from twistwrench.core.glossary import completed, room_of
+from twistwrench.core.glossary import complete_docstring, room_of
 
 _MAPPING = re.compile(r"^(\s*\w+ : )\{([^{}]+: [^{}]+)\}", re.MULTILINE)
 """Type of a parameter, as in ``known : {name: float}, optional``; griffe takes braces for a set of choices."""
@@ -21,5 +21,5 @@ class Glossary(griffe.Extension):
         if func.docstring is not None and func.parent.path != func.package.path:
             names = [p.name for p in func.parameters if p.name not in ("self", "cls")]
             folders = func.module.filepath.relative_to(func.package.filepath.parent).parts[:-1]
-            text = completed(func.docstring.value, names, room_of(folders), str(func.returns))
+            text = complete_docstring(func.docstring.value, names, room_of(folders), str(func.returns))
             func.docstring.value = _MAPPING.sub(r"\1dict of \2", text)

@@ -15,7 +15,7 @@ from robot_files import FILES, NONE
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.answers.blocks import Headline, Remark, Table, numbers, words
-from twistwrench.core.answers.terminal import MOST_LINES, TerminalTable, as_text, rendered
+from twistwrench.core.answers.terminal import MOST_LINES, TerminalTable, as_text, renderable
 from twistwrench.core.errors import TwistWrenchError
 from twistwrench.core.verdict import Word
 
@@ -102,7 +102,7 @@ def printed_table(table: Table, width: int) -> list[str]:
     """Lines of a table in a console of this width."""
     output = Console(width=width, color_system=None)
     with output.capture() as captured:
-        output.print(rendered(table, output))
+        output.print(renderable(table, output))
     return [line.rstrip() for line in captured.get().splitlines()]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twistwrench.core.answers.blocks import Bar, Table, word_cell, words
-from twistwrench.core.answers.terminal import console, rendered
+from twistwrench.core.answers.terminal import console, renderable
 from twistwrench.core.colours import terminal_style
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
 from twistwrench.core.verdict import Word
@@ -73,5 +73,5 @@ def test_counts_and_names_that_do_not_fold_stand_in_full():
     table = Table("", names, words("words", [long, 12345678]))
     printer = console()
     printer.width, printer.file = 40, io.StringIO()
-    printer.print(rendered(table, printer))
+    printer.print(renderable(table, printer))
     assert "a_name_that_is_long" in printer.file.getvalue() and "12345678" in printer.file.getvalue()

@@ -13,7 +13,7 @@ from rich.console import Console
 from twistwrench.cli.main import main
 from twistwrench.core import numbers as printed
 from twistwrench.core.answers.blocks import Bar, Table, numbers, words
-from twistwrench.core.answers.terminal import console, rendered
+from twistwrench.core.answers.terminal import console, renderable
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 
@@ -24,7 +24,7 @@ def test_numbers_names_and_heads_are_never_cut(width, capsys):
     table = Table("a title", words("joint", ["shoulder_pan_joint"]), *peaks)
     printer = console()
     printer.width, printer.file = width, io.StringIO()
-    printer.print(rendered(table, printer))
+    printer.print(renderable(table, printer))
     shown = printer.file.getvalue()
     assert all(number in shown for number in NUMBERS)
     names = "".join(line.split()[0] for line in shown.splitlines() if line.split() and "title" not in line)
@@ -48,7 +48,7 @@ def test_whole_numbers_of_numpy_stand_in_full_as_those_of_python():
     table = Table("", numbers("python", [12345678]), numbers("numpy", [np.int64(12345678)]))
     printer = console()
     printer.width, printer.file = 80, io.StringIO()
-    printer.print(rendered(table, printer))
+    printer.print(renderable(table, printer))
     assert printer.file.getvalue().count("12345678") == 2
 
 
@@ -86,7 +86,7 @@ def test_a_name_is_folded_only_in_a_table_that_would_not_fit_with_it(width):
     table = Table("Torques [N m]", words("joint", names), *columns, bars, numbers("when", values, unit="s"))
     output = Console(width=width)
     with output.capture() as captured:
-        output.print(rendered(table, output))
+        output.print(renderable(table, output))
     lines = captured.get().splitlines()
     folded = [name for name in names if not any(line.split()[:1] == [name] for line in lines)]
     saved = len("joint_1") - len("joint_")

@@ -13,7 +13,7 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.core.answers.page import TERMS
-from twistwrench.core.glossary import ENTRIES, ROOMS, completed, room_of
+from twistwrench.core.glossary import ENTRIES, ROOMS, complete_docstring, room_of
 
 SOURCE = ROOT / "src" / "twistwrench"
 CALLING = [p for p in sorted(SOURCE.rglob("*.py")) if p.read_text("utf-8").endswith("\ncomplete(globals())\n")]
@@ -31,27 +31,27 @@ PLAIN = """Torque.
 
 
 def test_arguments_and_errors_are_filled_in_by_the_signature():
-    found = completed(PLAIN, ["q", "gain", "frame"], "robot")
+    found = complete_docstring(PLAIN, ["q", "gain", "frame"], "robot")
 
     entries = [f"q : {ENTRIES['q']}", "gain : float, of the motor", f"frame : {ENTRIES['frame']}"]
     assert "Parameters\n    ----------\n    " + "\n    ".join(entries) + "\n\n    Returns" in found
     assert found.index("ShapeError") < found.index("UnknownNameError") < found.index("FrameError")
-    assert completed(found, ["q", "gain", "frame"], "robot") == found
+    assert complete_docstring(found, ["q", "gain", "frame"], "robot") == found
 
 
 def test_errors_that_a_docstring_lists_together_are_not_said_again():
     told = f"{PLAIN.rstrip()}\n\n    Raises\n    ------\n    FrameError, UnknownNameError\n        No such frame.\n    "
-    found = completed(told, ["q", "gain", "frame"], "robot")
+    found = complete_docstring(told, ["q", "gain", "frame"], "robot")
 
     assert found.count("FrameError") == found.count("UnknownNameError") == found.count("ShapeError") == 1
 
 
 def test_a_room_has_words_of_its_own():
-    assert f"q : {ROOMS['joints']['q']}" in completed(PLAIN, ["q", "gain"], "joints")
+    assert f"q : {ROOMS['joints']['q']}" in complete_docstring(PLAIN, ["q", "gain"], "joints")
 
 
 def test_a_docstring_without_sections_stays():
-    assert completed("Torque of q.\n\nMore.", ["q"], "robot") == "Torque of q.\n\nMore."
+    assert complete_docstring("Torque of q.\n\nMore.", ["q"], "robot") == "Torque of q.\n\nMore."
 
 
 def test_help_shows_what_the_source_leaves_out():
@@ -117,7 +117,7 @@ def test_files_of_the_wheel_have_whole_docstrings_and_the_same_code(path, monkey
     for node, doc in docstrings(built):
         given = node.args
         names = [a.arg for a in (*given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")]
-        assert len(completed(doc, names, room)) <= len(doc) + 1, node.name
+        assert len(complete_docstring(doc, names, room)) <= len(doc) + 1, node.name
 
 
 # ── The glossary of the documentation

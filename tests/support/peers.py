@@ -12,7 +12,7 @@ import numpy as np
 
 from twistwrench.core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from twistwrench.core.numbers import printed
-from twistwrench.core.third_party import captured_stderr
+from twistwrench.core.third_party import capture_stderr
 from twistwrench.formats import format_of_file, load_model
 from twistwrench.formats.source import read_robot_text
 from twistwrench.formats.xml import parse
@@ -130,7 +130,7 @@ def _floats(robot: Robot) -> bool:
 def _read_by(library: str, path: Path) -> Iterator[None]:
     """Turn whatever the library raises into RobotFileError, with what it wrote to standard error, which nobody sees else."""
     problem: Exception | None = None
-    with captured_stderr() as said:
+    with capture_stderr() as said:
         try:
             yield
         except Exception as raised:  # whatever its parsers raise

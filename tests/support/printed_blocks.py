@@ -2,9 +2,9 @@
 
 from rich.console import Console, Group
 
-from twistwrench.core.answers.terminal import rendered
+from twistwrench.core.answers.terminal import renderable
 
 
 def printed(blocks, width):
     output = Console(width=width)
-    return Group(*(rendered(block, output) for block in blocks))
+    return Group(*(renderable(block, output) for block in blocks))

@@ -453,6 +453,6 @@ def as_measurements(
         return given
     if not isinstance(given, str | Path):
         raise NotFoundError(
-            f"{arguments.shown(given)} is not a file of measurements. Give a path, or Measurements(q, positions=…)."
+            f"{arguments.value_text(given)} is not a file of measurements. Give a path, or Measurements(q, positions=…)."
         )
     return Measurements.from_file(given, robot, kind=kind, tip=tip, degrees=degrees)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ..core.arguments import measured
+from ..core.arguments import read_quantity
 from ..core.errors import ValueRangeError
 
 _ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf", ".sdf", ".world", ".usd", ".usda", ".usdc", ".xacro")
@@ -29,7 +29,7 @@ class Seconds(click.ParamType):  # type: ignore[type-arg]  # generic in new vers
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Parse the text; raises UsageError with the units."""
         try:
-            return measured(str(value), param.opts[0] if param else "duration", "s")
+            return read_quantity(str(value), param.opts[0] if param else "duration", "s")
         except ValueRangeError as error:
             raise click.UsageError(str(error), ctx) from None
 

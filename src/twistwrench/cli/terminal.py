@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ..core.answers.answer import Answer
 from ..core.answers.blocks import Block, shown_blocks
-from ..core.answers.terminal import console, rendered, short_form
+from ..core.answers.terminal import console, renderable, short_form
 from ..core.text import visible
 
 
@@ -27,7 +27,7 @@ def show(*blocks: Block) -> None:
     every = context is None or bool(context.params.get("whole_report", True))
     shown = shown_blocks(blocks, every=True, hint="--all") if every else short_form(blocks, "--all")
     for block in shown:
-        output.print(rendered(block, output))
+        output.print(renderable(block, output))
 
 
 def show_answer(answer: Answer) -> None:

@@ -146,7 +146,7 @@ def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, An
 
 def _require_one_argument(function: Any, what: str) -> None:
     if not callable(function) or isinstance(function, type):
-        raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of the time.")
+        raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of the time.")
     try:
         taken = signature(function)
     except (TypeError, ValueError):  # some C functions have no signature

@@ -32,7 +32,7 @@ def is_table(x: Any) -> bool:
     return _labels(x) is not None
 
 
-def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
+def columns_in_order(x: Any, what: str, names: Sequence[str]) -> Any:
     """Contents of the table ``x``, with its columns in the order of ``names``; anything else unchanged.
 
     Without ``names``, text labels raise ValueRangeError. Columns that are not exactly ``names`` raise UnknownNameError, whose
@@ -52,12 +52,12 @@ def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
         return _contents(x)
     foreign = [label for label in labels if label not in names]
     missing = [name for name in names if name not in labels]
-    twice = [label for k, label in enumerate(labels) if label in labels[:k]]
-    if foreign or missing or twice:
-        said = [("foreign", foreign), ("missing", missing), ("twice", twice)]
-        wrong = "; ".join(f"{word}: {listed(some)}" for word, some in said if some)
+    repeated = [label for k, label in enumerate(labels) if label in labels[:k]]
+    if foreign or missing or repeated:
+        labels_by_defect = {"foreign": foreign, "missing": missing, "twice": repeated}
+        defects = "; ".join(f"{defect}: {listed(some)}" for defect, some in labels_by_defect.items() if some)
         raise UnknownNameError(
-            f"{what} has columns that are not the robot's. {wrong[0].upper()}{wrong[1:]}. Its columns must be "
+            f"{what} has columns that are not the robot's. {defects[0].upper()}{defects[1:]}. Its columns must be "
             f"{listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
             "q, robot.velocity_names for rates and torques; or give df.to_numpy() if they are in the robot's order already."
         )
@@ -97,8 +97,8 @@ def refuse(gaps: Array, allowed: float, complaint: str) -> None:
         return
     worst = int(np.nanargmax(gaps))
     row = tuple(int(i) for i in np.unravel_index(worst, gaps.shape))[:-2]
-    place = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
-    raise ValueRangeError(f"{complaint.format(gap=printed(gaps.flat[worst], 3), allowed=printed(allowed))}{place}.")
+    where = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
+    raise ValueRangeError(f"{complaint.format(gap=printed(gaps.flat[worst], 3), allowed=printed(allowed))}{where}.")
 
 
 def rotation(R: Array, what: str) -> Array:
@@ -107,10 +107,10 @@ def rotation(R: Array, what: str) -> Array:
         return R
     allowed = max(TOLERANCE, 100 * float(np.finfo(R.dtype).eps))  # float32: errors of a chain of products
     with np.errstate(all="ignore"):
-        off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+        deviation = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
         reflected = np.maximum(0.0, -np.linalg.det(R))[..., None, None]
     refuse(
-        np.where(np.isinf(R).any(axis=(-2, -1), keepdims=True), np.inf, off),
+        np.where(np.isinf(R).any(axis=(-2, -1), keepdims=True), np.inf, deviation),
         allowed,
         f"{what} is not a rotation: R' R is {{gap}} off the identity, allowed {{allowed}}; "
         "so3.project gives the nearest one",
@@ -124,11 +124,11 @@ def _surely_rotations(R: Array) -> bool:
 
     Uses floats or columns, because every Ad and inverse calls it; computing the deviation takes ten times as long.
     """
-    near = 0.2 * TOLERANCE
+    allowed = 0.2 * TOLERANCE
     if R.ndim == 2:
-        return all(not abs(gap) > near for gap in gaps(R.tolist()))
+        return all(not abs(gap) > allowed for gap in gaps(R.tolist()))
     with np.errstate(all="ignore"):  # infinite entries fail the test, without a warning
-        return not any((np.abs(gap) > near).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
+        return not any((np.abs(gap) > allowed).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
 
 
 def gaps(rows: Any) -> tuple[Any, ...]:
@@ -148,19 +148,19 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
     """Raise ValueRangeError unless the last row of T (..., 4, 4) is (0, 0, 0, 1)."""
     if T.ndim == 2 and T[3].tolist() == [0.0, 0.0, 0.0, 1.0]:
         return
-    off = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
-    refuse(off, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
+    deviation = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
+    refuse(deviation, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
 
 
 # ── Arrays and numbers: arguments converted to the required form, or errors that name them and the remedy
 
-# ``brought`` and ``plain`` accept any kind of array: NumPy's unchanged, tables by the names of their columns, all else as
-# ``np.asarray`` does; ``brought`` keeps Dask arrays lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
+# ``to_numbers`` and ``plain`` accept any kind of array: NumPy's unchanged, tables by the names of their columns, all else as
+# ``np.asarray`` does; ``to_numbers`` keeps Dask arrays lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
 # ``number``, ``positive``, ``whole`` and ``integer`` are for single numbers; ``pose`` checks rotation and last row. All
 # functions but ``real`` and ``finite`` pass symbols (object arrays) unchanged, so that checked functions can be traced. All but
 # ``finite`` pass NaN, which arrays propagate row by row as NumPy does.
 
-_LONGEST = 60
+_MAX_VALUE_LENGTH = 60
 """Maximum number of characters of a given value in an error message."""
 _NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
@@ -168,7 +168,7 @@ _PYTHON = (int, float, np.floating, np.integer, Rational)
 _NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": "time spans", "O": "objects"}
 
 
-def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NO_ARRAY) -> Any:
+def to_numbers(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NO_ARRAY) -> Any:
     """x as an ndarray of any numbers; a Dask array is returned unchanged.
 
     The columns of a table (a data frame, a row of one, an array with a labelled last axis) are put in the order of ``names``;
@@ -178,7 +178,7 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
     if type(x) is np.ndarray:
         return x
     try:
-        x = in_order(x, what, names)
+        x = columns_in_order(x, what, names)
         made = x if is_lazy(x) else np.asarray(x)
     except TwistWrenchError:
         raise
@@ -204,30 +204,30 @@ def of_plain(given: Sequence[Any]) -> tuple[Array, ...] | None:
         return None
     try:
         return tuple([np.asarray(x) for x in given])
-    except Exception:  # brought() reports the error
+    except Exception:  # to_numbers() reports the error
         return None
 
 
 def plain(x: Any, what: str, names: Sequence[str] = ()) -> Array:
-    """Result of :func:`brought` as an ndarray: a Dask array is computed."""
-    return np.asarray(brought(x, what, names))
+    """Result of :func:`to_numbers` as an ndarray: a Dask array is computed."""
+    return np.asarray(to_numbers(x, what, names))
 
 
 def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
     """x as float32, float64 or symbols, with last axes of the given shape. Raises errors that name ``what``.
 
-    ``names`` are the labels of the last axis for tables; see :func:`brought`.
+    ``names`` are the labels of the last axis for tables; see :func:`to_numbers`.
     """
     if type(x) is not np.ndarray:
         x = _array(x, what, shape, batch, names)
     if (x.shape[-len(shape) :] if batch else x.shape) != shape and (shape or not batch):
-        raise ShapeError(f"{what} has {_described(x)}, expected {_wanted(shape, batch)}.")
+        raise ShapeError(f"{what} has {_kind_text(x)}, expected {_shape_text(shape, batch)}.")
     if x.dtype in _FLOATS:
         return x
     if x.dtype.kind in "biuf":  # small integers would overflow, and unsigned ones have no minus sign
         return x.astype(float)
     if x.dtype != object or not all(map(_is_number, set(map(type, x.flat)))):
-        raise ValueRangeError(f"{what} has {_described(x)}, expected {_wanted(shape, batch)} of real numbers.")
+        raise ValueRangeError(f"{what} has {_kind_text(x)}, expected {_shape_text(shape, batch)} of real numbers.")
     return x
 
 
@@ -239,7 +239,7 @@ def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequen
     try:
         return M.astype(float)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueRangeError(f"{what} has {_described(M)}, expected numbers that float64 can hold: {error}.") from None
+        raise ValueRangeError(f"{what} has {_kind_text(M)}, expected numbers that float64 can hold: {error}.") from None
 
 
 def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> Array:
@@ -265,19 +265,19 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
 _WITH_UNIT = re.compile(r"\s*(?P<number>[^a-zA-Z\s]+(?:[eE][-+]?\d+)?)\s*(?P<unit>[a-zA-Z]*)\s*")
 
 
-def measured(text: str, what: str, unit: str) -> float:
+def read_quantity(text: str, what: str, unit: str) -> float:
     """Read a number with or without its unit, ``5``, ``5s``, ``500 ms``, in SI units; raises ValueRangeError.
 
-    >>> measured("500 ms", "duration", "s"), measured("5", "duration", "s")
+    >>> read_quantity("500 ms", "duration", "s"), read_quantity("5", "duration", "s")
     (0.5, 5.0)
     """
-    found, factors = _WITH_UNIT.fullmatch(text), _UNITS[unit]
+    match, factors = _WITH_UNIT.fullmatch(text), _UNITS[unit]
     try:
-        return float(found["number"]) * factors[found["unit"]] if found else float(text)
+        return float(match["number"]) * factors[match["unit"]] if match else float(text)
     except (KeyError, ValueError):
-        *others, last = list(factors)[1:]
+        *units, last_unit = list(factors)[1:]
         raise ValueRangeError(
-            f"{what} is {text!r}: expected a number, or one with {', '.join(others)} or {last}."
+            f"{what} is {text!r}: expected a number, or one with {', '.join(units)} or {last_unit}."
         ) from None
 
 
@@ -293,10 +293,11 @@ def number(x: Any, what: str) -> float:
 
 def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
     """x as one number above 0 [``unit``], or text with one; ``zero`` and ``infinite`` allow those. Raises ValueRangeError."""
-    value = measured(x, what, unit) if isinstance(x, str) and unit in _UNITS else number(x, what)
+    value = read_quantity(x, what, unit) if isinstance(x, str) and unit in _UNITS else number(x, what)
     if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
-        wanted = "a number, at least 0" if zero else "a positive number"
-        raise ValueRangeError(f"{what} is {x}, and must be {wanted}{f' [{unit}]' if unit else ''}.")
+        requirement = "a number, at least 0" if zero else "a positive number"
+        unit_text = f" [{unit}]" if unit else ""
+        raise ValueRangeError(f"{what} is {x}, and must be {requirement}{unit_text}.")
     return value
 
 
@@ -315,7 +316,7 @@ def integer(x: Any, what: str, least: int = 1) -> int:
     except TypeError:
         value = least - 1
     if value < least:
-        raise ValueRangeError(f"{what}={shown(x)}: give a whole number of at least {least}.")
+        raise ValueRangeError(f"{what}={value_text(x)}: give a whole number of at least {least}.")
     return value
 
 
@@ -324,28 +325,30 @@ def generator(rng: Any, what: str = "rng") -> np.random.Generator:
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
-        raise ValueRangeError(f"{what} is {shown(rng)}: give a seed, a whole number, or a numpy Generator.") from None
+        raise ValueRangeError(
+            f"{what} is {value_text(rng)}: give a seed, a whole number, or a numpy Generator."
+        ) from None
 
 
 def flag(x: Any, what: str) -> bool:
     """x as a bool: True, False, a NumPy bool, 0, 1, or None for False. Raises ValueRangeError."""
     if x is None or isinstance(x, bool | np.bool_) or (isinstance(x, int | float) and x in (0, 1)):
         return bool(x)
-    raise ValueRangeError(f"{what} is {shown(x)}: give True or False.")
+    raise ValueRangeError(f"{what} is {value_text(x)}: give True or False.")
 
 
 def choice(x: Any, what: str, choices: Sequence[str]) -> str:
     """x as one of the given texts. Raises ValueRangeError, which lists them."""
     if not isinstance(x, str) or x not in choices:
-        raise ValueRangeError(f"{what} {shown(x)} is not known. Choose one of: {', '.join(choices)}.")
+        raise ValueRangeError(f"{what} {value_text(x)} is not known. Choose one of: {', '.join(choices)}.")
     return x
 
 
-def shown(x: Any) -> str:
+def value_text(x: Any) -> str:
     """Short description of a given value, for errors about values of the wrong kind.
 
-    >>> shown(None), shown("abc"), shown(np.float64(0.5)), shown(np.zeros(3)), shown([]), shown(abs)
-    ('None', "'abc'", '0.5', 'an array of shape (3,)', '[]', 'a builtin_function_or_method')
+    >>> value_text(None), value_text("abc"), value_text(np.float64(0.5)), value_text(np.zeros(3)), value_text(abs)
+    ('None', "'abc'", '0.5', 'an array of shape (3,)', 'a builtin_function_or_method')
     """
     if isinstance(x, np.ndarray) and x.ndim:
         return f"an array of shape {x.shape}"
@@ -356,10 +359,10 @@ def shown(x: Any) -> str:
     ):
         return f"a {type(x).__name__}"
     text = repr(x.item() if isinstance(x, np.generic) else x)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"
 
 
-def as_matrix(x: Any, what: str, kind: str) -> Array:
+def matrix_of_rotation(x: Any, what: str, kind: str) -> Array:
     """Result of ``x.as_matrix()`` for a SciPy object."""
     if not hasattr(x, "as_matrix"):
         raise ValueRangeError(f"{what} takes a {kind}, got {type(x).__name__}.")
@@ -381,8 +384,8 @@ def mismatch(**arrays: Array) -> ShapeError:
 
 
 def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names: Sequence[str] = ()) -> Array:
-    complaint = f"is not an array, expected {_wanted(shape, batch)} of real numbers"
-    M = np.asarray(brought(x, what, names, complaint=complaint))
+    complaint = f"is not an array, expected {_shape_text(shape, batch)} of real numbers"
+    M = np.asarray(to_numbers(x, what, names, complaint=complaint))
     if M.dtype == object and M.size and all(issubclass(kind, _PYTHON) for kind in set(map(type, M.flat))):
         try:
             return M.astype(float)  # fractions, and integers beyond 64 bits
@@ -391,7 +394,7 @@ def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names
     return M
 
 
-def _wanted(shape: tuple[int, ...], batch: bool) -> str:
+def _shape_text(shape: tuple[int, ...], batch: bool) -> str:
     return f"({', '.join(['...', *map(str, shape)])})" if batch else str(shape)
 
 
@@ -400,7 +403,7 @@ def _is_number(kind: type) -> bool:
     return hasattr(kind, "__neg__") and not issubclass(kind, (complex, np.complexfloating, np.ndarray))
 
 
-def _described(x: Array) -> str:
+def _kind_text(x: Array) -> str:
     kind = x.dtype.kind
     if kind == "O" and x.size:
         return f"shape {x.shape} of {', '.join(sorted({type(e).__name__ for e in x.flat}))}"
@@ -442,15 +445,15 @@ def refuse_unused_srdf(clearance: float | None, srdf: object) -> None:
 
 def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
     """Values by name from texts ``NAME=VALUE``; ValueRangeError shows the form."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise ValueRangeError(f"{option} {text!r} is not {form}.")
-        if name in found:
+        if name in values:
             raise ValueRangeError(f"{option} {name} is given twice. Keep one of them.")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 # ── Signatures of functions that pass all their arguments on to another function

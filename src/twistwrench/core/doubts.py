@@ -138,8 +138,8 @@ class Doubt:
         fields : dict, compatible with ``json.dumps``
         """
         row = asdict(doubt_table()[self.kind])
-        own = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
-        return own | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
+        fields = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
+        return fields | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
 
 
 def doubt(
@@ -160,13 +160,14 @@ def doubt(
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
-    spelt = {name: spell(word) if isinstance(word, Argument) else word for name, word in words.items()}
-    filled = {"joints": ", ".join(joints) if named is None else named} | spelt
-    evidence, remedy = (spell_out(text).format(**filled) for text in (row.sentence, row.remedy))
-    said = f"{evidence} {remedy}".strip()
+    values: dict[str, object] = {"joints": ", ".join(joints) if named is None else named}
+    for name, word in words.items():
+        values[name] = spell(word) if isinstance(word, Argument) else word
+    evidence, remedy = spell_out(row.sentence).format(**values), spell_out(row.remedy).format(**values)
+    sentence = f"{evidence} {remedy}".strip()
     return Doubt(
         kind,
-        f"{log}: {said}" if log else said,
+        f"{log}: {sentence}" if log else sentence,
         tuple(joints),
         level or ("unsure" if row.level == "effect" else row.level),
         remedy=remedy,

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .arguments import shown
+from .arguments import value_text
 from .errors import ValueRangeError
 from .text import Argument
 
@@ -28,7 +28,7 @@ _PATIENCE = 10.0
 def as_path(path: Any) -> Path:
     """Return the caller's path, a text or a Path. Raises ValueRangeError for anything else and for an empty text."""
     if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
-        raise ValueRangeError(f"path is {shown(path)}: give the path of a file, a text or a pathlib.Path.")
+        raise ValueRangeError(f"path is {value_text(path)}: give the path of a file, a text or a pathlib.Path.")
     return Path(path)
 
 

@@ -8,6 +8,7 @@ load it alone.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from types import FunctionType
 from typing import Any
 
@@ -294,48 +295,59 @@ SECTIONS = (
 """Docstring sections in numpydoc order."""
 
 
-def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
+def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
     """Complete the sections Parameters, Returns and Raises of a docstring, in the order of the signature.
 
     Docstrings without a section Returns, Yields or Examples stay unchanged.
     """
-    own = ROOMS.get(room, {})
-    if result not in RETURNS and not any(name in own or name in ENTRIES for name in names):
+    room_entries = ROOMS.get(room, {})
+    if result not in RETURNS and not any(name in room_entries or name in ENTRIES for name in names):
         return doc
     sections, indent = _sections(doc)
     if not ("Returns" in sections or "Examples" in sections or "Yields" in sections):
         return doc
-    listed = _entries(sections.get("Parameters", ()), indent)
-    known = {name.strip(): entry for entry in listed for name in entry[0].partition(" : ")[0].split(",")}
-    new: dict[str, list[str]] = {}
+    described = _entries(sections.get("Parameters", ()), indent)
+    entries: dict[str, list[str]] = {}
+    for entry in described:
+        for name in entry[0].partition(" : ")[0].split(","):
+            entries[name.strip()] = entry
     errors: dict[str, str] = {}
+    is_complete = True
     for name in names:
-        if name not in known and (text := own.get(name) or ENTRIES.get(name)):
-            new[name] = [f"{indent}{name} : {text}"]
-            if name in ERRORS and name not in own:
-                errors.update(ERRORS[name])
-    returns = "Returns" not in sections and "Yields" not in sections and result in RETURNS
-    if not new and not returns:
+        text = room_entries.get(name) or ENTRIES.get(name)
+        if name in entries or not text:
+            continue
+        is_complete = False
+        entries[name] = [f"{indent}{name} : {text}"]
+        if name in ERRORS and name not in room_entries:
+            errors.update(ERRORS[name])
+    lacks_result = "Returns" not in sections and "Yields" not in sections and result in RETURNS
+    if is_complete and not lacks_result:
         return doc
-    if returns:
+    if lacks_result:
         sections["Returns"] = [indent + RETURNS[result]]
-    ordered = [known.get(name) or new.get(name) for name in names]
-    entries = [entry for k, entry in enumerate(ordered) if entry and entry not in ordered[:k]]
-    entries += [entry for entry in listed if entry not in entries]
-    sections["Parameters"] = [line for entry in entries for line in entry]
+    ordered: list[list[str]] = []
+    for entry in [entries.get(name, []) for name in names] + described:
+        if entry and entry not in ordered:
+            ordered.append(entry)
+    sections["Parameters"] = list(chain.from_iterable(ordered))
     if errors:
-        raised = sections.get("Raises", [])
-        for entry in _entries(raised, indent):
-            for name in entry[0].split(","):
-                errors.pop(name.strip(), None)
-        sections["Raises"] = [
-            x for name, text in errors.items() for x in (indent + name, f"{indent}    {text}")
-        ] + raised
+        sections["Raises"] = _with_errors(sections.get("Raises", []), errors, indent)
     text = "\n".join(sections[""])
     for title in SECTIONS:
         if sections.get(title):
             text += f"\n\n{indent}{title}\n{indent}{'-' * len(title)}\n" + "\n".join(sections[title])
     return f"{text}\n{indent}"
+
+
+def _with_errors(raised: list[str], errors: Mapping[str, str], indent: str) -> list[str]:
+    """Lines of the section Raises, preceded by those errors that it does not have yet."""
+    described = {name.strip() for entry in _entries(raised, indent) for name in entry[0].split(",")}
+    added: list[str] = []
+    for name, text in errors.items():
+        if name not in described:
+            added += [indent + name, f"{indent}    {text}"]
+    return added + raised
 
 
 def room_of(folders: Sequence[str]) -> str:
@@ -350,12 +362,12 @@ def complete(module: Mapping[str, Any]) -> None:
     for value in list(module.values()):
         if getattr(value, "__module__", None) != name:
             continue
-        for member in (value, *vars(value).values()) if isinstance(value, type) else (value,):
+        members = [value, *vars(value).values()] if isinstance(value, type) else [value]
+        for member in members:
             function = getattr(member, "__func__", member)
             if isinstance(function, FunctionType) and function.__doc__ and "\n" in function.__doc__:
-                function.__doc__ = completed(
-                    function.__doc__, signature_names(function), room, function.__annotations__.get("return", "")
-                )
+                result = function.__annotations__.get("return", "")
+                function.__doc__ = complete_docstring(function.__doc__, signature_names(function), room, result)
 
 
 def signature_names(function: Any) -> list[str]:
@@ -372,14 +384,15 @@ def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
     sections: dict[str, list[str]] = {}
     title, start, indent = "", 0, ""
     for k, line in enumerate(lines):
-        if line.endswith("---") and (found := lines[k - 1].strip()) in SECTIONS:
-            sections[title] = _trimmed(lines[start : k - 1])
-            title, start, indent = found, k + 1, line[: -len(found)]
+        heading = lines[k - 1].strip()
+        if line.endswith("---") and heading in SECTIONS:
+            sections[title] = _without_trailing_blanks(lines[start : k - 1])
+            title, start, indent = heading, k + 1, line[: -len(heading)]
     sections[title] = lines[start:]
     return sections, indent
 
 
-def _trimmed(lines: list[str]) -> list[str]:
+def _without_trailing_blanks(lines: list[str]) -> list[str]:
     """Lines without trailing empty lines."""
     while lines and not lines[-1].strip():
         lines = lines[:-1]
@@ -388,10 +401,10 @@ def _trimmed(lines: list[str]) -> list[str]:
 
 def _entries(lines: Sequence[str], indent: str) -> list[list[str]]:
     """Entries of a section, each a line with its further indented lines."""
-    found: list[list[str]] = []
+    entries: list[list[str]] = []
     for line in lines:
-        if found and line.startswith(indent + " "):
-            found[-1].append(line)
+        if entries and line.startswith(indent + " "):
+            entries[-1].append(line)
         else:
-            found.append([line])
-    return found
+            entries.append([line])
+    return entries

@@ -82,7 +82,7 @@ def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> s
     return ("+" if signed and x >= 0.0 else "") + number(x, digits, missing=f"{x:g}")
 
 
-def in_file(value: float) -> str:
+def file_number(value: float) -> str:
     """Number in a text that programs read, with ten digits."""
     return f"{value:.10g}"
 

@@ -35,11 +35,11 @@ def is_lazy(x: Any) -> bool:
     return dask is not None and isinstance(x, getattr(dask, "Array", ()))
 
 
-def any_lazy(given: Iterable[Any]) -> bool:
-    """True if a Dask array is among ``given``, or among the values of a mapping there."""
+def any_lazy(arguments: Iterable[Any]) -> bool:
+    """True if a Dask array is among the arguments, or among the values of a mapping there."""
     if "dask.array" not in sys.modules:
         return False
-    return any(any_lazy(x.values()) if isinstance(x, Mapping) else is_lazy(x) for x in given)
+    return any(any_lazy(x.values()) if isinstance(x, Mapping) else is_lazy(x) for x in arguments)
 
 
 def is_asking_for_type() -> bool:
@@ -76,7 +76,7 @@ def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], d
     )
 
 
-def by_blocks(
+def lazy_by_blocks(
     shapes: Shapes, result: Callable[..., Any] | None = None, dtype: Any = None
 ) -> Callable[[Method], Method]:
     """Decorator of a robot's method, evaluated lazily block by block if an argument array or wrench is a Dask array.
@@ -85,27 +85,28 @@ def by_blocks(
     several results. Arguments named q are (nq,), other states (nv,), wrenches (6,); all others are passed to every block.
     """
 
-    def of_method(method: Method) -> Method:
+    def decorate(method: Method) -> Method:
         parameters = inspect.signature(method)
         first = next(iter(parameters.parameters))
 
         @wraps(method)
-        def called(owner: Any, *args: Any, **options: Any) -> Any:
+        def call(owner: Any, *args: Any, **options: Any) -> Any:
             if not any_lazy((*args, *options.values())):
                 return method(owner, *args, **options)
-            given = parameters.bind(owner, *args, **options).arguments
-            del given[first]
-            places: list[Place] = [(name, None) for name in given if name in _STATES]
-            places += [(name, key) for name in _WRENCHES for key in given.get(name) or ()]
-            arrays = [_array(owner, method.__name__, given, place) for place in places]
-            outputs = [",".join(map(str, shape)) for shape in shapes(owner, given)]
-            signature = f"{','.join(f'({x.shape[-1]})' for x in arrays)}->{','.join(f'({axes})' for axes in outputs)}"
-            found = later(_Block(owner, method.__name__, given, tuple(places)), signature, arrays, dtype)
-            return found if result is None else result(*found)
+            arguments = parameters.bind(owner, *args, **options).arguments
+            del arguments[first]
+            places: list[Place] = [(name, None) for name in arguments if name in _STATES]
+            places += [(name, key) for name in _WRENCHES for key in arguments.get(name) or ()]
+            arrays = [_array(owner, method.__name__, arguments, place) for place in places]
+            inputs = ",".join(f"({x.shape[-1]})" for x in arrays)
+            outputs = ",".join(f"({','.join(map(str, shape))})" for shape in shapes(owner, arguments))
+            block = _Block(owner, method.__name__, arguments, tuple(places))
+            values = later(block, f"{inputs}->{outputs}", arrays, dtype)
+            return values if result is None else result(*values)
 
-        return called  # type: ignore[return-value]
+        return call  # type: ignore[return-value]
 
-    return of_method
+    return decorate
 
 
 @dataclass(frozen=True)
@@ -114,25 +115,28 @@ class _Block:
 
     owner: Any
     name: str
-    given: Mapping[str, Any]
+    arguments: Mapping[str, Any]
     places: tuple[Place, ...]
 
     def __call__(self, *arrays: Array) -> Any:
-        mine = {name: dict(x) if name in _WRENCHES and x else x for name, x in self.given.items()}
+        arguments = {name: dict(x) if name in _WRENCHES and x else x for name, x in self.arguments.items()}
         for (name, key), array in zip(self.places, arrays, strict=True):
             if key is None:
-                mine[name] = array
+                arguments[name] = array
             else:
-                mine[name][key] = array
-        return getattr(self.owner, self.name)(**mine)
+                arguments[name][key] = array
+        return getattr(self.owner, self.name)(**arguments)
 
 
-def _array(owner: Any, method: str, given: Mapping[str, Any], place: Place) -> Any:
+def _array(owner: Any, method: str, arguments: Mapping[str, Any], place: Place) -> Any:
     """Array argument at ``place``, checked to have the owner's size in its last axis."""
     name, key = place
-    x = given[name] if key is None else given[name][key]
-    x = x if is_lazy(x) else np.asarray(x)
-    size = 6 if key is not None else owner.nq if name.startswith("q") else owner.nv
+    x = arguments[name] if key is None else arguments[name][key]
+    if not is_lazy(x):
+        x = np.asarray(x)
+    size = owner.nq if name.startswith("q") else owner.nv
+    if key is not None:
+        size = 6
     if x.shape[-1:] != (size,):
         label = name if key is None else f"{name}[{key!r}]"
         raise ShapeError(f"{method}: {label} has shape {x.shape}, expected {size} in the last axis.")
@@ -277,7 +281,7 @@ def lazy_module(name: str) -> Any:
 
 # ── Errors of parsers and other libraries, converted to errors of this library
 
-_LONGEST = 200
+_MAX_REASON_LENGTH = 200
 """Maximum number of displayed characters of a foreign message."""
 
 
@@ -306,7 +310,11 @@ def reason_of(problem: Exception) -> str:
         return problem.strerror
     text = " ".join(_text_of(problem).split()).rstrip(".")
     kind = type(problem).__name__
-    return f"{kind}: {text[:_LONGEST]}{'…' * (len(text) > _LONGEST)}" if text else kind
+    if not text:
+        return kind
+    if len(text) > _MAX_REASON_LENGTH:
+        text = f"{text[:_MAX_REASON_LENGTH]}…"
+    return f"{kind}: {text}"
 
 
 def _text_of(problem: Exception) -> str:
@@ -334,18 +342,18 @@ class ForeignOutput:
 
 
 @contextlib.contextmanager
-def captured_stderr() -> Iterator[ForeignOutput]:
+def capture_stderr() -> Iterator[ForeignOutput]:
     r"""Capture the process's standard error (file descriptor 2) in the block, including output of C and C++.
 
     Output of other threads is captured too. Without a standard error, nothing is captured.
     """
-    found = ForeignOutput()
+    output = ForeignOutput()
     with contextlib.suppress(Exception):
         sys.stderr.flush()
     try:
-        before = os.dup(2)
+        stderr = os.dup(2)
     except OSError:
-        yield found
+        yield output
         return
     import tempfile
 
@@ -353,12 +361,12 @@ def captured_stderr() -> Iterator[ForeignOutput]:
         with tempfile.TemporaryFile() as file:
             os.dup2(file.fileno(), 2)
             try:
-                yield found
+                yield output
             finally:
                 with contextlib.suppress(Exception):
                     sys.stderr.flush()
-                os.dup2(before, 2)
+                os.dup2(stderr, 2)
                 file.seek(0)
-                found.text = file.read(1 << 16).decode("utf-8", "replace")
+                output.text = file.read(1 << 16).decode("utf-8", "replace")
     finally:
-        os.close(before)
+        os.close(stderr)

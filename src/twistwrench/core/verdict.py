@@ -129,8 +129,8 @@ class Verdict:
         -------
         verdict : Verdict
         """
-        every = look_again, collision, over, unsure
-        for word, reasons in zip(_SEVEREST_FIRST, every, strict=False):
+        reasons_by_severity = look_again, collision, over, unsure
+        for word, reasons in zip(_SEVEREST_FIRST, reasons_by_severity, strict=False):
             if reasons:
                 return cls(word, tuple(reasons))
         return cls(Word.OK)
@@ -153,9 +153,9 @@ class Verdict:
         >>> print(Verdict(Word.UNSURE, ("a",)).joined(Verdict(Word.UNSURE, ("b",))))
         UNSURE: a; b
         """
-        both = sorted((self, other), key=lambda verdict: _SEVEREST_FIRST.index(verdict.word))
-        same = self.word is other.word
-        return Verdict(self.word, self.reasons + other.reasons) if same else both[0]
+        if self.word is other.word:
+            return Verdict(self.word, self.reasons + other.reasons)
+        return min((self, other), key=lambda verdict: _SEVEREST_FIRST.index(verdict.word))
 
     @property
     def ok(self) -> bool:

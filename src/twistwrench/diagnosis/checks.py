@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from ..core.doubts import Doubt
-from ..core.numbers import in_file, margin, number, printed
+from ..core.numbers import file_number, margin, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
@@ -58,7 +58,7 @@ def _whole_numbers(robot: ParsedFile, severity: Severity) -> Iterator[Finding]:
         if not _TURNS < max(map(abs, limits)) < _ENDLESS or not all(x.is_integer() for x in limits):
             continue
         edits = tuple(
-            Edit(limit.locate(name), in_file(math.radians(x)))
+            Edit(limit.locate(name), file_number(math.radians(x)))
             for name, x in zip(("lower", "upper"), limits, strict=True)
             if x
         )
@@ -136,7 +136,7 @@ def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         length = float(np.linalg.norm(direction))
         if axis is None or length == 0 or abs(length - 1.0) < 1e-3:
             continue
-        text = " ".join(map(in_file, direction / length))
+        text = " ".join(map(file_number, direction / length))
         repair = FileRepair("number", "the axis with unit length", edits=(Edit(axis.locate("xyz"), text),))
         yield _finding(
             joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import ModelError, TwistWrenchError
-from ..core.numbers import in_file
+from ..core.numbers import file_number
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import quaternion, se3
@@ -76,7 +76,7 @@ class WrittenInertia:
                 continue
             if name not in self.places:
                 return (), tensor
-            found.append(Edit(self.places[name], in_file(tensor[i, j])))
+            found.append(Edit(self.places[name], file_number(tensor[i, j])))
             written[i, j] = written[j, i] = float(found[-1].text)
         return tuple(found), written
 
@@ -93,7 +93,7 @@ class WrittenInertia:
         more = [name for name in wanted if abs(wanted[name] - given[name]) > 1e-12 * max(1.0, abs(given[name]))]
         if any(name not in self.places for name in more):
             return ()
-        return (*found, *(Edit(self.places[name], in_file(wanted[name])) for name in more))
+        return (*found, *(Edit(self.places[name], file_number(wanted[name])) for name in more))
 
 
 def _products(moments: Array) -> dict[str, str]:

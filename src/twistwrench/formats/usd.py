@@ -22,7 +22,7 @@ from ..core.errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
 from ..core.text import argument, listed, shorten
-from ..core.third_party import captured_stderr, reason_of, third_party_errors
+from ..core.third_party import capture_stderr, reason_of, third_party_errors
 from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.screw_joint import screw_through
@@ -49,7 +49,7 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
     allowed = [folder.resolve() for folder in folders]
     with (
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
-        captured_stderr() as said,
+        capture_stderr() as said,
     ):
         layers = _checked_layers(path.resolve(), allowed)
         stage = Usd.Stage.Open(str(path.resolve()))

@@ -256,8 +256,8 @@ class ExcitingMotion(Answer):
         from ..reports.drawn_motion import motion_of
         from ..viz.page import viewer_page
 
-        shown = replace(motion_of(self.robot, self.motion), judged=False)
-        return viewer_page(self.robot, motion=shown, embed=True)
+        value_text = replace(motion_of(self.robot, self.motion), judged=False)
+        return viewer_page(self.robot, motion=value_text, embed=True)
 
     def plot(self, kind: str | Path | None = None, path: str | Path | None = None) -> Any:
         """Draw velocities and torques of the motion relative to their limits.
@@ -434,7 +434,7 @@ def _check_clearances(clear: Clear | None, clearance: float | None, srdf: str | 
     """Raise ValueRangeError for distances that cannot be checked."""
     if clear is not None and not callable(clear):
         raise ValueRangeError(
-            f"clear is {arguments.shown(clear)}: give a function that maps configurations to distances."
+            f"clear is {arguments.value_text(clear)}: give a function that maps configurations to distances."
         )
     arguments.refuse_unused_srdf(clearance, srdf)
 

@@ -33,7 +33,7 @@ def bounds_or_own(robot: Robot, bounds: Limits | None) -> Limits:
         return robot.limits
     if not isinstance(bounds, Limits):
         raise ValueRangeError(
-            f"bounds is {arguments.shown(bounds)}: give tw.trajectories.bounds_of(robot, velocity=…), or None for "
+            f"bounds is {arguments.value_text(bounds)}: give tw.trajectories.bounds_of(robot, velocity=…), or None for "
             "the robot's own."
         )
     return bounds

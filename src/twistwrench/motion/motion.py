@@ -275,7 +275,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """Select states, ``motion[10:200]`` or ``motion[::10]``; times are unchanged. Raises ValueRangeError."""
         if not isinstance(rows, slice):
             raise ValueRangeError(
-                f"Motion: rows are chosen by a slice, motion[10:200], got {arguments.shown(rows)}. For the state at a time "
+                f"Motion: rows are chosen by a slice, motion[10:200], got {arguments.value_text(rows)}. For the state at a time "
                 "take motion.at(t), for a span motion.between(t0, t1)."
             )
         try:

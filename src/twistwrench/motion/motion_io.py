@@ -71,7 +71,7 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     """File of a DataFrame: index if it is a time, numeric columns, and a note on others; raises ShapeError."""
     if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
         raise ShapeError(
-            f"Motion.from_dataframe: the frame is {arguments.shown(frame)}: give a pandas DataFrame with a column "
+            f"Motion.from_dataframe: the frame is {arguments.value_text(frame)}: give a pandas DataFrame with a column "
             "for each joint."
         )
     timed = any(time_meaning(str(name)) is not None for name in frame.columns)

@@ -57,7 +57,7 @@ def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple
     return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
 
 
-def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
+def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
     """Arrays of a quantity as NumPy or Dask arrays; table columns in the robot's order."""
     from .quantities import QUANTITIES
 
@@ -68,7 +68,7 @@ def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str
             wanted = inputs_of(model, name, options)
             label = wanted[k][0] if k < len(wanted) else label
             names = names_of(model, label)
-        found.append(arguments.brought(array, f"{name}: {label}", names or ()))
+        found.append(arguments.to_numbers(array, f"{name}: {label}", names or ()))
     return tuple(found)
 
 
@@ -94,7 +94,7 @@ def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLik
     """Arrays of float64, or float32 if given so; table columns ordered by ``names``, Dask arrays unchanged."""
     found = []
     for label, given in arrays.items():
-        array = arguments.brought(given, f"{name}: {label}", names.get(label, ()))
+        array = arguments.to_numbers(given, f"{name}: {label}", names.get(label, ()))
         if not np.can_cast(array.dtype, float):
             raise _not_real(name, label, array)
         found.append(array if array.dtype == np.float32 else array.astype(float))
@@ -178,7 +178,7 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     model.frame(frame)
     frame = str(frame)
     F = unlabelled(F, frame) if isinstance(F, Wrench) else F
-    given = arguments.brought(F, f"the wrench at {frame!r}")
+    given = arguments.to_numbers(F, f"the wrench at {frame!r}")
     array = numbers("wrench", {}, **{f"the one at {frame!r}": given})[0]
     if array.shape[-1:] != (6,):
         raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")

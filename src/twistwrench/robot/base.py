@@ -296,11 +296,11 @@ class RobotBase:
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(
-                f"rng={arguments.shown(rng)}, size={arguments.shown(size)}: give a seed or a numpy Generator, and whole "
+                f"rng={arguments.value_text(rng)}, size={arguments.value_text(size)}: give a seed or a numpy Generator, and whole "
                 "numbers of samples."
             ) from None
         if any(n < 0 for n in shape):
-            raise ValueRangeError(f"size={arguments.shown(size)} has a negative number of samples.")
+            raise ValueRangeError(f"size={arguments.value_text(size)} has a negative number of samples.")
         return configuration.random_configuration(self.model, generator, shape)
 
     # ── kernels ──

@@ -222,7 +222,7 @@ class ConstraintMethods(RobotBase):
 
     # ── A, its rank, and projections ──
 
-    @third_party.by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
     def constraint_jacobian(self, q: ArrayLike) -> Array:
         """Constraint Jacobian A, with A dq = 0.
 
@@ -235,7 +235,7 @@ class ConstraintMethods(RobotBase):
             return np.zeros((*q.shape[:-1], 0, self.nv))
         return np.asarray(self.open().engine.call("constraint_jacobian", q, constraints=self.constraints))
 
-    @third_party.by_blocks(lambda closed, _: [(len(closed.sizes),)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(len(closed.sizes),)])
     def constraint_bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """Constraint bias (dA/dt) dq, so that A q̈ + (dA/dt) dq = 0.
 
@@ -248,7 +248,7 @@ class ConstraintMethods(RobotBase):
             return np.zeros((*np.broadcast_shapes(q.shape[:-1], dq.shape[:-1]), 0))
         return np.asarray(self.open().engine.call("constraint_bias", q, dq, constraints=self.constraints))
 
-    @third_party.by_blocks(lambda *_: [()], dtype=int)
+    @third_party.lazy_by_blocks(lambda *_: [()], dtype=int)
     def rank(self, q: ArrayLike) -> Array:
         """Rank of A at q: number of independent rows; lower than usual if the configuration is singular.
 
@@ -258,7 +258,7 @@ class ConstraintMethods(RobotBase):
         """
         return self._projector(*finite_states(self.model, "rank", q=q))[1].rank
 
-    @third_party.by_blocks(lambda *_: [()], dtype=int)
+    @third_party.lazy_by_blocks(lambda *_: [()], dtype=int)
     def degrees_of_freedom(self, q: ArrayLike) -> Array:
         """Degrees of freedom at q: nv minus the rank of A.
 
@@ -268,7 +268,7 @@ class ConstraintMethods(RobotBase):
         """
         return self.nv - self.rank(q)
 
-    @third_party.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
     def projector(self, q: ArrayLike) -> Array:
         """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which removes the part of the torques that the constraints bear.
 
@@ -281,7 +281,7 @@ class ConstraintMethods(RobotBase):
         (q,) = finite_states(self.model, "projector", q=q)
         return self._projector(q)[1].projector.astype(q.dtype, copy=False)
 
-    @third_party.by_blocks(lambda closed, _: [(closed.nv,)] * 2, _of_parts)
+    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)] * 2, _of_parts)
     def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques split into those that move the robot, Pτ, and those that the constraints bear.
 
@@ -294,7 +294,7 @@ class ConstraintMethods(RobotBase):
         motion = (P @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
         return _of_parts(motion, tau - motion)
 
-    @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)])
     def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """Velocity nearest to dq in the kinetic metric that satisfies A dq = 0: P'dq.
 
@@ -305,7 +305,7 @@ class ConstraintMethods(RobotBase):
         q, dq = finite_states(self.model, "project_velocity", q=q, dq=dq)
         return self._nearest(q, dq, 0.0)
 
-    @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)])
     def project_acceleration(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Acceleration nearest to ddq in the kinetic metric that satisfies A q̈ + (dA/dt) dq = 0.
 
@@ -352,7 +352,7 @@ class ConstraintMethods(RobotBase):
 
     # ── positions ──
 
-    @third_party.by_blocks(lambda closed, _: [(_gap_count(closed),)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(_gap_count(closed),)])
     def constraint_error(self, q: ArrayLike) -> Array:
         """Constraint error: gap of the loops, in the rows that constrain a position.
 
@@ -363,7 +363,7 @@ class ConstraintMethods(RobotBase):
         (q,) = finite_states(self.model, "constraint_error", q=q)
         return self.gaps(q).astype(q.dtype, copy=False)
 
-    @third_party.by_blocks(lambda closed, _: [(closed.nq,)])
+    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nq,)])
     def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = NEAR) -> Array:
         """Configuration near q at which the loops are closed, to ``tolerance``.
 

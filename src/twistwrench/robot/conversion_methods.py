@@ -61,7 +61,7 @@ class EditMethods(RobotBase):
 
         if not isinstance(payload, SpatialInertia):
             raise ShapeError(
-                f"a payload is a SpatialInertia, got {arguments.shown(payload)}: for a point mass, "
+                f"a payload is a SpatialInertia, got {arguments.value_text(payload)}: for a point mass, "
                 "tw.SpatialInertia.from_com(mass, com)."
             )
         return _robot_of(self, edit.with_payload(require_robot(self, "with_payload").model, payload, frame))

@@ -40,7 +40,9 @@ def require_pair(robot: Robot, model: object, library: str) -> None:
     """Raise ValueRangeError unless the arguments are a robot and a model of that library."""
     require_robot(robot, "tw.convert")
     if not hasattr(model, _MARKS[library]):
-        raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and one of {library}'s is wanted.")
+        raise ValueRangeError(
+            f"tw.convert: the model is {arguments.value_text(model)}, and one of {library}'s is wanted."
+        )
 
 
 def check_names(robot: Robot, theirs: list[str], library: str) -> None:

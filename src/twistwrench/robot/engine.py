@@ -20,7 +20,7 @@ from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, Valu
 from ..core.files import read_bytes
 from ..core.typing import Array
 from ..mechanics.lie import series
-from .arguments import Wrenches, brought, by_frame, is_symbolic, misfit, numbers
+from .arguments import Wrenches, by_frame, is_symbolic, misfit, numbers, to_numbers
 
 if TYPE_CHECKING:
     from ..compiler.ir.loops import Form
@@ -336,7 +336,7 @@ class Engine:
             raise KernelError(f"reference {name}: algorithms have no by=; kernel({name!r}, by=…) has.")
         traced = is_symbolic(arrays)
         quantity = QUANTITIES[name]
-        given = [np.asarray(a) for a in brought(self.model, name, arrays, options)]
+        given = [np.asarray(a) for a in to_numbers(self.model, name, arrays, options)]
         if not traced:
             given = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(given, start=1)})
         shapes = inputs_of(self.model, name, full)
@@ -361,7 +361,7 @@ class Engine:
         """Quantity for arrays of any batch shape: by its kernel; by its algorithm for symbols; deferred for Dask arrays."""
         for array in arrays:
             if type(array) is not np.ndarray:
-                arrays = arguments.of_plain(arrays) or brought(self.model, name, arrays, options)
+                arrays = arguments.of_plain(arrays) or to_numbers(self.model, name, arrays, options)
                 if any(map(third_party.is_lazy, arrays)):
                     return self._later(name, arrays, out, options)
                 break

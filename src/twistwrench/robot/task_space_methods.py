@@ -13,7 +13,7 @@ from ..core import arguments, third_party
 from ..core.errors import ModelError, ModelWarning, ValueRangeError
 from ..core.glossary import complete
 from ..core.typing import Array
-from .arguments import Kind, Rows, Wrenches, brought, states
+from .arguments import Kind, Rows, Wrenches, states, to_numbers
 from .base import RobotBase
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def _count(given: Mapping[str, Any]) -> int:
 class TaskSpaceMethods(RobotBase):
     """Methods that express a robot's dynamics in task space."""
 
-    @third_party.by_blocks(lambda _, given: [(_count(given),) * 2])
+    @third_party.lazy_by_blocks(lambda _, given: [(_count(given),) * 2])
     def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Task-space (operational-space) inertia Λ of F = Λ dV + η on the selected rows of J: (J M⁻¹ J')⁻¹.
 
@@ -57,7 +57,7 @@ class TaskSpaceMethods(RobotBase):
         """
         return _by_kernel(cast("Robot", self), "task_inertia", (q,), frame, kind, rows)
 
-    @third_party.by_blocks(lambda _, given: [(_count(given),)])
+    @third_party.lazy_by_blocks(lambda _, given: [(_count(given),)])
     def task_bias(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -113,7 +113,7 @@ def _by_kernel(
     from ..mechanics.algorithms.loop_closure import ConstraintProjector, needs_singular_values
 
     chosen = row_numbers(rows)
-    arrays = brought(robot.model, name, arrays, {})
+    arrays = to_numbers(robot.model, name, arrays, {})
     if robot.nv == 0:
         robot.jacobian(arrays[0], frame, kind)  # argument validation
         batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
@@ -229,7 +229,7 @@ class ActuationMethods(RobotBase):
             return ddq, self.engine.call("torque_past_friction", dq, tau) if friction else None
         return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
-    @third_party.by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _of_motors)
+    @third_party.lazy_by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _of_motors)
     def motor_loads(
         self,
         q: ArrayLike,
@@ -279,7 +279,7 @@ class ActuationMethods(RobotBase):
         (dq,) = states(robot.model, "motor_loads", dq=dq)
         return motor_loads(robot.model, dq.astype(float), carried, rotor)
 
-    @third_party.by_blocks(lambda *_: [()] * 4, _of_powers)
+    @third_party.lazy_by_blocks(lambda *_: [()] * 4, _of_powers)
     def power_balance(
         self,
         q: ArrayLike,
@@ -332,7 +332,7 @@ def require_robot(robot: object, what: str) -> Robot:
     """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
     if not isinstance(robot, RobotBase):
         raise ValueRangeError(
-            f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, as tw.load(path) makes one."
+            f"{what}: the robot is {arguments.value_text(robot)}: give a tw.Robot, as tw.load(path) makes one."
         )
     if robot.constraints:
         raise ValueRangeError(

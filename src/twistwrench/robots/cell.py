@@ -289,7 +289,7 @@ def _part_of(given: PartGiven, *, degrees: bool) -> PlacedRobot:
         return PlacedRobot(load(given), file=given)
     if isinstance(given, str):
         return PlacedRobot.from_text(given, degrees=degrees)
-    raise ValueRangeError(f"a part is {arguments.shown(given)}. Give a robot, a path, or text {_FORM}.")
+    raise ValueRangeError(f"a part is {arguments.value_text(given)}. Give a robot, a path, or text {_FORM}.")
 
 
 def _tip_of(cell: Robot, part: PlacedRobot) -> str:

@@ -201,7 +201,7 @@ class CollisionThreshold:
         _check_rate(false_alarms)
         if not isinstance(axes, slice):
             raise ValueRangeError(
-                f"axes is {arguments.shown(axes)}: give a slice of the six, such as slice(3, 6) for forces."
+                f"axes is {arguments.value_text(axes)}: give a slice of the six, such as slice(3, 6) for forces."
             )
         limit = float(special.chdtri(len(range(6)[axes]), false_alarms))
         S = arguments.real(covariance, "covariance", 6, 6)

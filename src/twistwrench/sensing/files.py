@@ -121,7 +121,7 @@ def write_sensor(
         content["frame"] = sensor.frame
     if uncertainty is not None and not isinstance(uncertainty, Uncertainty):
         raise ShapeError(
-            f"write_sensor: uncertainty is {arguments.shown(uncertainty)}: give Identification.uncertainty, or None."
+            f"write_sensor: uncertainty is {arguments.value_text(uncertainty)}: give Identification.uncertainty, or None."
         )
     if uncertainty is not None:
         content["uncertainty"] = {

@@ -192,7 +192,7 @@ class ReadingLog:
             self.readings[which]
         except (IndexError, TypeError, ValueError) as problem:
             raise ValueRangeError(
-                f"{self.name}: {arguments.shown(which)} chooses no readings: {problem}. Give a slice, indices, or a mask of "
+                f"{self.name}: {arguments.value_text(which)} chooses no readings: {problem}. Give a slice, indices, or a mask of "
                 f"{len(self)}."
             ) from None
         optional = {name: getattr(self, name) for name in ("V", "dV", "time", "rotations")}
@@ -283,7 +283,7 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
     if isinstance(log, ReadingLog):
         return log
     raise ShapeError(
-        f"{taker} takes a ReadingLog, got {arguments.shown(log)}. Make one with "
+        f"{taker} takes a ReadingLog, got {arguments.value_text(log)}. Make one with "
         "ReadingLog.from_arrays(readings, pose=T_wf), or read one with read_log(path)."
     )
 

@@ -394,7 +394,7 @@ def simulate(
     exact = sensor.predict(np.eye(3), V, dV, gravity=gravity)
     readings = exact + rng.normal(size=exact.shape) * np.repeat(sigma, 3)
     if touch is not None and not isinstance(touch, dict):
-        raise ValueRangeError(f"touch is {arguments.shown(touch)}: give {{number of a reading: wrench (6,)}}.")
+        raise ValueRangeError(f"touch is {arguments.value_text(touch)}: give {{number of a reading: wrench (6,)}}.")
     for index, wrench in (touch or {}).items():
         what = f"touch of reading {index}"
         F = arguments.finite(arguments.one(wrench, what, 6), what)

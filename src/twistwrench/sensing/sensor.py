@@ -336,7 +336,7 @@ def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:
     """Return a ForceTorqueSensor unchanged; otherwise raise :class:`~twistwrench.ShapeError` naming the caller."""
     if isinstance(sensor, ForceTorqueSensor):
         return sensor
-    raise ShapeError(f"{taker} takes a ForceTorqueSensor, got {arguments.shown(sensor)}.")
+    raise ShapeError(f"{taker} takes a ForceTorqueSensor, got {arguments.value_text(sensor)}.")
 
 
 def _six(x: ArrayLike | None, name: str) -> Array | None:

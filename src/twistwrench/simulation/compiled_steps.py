@@ -187,7 +187,7 @@ class StepPlan:
                 friction=self.friction, push=push, wrenches=self._pushed(inputs),
             )  # fmt: skip
             ddq, mean = (dq1 - dq) / h, 0.5 * (dq + dq1)
-        q1, reports = integration.moved(self.model, start, share * dq1, middle), [tau] * self.says_torques
+        q1, reports = integration.add_at_angles(self.model, start, share * dq1, middle), [tau] * self.says_torques
         if not work:
             return q1, dq1, *reports
         powers = self._powers(plant, middle, mean, tau, lost, inputs, push)
@@ -203,7 +203,7 @@ class StepPlan:
         after = [
             x0 + h * (last * rate + all_of_them * total) for x0, rate, total in zip(start, rates, sums, strict=True)
         ]
-        after = self._ended(integration.normalised(self.model, after[0], ends), *after[1:])
+        after = self._ended(integration.normalise_quaternions(self.model, after[0], ends), *after[1:])
         return *after, *sums, *[rates[1]] * self.works, *gaps, *[tau] * self.says_torques
 
     def _ended(self, q: Array, dq: Array, *work: Array) -> list[Any]:

@@ -136,7 +136,7 @@ class Event:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise ValueRangeError(f"event: the name is {arguments.shown(self.name)}, and a text is wanted.")
+            raise ValueRangeError(f"event: the name is {arguments.value_text(self.name)}, and a text is wanted.")
         require_three(self.function, f"event {self.name!r}")
         arguments.choice(self.direction, f"event {self.name!r}: direction", tuple(_DIRECTIONS))
 

@@ -176,7 +176,7 @@ def require_three(function: Any, what: str) -> None:
 def require_arguments(function: Any, what: str, taken: Sequence[str], names: str = "share") -> None:
     """Raise ValueRangeError unless the argument is a function with these parameters, named by ``taken``."""
     if not callable(function) or isinstance(function, type):
-        raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
+        raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of ({names}).")
     code = function.__code__ if isinstance(function, FunctionType) else None
     if code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount:
         return  # checking a signature takes longer than many steps

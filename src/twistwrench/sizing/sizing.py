@@ -169,7 +169,7 @@ def _motion_or_log(given: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion 
         return log_of(given, robot, **logs)
     motion = getattr(given, "motion", given)
     if not isinstance(motion, Motion):
-        raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.shown(given)}.")
+        raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.value_text(given)}.")
     return motion if motion.log is None else log_of(motion, robot)
 
 

@@ -290,7 +290,7 @@ class LinkPairs:
 def _has_coal(exact: Exact) -> bool:
     """True if coal is to be used; raises MissingExtraError if it is required but not installed."""
     if exact is not True and exact is not False and exact != "auto":
-        raise ValueRangeError(f"exact is {arguments.shown(exact)}: give True, False or 'auto'.")
+        raise ValueRangeError(f"exact is {arguments.value_text(exact)}: give True, False or 'auto'.")
     try:
         import coal  # noqa: F401
     except ImportError:

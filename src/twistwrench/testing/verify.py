@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.answers.answer import Answer
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
-from ..core.third_party import captured_stderr
+from ..core.third_party import capture_stderr
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
 from ..formats import format_of_file, load_model, usd_path
@@ -383,7 +383,7 @@ def _mujoco(robot: Robot) -> Residual:
 def _read_by(library: str, path: Path, read: Callable[[], Any]) -> Any:
     """Result of another library's reader; RobotFileError for any exception, with the text from standard error."""
     problem: Exception | None = None
-    with captured_stderr() as written:
+    with capture_stderr() as written:
         try:
             return read()
         except Exception as raised:  # any exception of its parsers

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import shown
+from ...core.arguments import value_text
 from ...core.errors import ValueRangeError
 from ...core.typing import Array
 from ..lowering.target_machine import SINGLE
@@ -287,7 +287,7 @@ def _checked(count: Any, who: str) -> int:
         threads = 0
     if not 1 <= threads <= MOST:
         raise ValueRangeError(
-            f"{who}: {shown(count)} is not a number of threads. Give a whole number from 1 (off) to {MOST};"
+            f"{who}: {value_text(count)} is not a number of threads. Give a whole number from 1 (off) to {MOST};"
             f" this machine has {os.cpu_count() or 1} processors."
         )
     return threads

@@ -11,12 +11,14 @@ import numpy as np
 from ..typing import Array
 from .least_squares import Prior
 
-_MANY = 1000  # number of clusters above which neighbours are grouped
-_WHOLE = 1.0 - 1e-6  # share of an unknown determined by one cluster, above which no other cluster checks it
-_LEAST_KNOWN = 2 / 3  # minimum of a weight's degrees of freedom relative to the variance's, for small ones
-_RATE = 1e-4  # false-alarm rate at which the tails of a sum of two estimated variances are matched
-_WIDEST, _NODES, _MATCHES = 24.0, 25, 4
-_LEAST_FREEDOM = 2.1  # lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2
+_MAX_SINGLE_CLUSTERS = 1000  # number of clusters above which neighbours are grouped
+_MAX_SHARE_OF_CLUSTER = (
+    1.0 - 1e-6
+)  # share of an unknown determined by one cluster, above which no other cluster checks it
+_MIN_FREEDOM_RATIO = 2 / 3  # minimum of a weight's degrees of freedom relative to the variance's, for small ones
+_FALSE_ALARM_RATE = 1e-4  # false-alarm rate at which the tails of a sum of two estimated variances are matched
+_MAX_LOGIT, _NODES, _MATCHES = 24.0, 25, 4
+_MIN_FREEDOM = 2.1  # lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2
 
 
 def weight_freedom(freedom: Array) -> Array:
@@ -25,7 +27,7 @@ def weight_freedom(freedom: Array) -> Array:
     E(σ² / s²) = ν / (ν - 2) for s² with ν degrees of freedom: inverses of estimated variances are biased upwards, and
     vary more than the variances. Source: Meier, "Variance of a weighted mean", Biometrics 9, 1953.
     """
-    return np.maximum(freedom - 2.0, _LEAST_KNOWN * freedom)
+    return np.maximum(freedom - 2.0, _MIN_FREEDOM_RATIO * freedom)
 
 
 def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Array:
@@ -67,8 +69,8 @@ def f_test_freedom(freedom: Array) -> float:
         Computation and Simulation 54, 1996, applied to the unknowns in place of the axes of their ellipsoid (less
         exact).
     """
-    more = float((2.0 / (np.maximum(freedom, _LEAST_FREEDOM) - 2.0)).sum())  # E - k
-    return 2.0 * (len(freedom) + more) / more if more else np.inf
+    excess = float((2.0 / (np.maximum(freedom, _MIN_FREEDOM) - 2.0)).sum())  # E - k
+    return 2.0 * (len(freedom) + excess) / excess if excess else np.inf
 
 
 def sum_freedom(variances: Array, freedom: Array) -> Array:
@@ -83,25 +85,23 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
 
     total = variances.sum(axis=0)
     unsure = (variances**2 / np.maximum(freedom, 1.0)).sum(axis=0)
-    found = total**2 / np.maximum(unsure, 1e-300)
-    both = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
-    if not both.any():
-        return found
-    logit = np.linspace(-_WIDEST, _WIDEST, _NODES)
+    satterthwaite = total**2 / np.maximum(unsure, 1e-300)
+    uncertain = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
+    if not uncertain.any():
+        return satterthwaite
+    logit = np.linspace(-_MAX_LOGIT, _MAX_LOGIT, _NODES)
     share = special.expit(logit)
     weight = share * (1.0 - share) * (logit[1] - logit[0])
-    first, second = (
-        s[both, None] * nu[both, None] / (2.0 * special.gammaincinv(0.5 * nu[both, None], share))
-        for s, nu in zip(variances, np.maximum(freedom, 1.0), strict=True)
-    )
-    size = np.sqrt((first[:, :, None] + second[:, None, :]) / total[both, None, None])  # (k, nodes, nodes)
-    nu = found[both]
+    s, nu = variances[:, uncertain, None], np.maximum(freedom, 1.0)[:, uncertain, None]
+    first, second = s * nu / (2.0 * special.gammaincinv(0.5 * nu, share))
+    size = np.sqrt((first[:, :, None] + second[:, None, :]) / total[uncertain, None, None])  # (k, nodes, nodes)
+    nu = satterthwaite[uncertain]
     for _ in range(_MATCHES):
-        times = special.stdtrit(nu, 0.5 * _RATE)
+        times = special.stdtrit(nu, 0.5 * _FALSE_ALARM_RATE)
         tail = special.ndtr(times[:, None, None] / size) @ weight @ weight
-        nu = np.minimum(special.stdtridf(tail, times), found[both])
-    found[both] = nu
-    return found
+        nu = np.minimum(special.stdtridf(tail, times), satterthwaite[uncertain])
+    satterthwaite[uncertain] = nu
+    return satterthwaite
 
 
 def cluster_robust_covariance(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
@@ -137,13 +137,15 @@ def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array
 def cluster_numbers(label: Array) -> Array:
     """Cluster numbers (n,) 0, 1, … for the labels; more than a thousand clusters are grouped with neighbours."""
     place = np.unique(label, return_inverse=True)[1]
-    return np.asarray(place * _MANY // (place.max() + 1) if place.max() >= _MANY else place)
+    return np.asarray(
+        place * _MAX_SINGLE_CLUSTERS // (place.max() + 1) if place.max() >= _MAX_SINGLE_CLUSTERS else place
+    )
 
 
 def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
     """Same from sums over clusters: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
     values, U = np.linalg.eigh(M)
-    if values.max() > _WHOLE:
+    if values.max() > _MAX_SHARE_OF_CLUSTER:
         return None
     B = (U / np.sqrt(1.0 - values)[:, None, :]) @ np.swapaxes(U, 1, 2)
     s = (B @ s[..., None])[..., 0]
@@ -170,7 +172,7 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
 #
 #     S C S,   S = diag max(1, √(D_kk / C_kk)).
 
-_MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
+_MAX_BLOCKS, _MIN_BLOCKS = 120, 15
 _SECONDS = 1.0  # minimum duration of a block [s], if the logs are long enough
 _LENGTHS = 10.0  # length of a block in autocorrelation lengths of the residuals
 _PORTION = 1000  # rows per factorisation
@@ -214,10 +216,10 @@ class StateCells:
 
     def numbers(self, q: Array, dq: Array) -> Array:
         """Cell numbers (n,) of states."""
-        found = np.searchsorted(self.edges, q[:, self.position])
+        cells = np.searchsorted(self.edges, q[:, self.position])
         for k in self.velocities:
-            found = 2 * found + (dq[:, k] > 0)
-        return found
+            cells = 2 * cells + (dq[:, k] > 0)
+        return cells
 
 
 def _edges(x: Array, parts: int) -> Array:
@@ -332,80 +334,83 @@ def group_covariance(
     the predicted torques with each setting selected on the same rows, such as the clock offset; their uncertainty is
     included.
     """
-    r, left, root = W.shape[2], tau - W @ x, np.sqrt(weights) / sigma
+    r, residuals, root = W.shape[2], tau - W @ x, np.sqrt(weights) / sigma
     change = np.sqrt((chosen**2).mean(axis=(0, 1)))
-    beside = chosen[..., change > 0] / change[change > 0]
-    sizes = np.concatenate([prior.size, np.full(beside.shape[2], sigma.max() * 1e3)])
+    settings = chosen[..., change > 0] / change[change > 0]
+    sizes = np.concatenate([prior.size, np.full(settings.shape[2], sigma.max() * 1e3)])
 
-    def whitened(rows: Array | slice) -> Array:
+    def whitened_columns(rows: Array | slice) -> Array:
         """All columns (m nv, r + k) of the given rows."""
-        A = np.concatenate([W[rows], beside[rows]], axis=2)
+        A = np.concatenate([W[rows], settings[rows]], axis=2)
         A *= root[rows][..., None]
         return A.reshape(-1, len(sizes))
 
-    cells = StateCells.from_residuals(*states, left * root)
-    found = _covariance(whitened, left * root, sizes, time, log, cells.numbers(*states))
-    matrix = found.matrix[:r, :r] * _huber_factor(left, weights) ** 2
-    return GroupCovariance(matrix, found.freedom[:r], found.textbook[:r], found.block)
+    cells = StateCells.from_residuals(*states, residuals * root)
+    covariance = _covariance(whitened_columns, residuals * root, sizes, time, log, cells.numbers(*states))
+    matrix = covariance.matrix[:r, :r] * _huber_factor(residuals, weights) ** 2
+    return GroupCovariance(matrix, covariance.freedom[:r], covariance.textbook[:r], covariance.block)
 
 
-def _huber_factor(left: Array, weights: Array) -> float:
+def _huber_factor(residuals: Array, weights: Array) -> float:
     """Correction factor for Huber weights: mean weight over mean slope.
 
     Huber's residuals count with ψ(u) = w u, whose slope is 1 up to k and 0 beyond. Source: Huber, "Robust Statistics",
     1981, section 7.6.
     """
-    live = (left != 0).any(axis=0)
-    if not live.any() or (weights == 1.0).all():
+    active = (residuals != 0).any(axis=0)
+    if not active.any() or (weights == 1.0).all():
         return 1.0
-    return float(weights[:, live].mean() / (weights[:, live] == 1.0).mean())
+    return float(weights[:, active].mean() / (weights[:, active] == 1.0).mean())
 
 
-def larger_covariance(found: tuple[Array, Array], other: tuple[Array, Array] | None) -> tuple[Array, Array]:
+def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | None) -> tuple[Array, Array]:
     """Covariance and degrees of freedom with the larger variances of two estimates and correlations of the first."""
-    if other is None:
-        return found
-    (C, freedom), (D, others) = found, other
+    if second is None:
+        return first
+    (C, freedom), (D, other_freedom) = first, second
     ratio = D.diagonal() / np.maximum(C.diagonal(), 1e-300)
-    more = np.sqrt(np.maximum(ratio, 1.0))
-    return C * more[:, None] * more, np.where(ratio > 1.0, others, freedom)
+    factor = np.sqrt(np.maximum(ratio, 1.0))
+    return C * factor[:, None] * factor, np.where(ratio > 1.0, other_freedom, freedom)
 
 
 def _covariance(
-    whitened: Callable[[Array | slice], Array], left: Array, sizes: Array, time: Array, log: Array, cell: Array
+    columns: Callable[[Array | slice], Array], residuals: Array, sizes: Array, time: Array, log: Array, cell: Array
 ) -> GroupCovariance:
-    """Sandwiches of all columns, with whitened residuals ``left`` (n, nv) and zero-mean priors of these ``sizes``."""
-    n, nv = left.shape
+    """Sandwiches of all whitened columns and residuals (n, nv), with zero-mean priors of these ``sizes``."""
+    n, nv = residuals.shape
     R: Array = np.eye(len(sizes))  # R'R = 1 + A'A for columns in units of their sizes
     for begin in range(0, n, _PORTION):
-        R = np.asarray(np.linalg.qr(np.concatenate([R, whitened(slice(begin, begin + _PORTION)) * sizes]), mode="r"))
+        block = columns(slice(begin, begin + _PORTION)) * sizes
+        R = np.asarray(np.linalg.qr(np.concatenate([R, block]), mode="r"))
     half = sizes[:, None] * np.linalg.inv(R)
     step = float(np.median(np.diff(time)[np.diff(log) == 0])) if n > 1 else 1.0
-    squares, freedom = float((left**2).sum()), max(1, n * nv - len(sizes))
+    squares, freedom = float((residuals**2).sum()), max(1, n * nv - len(sizes))
     textbook = np.sqrt(np.maximum((half @ half.T).diagonal() * squares / freedom, 0.0))
-    apart = max(_LENGTHS * autocorrelation_length(left), _SECONDS / step)
-    apart = float(np.clip(apart, n / _MOST_BLOCKS, n / _FEWEST_BLOCKS))
+    correlation_length = autocorrelation_length(residuals)
+    block_rows = max(_LENGTHS * correlation_length, _SECONDS / step)
+    block_rows = float(np.clip(block_rows, n / _MAX_BLOCKS, n / _MIN_BLOCKS))
+
+    def sandwich(clusters: Array) -> tuple[Array, Array] | None:
+        return sandwich_covariance(*cluster_moments(lambda rows: columns(rows) @ half, residuals, clusters), half)
+
     for _ in range(8):
-        label = np.arange(n) // max(1, math.ceil(apart))
-        label += (label.max() + 1) * log
-        found, other = (
-            sandwich_covariance(*cluster_moments(lambda rows: whitened(rows) @ half, left, clusters), half)
-            for clusters in (label, cell)
-        )
-        if found is not None:
-            return GroupCovariance(*larger_covariance(found, other), textbook, apart * step)
-        apart /= 2.0
-        if apart < 1.0:
+        blocks = np.arange(n) // max(1, math.ceil(block_rows))
+        blocks += (blocks.max() + 1) * log
+        by_blocks, by_cells = sandwich(blocks), sandwich(cell)
+        if by_blocks is not None:
+            return GroupCovariance(*larger_covariance(by_blocks, by_cells), textbook, block_rows * step)
+        block_rows /= 2.0
+        if block_rows < 1.0:
             break
-    inflated = half @ half.T * autocorrelation_length(left)
+    inflated = half @ half.T * correlation_length
     return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
 
 
 # ── Autocorrelation of residuals in the order of the log, and tests of it
 
-_CHANCE = 1e-3  # probability of a false alarm for white residuals, over all channels
+_MIN_CHANCE = 1e-3  # probability of a false alarm for white residuals, over all channels
 _LAGS = 20  # lags of the Ljung-Box test
-_LONG = 100  # minimum rows for the Ljung-Box test
+_MIN_ROWS_OF_LJUNG_BOX = 100  # minimum rows for the Ljung-Box test
 
 
 def autocorrelation(e: Array, lags: int) -> Array:
@@ -414,11 +419,11 @@ def autocorrelation(e: Array, lags: int) -> Array:
     return np.asarray(np.fft.irfft(spectrum * spectrum.conj())[: lags + 1] / max(float(e @ e), 1e-300))
 
 
-def autocorrelation_length(left: Array) -> float:
+def autocorrelation_length(residuals: Array) -> float:
     """Integrated autocorrelation time of residuals (n, nv) in rows, 1 + 2 Σ ρ above the noise; largest of joints."""
-    n, longest = len(left), 1.0
+    n, longest = len(residuals), 1.0
     lags = min(n // 4, 400)
-    for column in left.T:
+    for column in residuals.T:
         rho = autocorrelation(column - column.mean(), lags)
         below = np.flatnonzero(rho < 2.0 / math.sqrt(n))
         stop = int(below[0]) if below.size else lags
@@ -439,7 +444,7 @@ class Whiteness:
     @property
     def white(self) -> bool:
         """True if noise alone may be the cause."""
-        return self.chance > _CHANCE
+        return self.chance > _MIN_CHANCE
 
     @classmethod
     def from_residuals(cls, e: Array, Q: Array, names: Sequence[str]) -> Whiteness:
@@ -452,24 +457,24 @@ class Whiteness:
         """
         from scipy import special
 
-        n, found = len(e), list[Whiteness]()
+        n, channels = len(e), list[Whiteness]()
         for axis, q, r in zip(names, np.moveaxis(Q, 1, 0), e.T, strict=True):
-            left = max(float(r @ r), 1e-300)
-            variance = left / max(n - float((q * q).sum()), 1.0)
+            squares = max(float(r @ r), 1e-300)
+            variance = squares / max(n - float((q * q).sum()), 1.0)
             Dq, product = _neighbours(q), float(r @ _neighbours(r))
             mean = -float((q * Dq).sum())
             spread = 2.0 * (0.5 * (n - 1) - 2.0 * float((Dq * Dq).sum()) + float(((q.T @ Dq) ** 2).sum()))
             z = (product / variance - mean) / np.sqrt(max(spread, 1e-12))
             tests = [(float(special.ndtr(-z)), "lag-1 autocorrelation")]
-            if n >= _LONG:
+            if n >= _MIN_ROWS_OF_LJUNG_BOX:
                 rho = autocorrelation(r, _LAGS)[1:]
                 box = n * (n + 2) * float((rho**2 / (n - np.arange(1, _LAGS + 1))).sum())
                 tests.append((float(special.chdtrc(_LAGS, box)), "Ljung-Box of 20 lags"))
             chance, test = min(tests)
             chance = min(len(names) * len(tests) * chance, 1.0)
-            found.append(cls(axis, product / left, chance, 1, test))
-        least = min(found, key=lambda one: one.chance)
-        return least if least.white else replace(least, length=_correlated_rows(e))
+            channels.append(cls(axis, product / squares, chance, 1, test))
+        least_white = min(channels, key=lambda channel: channel.chance)
+        return least_white if least_white.white else replace(least_white, length=_correlated_rows(e))
 
 
 def _neighbours(x: Array) -> Array:
@@ -483,7 +488,7 @@ def _neighbours(x: Array) -> Array:
 def _correlated_rows(e: Array) -> int:
     """Twice the lag at which the largest autocorrelation first falls into the noise, at most a tenth of the rows."""
     n = len(e)
-    most = max(2, n // 10)
-    lags = np.max([autocorrelation(column, min(most, n - 2))[1:] for column in e.T], axis=0)
-    below = np.flatnonzero(lags < 2.0 / np.sqrt(n))
-    return int(min(2 * (int(below[0]) + 1), most)) if below.size else most
+    max_lag = max(2, n // 10)
+    largest = np.max([autocorrelation(column, min(max_lag, n - 2))[1:] for column in e.T], axis=0)
+    noise_lags = np.flatnonzero(largest < 2.0 / np.sqrt(n))
+    return int(min(2 * (int(noise_lags[0]) + 1), max_lag)) if noise_lags.size else max_lag

@@ -71,8 +71,8 @@ class HeldOut:
         elbow      50 %
         all        50 %
         """
-        left = rows.measured - rows.predicted
-        return cls(kind, (left**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
+        residuals = rows.measured - rows.predicted
+        return cls(kind, (residuals**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
 
     def __str__(self) -> str:
         """Return a table of the residuals of each joint, and of all joints."""
@@ -94,5 +94,5 @@ class HeldOut:
     def joints(self) -> dict[str, float]:
         """Residual of each joint, |τ - τ̂| / |τ|; NaN if its torque is zero."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            found = np.sqrt(self.squares / self.sizes)
-        return dict(zip(self.names, found.tolist(), strict=True))
+            residuals = np.sqrt(self.squares / self.sizes)
+        return dict(zip(self.names, residuals.tolist(), strict=True))

@@ -18,14 +18,15 @@ import numpy as np
 
 from ..typing import Array
 
-_CACHED = 1 << 16
-_BLOCK, _FADED = 64, 1e-20
+_MAX_SAMPLES_PER_BLOCK = 1 << 16
+"""Number of samples of several signals that are filtered together, so that they stay in the cache."""
+_BLOCK, _MIN_STATE = 64, 1e-20
 """Block size in samples, and relative size below which a state is negligible."""
 _ALL_PASS = 0.45
 """Cut-off over the sampling rate from which samples are unchanged."""
 REACH = 12
 """Periods of the cut-off beyond which the impulse response of the zero-phase low-pass is below 1e-12."""
-_SPARSE = 16
+_MIN_SAMPLES_PER_RESULT = 16
 """Minimum number of samples per wanted one, for which sums of the impulse response take less time than the recursion."""
 
 
@@ -62,9 +63,9 @@ class _Recursion:
         first, (columns, n) = u[:, :1], u.shape
         blocks = np.zeros((columns, -(-n // _BLOCK), _BLOCK))
         np.subtract(u, first, out=blocks.reshape(columns, -1)[:, :n])
-        found = blocks @ self.within
-        y, ends, over, k = found[..., :_BLOCK], found[..., _BLOCK:], self.carried, 1
-        while k < ends.shape[1] and np.abs(over).max() > _FADED:  # s_b over b, b - 1; then b - 2, b - 3; …
+        responses = blocks @ self.within
+        y, ends, over, k = responses[..., :_BLOCK], responses[..., _BLOCK:], self.carried, 1
+        while k < ends.shape[1] and np.abs(over).max() > _MIN_STATE:  # s_b over b, b - 1; then b - 2, b - 3; …
             ends[:, k:] += ends[:, :-k] @ over
             over, k = over @ over, 2 * k
         y[:, 1:] += ends[:, :-1] @ self.after
@@ -91,14 +92,15 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     if cutoff >= _ALL_PASS * rate:
         return x
     filtered, pad = _butterworth(float(cutoff) / float(rate)), min(len(x) - 1, int(3 * rate / cutoff) + 1)
-    flat, found = x.reshape(len(x), -1), np.empty(x.shape)
-    out = found.reshape(flat.shape)
-    for k in range(0, flat.shape[1], wide := max(1, _CACHED // (len(x) + 2 * pad))):
-        u = flat[:, k : k + wide].T
+    flat, result = x.reshape(len(x), -1), np.empty(x.shape)
+    out = result.reshape(flat.shape)
+    width = max(1, _MAX_SAMPLES_PER_BLOCK // (len(x) + 2 * pad))
+    for k in range(0, flat.shape[1], width):
+        u = flat[:, k : k + width].T
         u = np.concatenate([2 * u[:, :1] - u[:, pad:0:-1], u, 2 * u[:, -1:] - u[:, -2 : -pad - 2 : -1]], axis=1)
         u = filtered(filtered(u)[:, ::-1])[:, ::-1]
-        out[:, k : k + wide] = u[:, pad : pad + len(x)].T
-    return found
+        out[:, k : k + width] = u[:, pad : pad + len(x)].T
+    return result
 
 
 def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
@@ -107,10 +109,10 @@ def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
     If few samples are wanted, each is the sum of the impulse response times its neighbours; only the ends are filtered.
     """
     reach, n = int(REACH * rate / cutoff) + 1, len(x)
-    if n < 6 * reach or n < _SPARSE * len(at) or cutoff >= _ALL_PASS * rate:
+    if n < 6 * reach or n < _MIN_SAMPLES_PER_RESULT * len(at) or cutoff >= _ALL_PASS * rate:
         return low_pass(x, cutoff, rate)[at]
-    found = np.empty((len(at), *x.shape[1:]))
-    flat, out = x.reshape(n, -1), found.reshape(len(at), -1)
+    result = np.empty((len(at), *x.shape[1:]))
+    flat, out = x.reshape(n, -1), result.reshape(len(at), -1)
     begin, end = np.searchsorted(at, [reach, n - reach]).tolist()
     if begin:
         out[:begin] = low_pass(flat[: 2 * reach], cutoff, rate)[at[:begin]]
@@ -121,11 +123,11 @@ def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
         stop = int(np.searchsorted(at[:end], at[begin] + reach))
         first = at[begin] - reach
         T = np.zeros((stop - begin, at[stop - 1] + reach + 1 - first))
-        for row, place in zip(T, at[begin:stop] - reach - first, strict=True):
-            row[place : place + len(response)] = response
+        for row, start in zip(T, at[begin:stop] - reach - first, strict=True):
+            row[start : start + len(response)] = response
         out[begin:stop] = T @ flat[first : first + T.shape[1]]
         begin = stop
-    return found
+    return result
 
 
 @lru_cache(maxsize=32)
@@ -143,11 +145,11 @@ def lagged(x: Array, steps: float, before: Array | None = None) -> Array:
     """
     a = np.exp(-1.0 / steps)
     filtered = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
-    found = filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
+    response = filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
     if before is None:
-        return found
-    faded = a ** np.arange(1.0, len(x) + 1.0)
-    return np.asarray(found + faded.reshape(-1, *[1] * (x.ndim - 1)) * (before - x[0]))
+        return response
+    decay = a ** np.arange(1.0, len(x) + 1.0)
+    return np.asarray(response + decay.reshape(-1, *[1] * (x.ndim - 1)) * (before - x[0]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,8 +33,8 @@ Information = tuple[Array, Array, float]
 def sum_of(parts: Sequence[Information]) -> Information:
     """Add the information of several parts."""
     N, c, y = parts[0]
-    for other in parts[1:]:
-        N, c, y = N + other[0], c + other[1], y + other[2]
+    for part in parts[1:]:
+        N, c, y = N + part[0], c + part[1], y + part[2]
     return N, c, y
 
 
@@ -71,15 +71,15 @@ class NormalEquations:
         """Normal equations of rows W (n, nv, r) and τ (n, nv), computed by joint to avoid a copy of W."""
         nv, r = W.shape[1:]
         N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
-        mine = slice(None) if rows is None else rows
-        tau = tau[mine] if root is None else tau[mine] * root[mine]
+        used = slice(None) if rows is None else rows
+        tau = tau[used] if root is None else tau[used] * root[used]
         for j in range(nv):
-            which = np.arange(r) if active is None else np.flatnonzero(active[j])
-            A = np.ascontiguousarray(W[mine, j][:, which])
+            columns = np.arange(r) if active is None else np.flatnonzero(active[j])
+            A = np.ascontiguousarray(W[used, j][:, columns])
             if root is not None:
-                A *= root[mine, j, None]
-            N[j][np.ix_(which, which)] = A.T @ A
-            c[j, which] = A.T @ tau[:, j]
+                A *= root[used, j, None]
+            N[j][np.ix_(columns, columns)] = A.T @ A
+            c[j, columns] = A.T @ tau[:, j]
         return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
@@ -98,8 +98,8 @@ class NormalEquations:
 
     def squares(self, x: Array) -> Array:
         """Sums of squared residuals (nv,) at x (r,)."""
-        found = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
-        return np.asarray(np.maximum(found, _LEAST_SHARE * self.y))
+        squares = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
+        return np.asarray(np.maximum(squares, _LEAST_SHARE * self.y))
 
     def solve(self, prior: Prior) -> tuple[Array, Array]:
         """Weighted least-squares solution and residual sizes."""
@@ -170,8 +170,8 @@ def weighted_fit(
     ``W`` is (n, nv, r), ``tau`` (n, nv). ``active`` (nv, r) marks nonzero columns, ``rows`` (n,) the rows that are
     used; weights of other rows are meaningless.
     """
-    mine = slice(None) if rows is None else rows
-    plain = NormalEquations.from_rows(W, tau, active, rows=mine)
+    used = slice(None) if rows is None else rows
+    plain = NormalEquations.from_rows(W, tau, active, rows=used)
     weights = np.ones(tau.shape)
     if method == "ols":
         x = prior.solve(plain.N.sum(axis=0), plain.c.sum(axis=0))
@@ -180,13 +180,14 @@ def weighted_fit(
     if method == "wls":
         return x, sigma, weights
     for _ in range(_REWEIGHTINGS):
-        left = tau - W @ x
-        sigma = np.maximum(MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
-        weights = huber_weights(np.abs(left / sigma))
+        residuals = tau - W @ x
+        least_sigma = 1e-9 * np.abs(tau[used]).max(axis=0) + 1e-300
+        sigma = np.maximum(MAD * np.median(np.abs(residuals[used]), axis=0), least_sigma)
+        weights = huber_weights(np.abs(residuals / sigma))
         root = np.sqrt(weights) / sigma
-        equations = NormalEquations.from_rows(W, tau, active, root, mine)
+        equations = NormalEquations.from_rows(W, tau, active, root, used)
         new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
-        done = bool(np.abs((W @ (new - x))[mine]).max() <= 1e-6 * sigma.max())
+        done = bool(np.abs((W @ (new - x))[used]).max() <= 1e-6 * sigma.max())
         x = new
         if done:
             break

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 GUESS = "guess"
@@ -76,21 +77,20 @@ def first_calls() -> tuple[FirstCall, ...]:
 def _row(of: str, row: Mapping[str, str]) -> FirstCall:
     call = _CALL.fullmatch(row["use"])
     quantity = row.get("quantity", (call[1] or call[2]) if call else "")
-    words, where, only = (tuple(row.get(key, default).split()) for key, default in _LISTS)
+    words, only = tuple(row.get("word", "").split()), tuple(row.get("only", "").split())
+    where = tuple(row.get("where", _LIBRARY).split())
     return FirstCall(words, of, where, row["use"], row.get("differs", ""), row.get("shown", ""), quantity, only)
 
 
-_LISTS = (("word", ""), ("where", _LIBRARY), ("only", ""))
-
-
 @cache
-def _by_word() -> Mapping[tuple[str, str], tuple[FirstCall, ...]]:
+def _rows_by_key() -> Mapping[tuple[str, str], tuple[FirstCall, ...]]:
     """Rows of each place and name, and of the name in small letters if no other row has it."""
-    found: dict[tuple[str, str], tuple[FirstCall, ...]] = {}
+    rows_by_key: dict[tuple[str, str], tuple[FirstCall, ...]] = {}
     for row in first_calls():
-        for key in [(place, word) for place in row.where for word in row.words]:
-            found[key] = (*found.get(key, ()), row)
-    return {(place, word.casefold()): rows for (place, word), rows in found.items()} | found
+        for key in product(row.where, row.words):
+            rows_by_key[key] = (*rows_by_key.get(key, ()), row)
+    small_letters = {(place, word.casefold()): rows for (place, word), rows in rows_by_key.items()}
+    return small_letters | rows_by_key
 
 
 def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
@@ -99,7 +99,8 @@ def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
     >>> [row.use for row in rows_of("rnea", "robot")]
     ['robot.inverse_dynamics(q, dq, ddq)']
     """
-    return _by_word().get((place, word)) or _by_word().get((place, word.casefold()), ())
+    rows = _rows_by_key()
+    return rows.get((place, word)) or rows.get((place, word.casefold()), ())
 
 
 def similar_names(name: str, known: Iterable[str], cutoff: float = CUTOFF) -> str:
@@ -127,11 +128,12 @@ def missing_attribute(subject: str, name: str, place: str, known: Iterable[str])
     'Robot' object has no attribute 'crba' (Pinocchio): use robot.mass_matrix(q); symmetric and full
     """
     text = f"{subject} has no attribute {name!r}"
-    if rows := rows_of(name, place):
+    rows, similar = rows_of(name, place), similar_names(name, known)
+    if rows:
         origin = "" if rows[0].of == GUESS else f" ({rows[0].of})"
         text += f"{origin}: use {rows[0].advice}"
-    elif near := similar_names(name, known):
-        text += f". Did you mean {near}?"
+    elif similar:
+        text += f". Did you mean {similar}?"
     return AttributeError(text, name=None)  # without a name, Python does not append a guess of its own
 
 

@@ -271,7 +271,7 @@ def from_scipy(transform: RigidTransform) -> Poses:
     >>> bool(np.allclose(from_scipy(as_scipy(exp([0, 0, 0.5, 1, 2, 3]))), exp([0, 0, 0.5, 1, 2, 3])))
     True
     """
-    return arguments.as_matrix(transform, "se3.from_scipy", "scipy.spatial.transform.RigidTransform")
+    return arguments.matrix_of_rotation(transform, "se3.from_scipy", "scipy.spatial.transform.RigidTransform")
 
 
 def _broadcast(R: Array, p: Array) -> tuple[Array, Array]:

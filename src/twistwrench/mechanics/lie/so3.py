@@ -268,7 +268,7 @@ def from_scipy(rotation: Rotation) -> Rotations:
     >>> bool(np.allclose(from_scipy(as_scipy(exp([0, 0, 0.5]))), exp([0, 0, 0.5])))
     True
     """
-    return arguments.as_matrix(rotation, "so3.from_scipy", "scipy.spatial.transform.Rotation")
+    return arguments.matrix_of_rotation(rotation, "so3.from_scipy", "scipy.spatial.transform.Rotation")
 
 
 complete(globals())

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-@third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
+@third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
 def forward_dynamics(
     closed: ConstrainedRobot,
     q: ArrayLike,
@@ -84,7 +84,7 @@ def forward_dynamics(
     return ConstrainedMotion(ddq, lam)
 
 
-@third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
+@third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
 def inverse_dynamics(
     closed: ConstrainedRobot,
     q: ArrayLike,

@@ -17,7 +17,7 @@ from ...core.errors import KernelError, ValueRangeError
 from ...core.files import check_outputs, replacing_together
 from ...core.glossary import complete
 from ...core.gravity import STRENGTH
-from ...core.numbers import in_file
+from ...core.numbers import file_number
 from ...core.text import argument
 from ...core.typing import Array
 from ...mechanics.joints.units import unit_of
@@ -53,7 +53,7 @@ write, so an output may be an input's array; two outputs must not overlap."""
 def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) -> str:
     """Text of the .h file: conventions, joint order, and a prototype with meaning and cost for each function."""
     precision = requests[0].function.precision
-    gx, gy, gz = map(in_file, robot.gravity)
+    gx, gy, gz = map(file_number, robot.gravity)
     about = [
         f"Dynamics of the robot {robot.name} in C99, numbers of type {precision}.",
         f"Written by twistwrench {version('twistwrench')}.",
@@ -150,7 +150,7 @@ def about_request(robot: Robot, request: Request) -> list[str]:
     if names := full.get("parameters"):
         usual, wide = nominal(robot.model), max(map(len, names))
         lines.append("Entries of parameters, and the robot's own numbers:")
-        lines += [f"  {k:3}  {name:{wide}}  {in_file(usual[name])}" for k, name in enumerate(names)]
+        lines += [f"  {k:3}  {name:{wide}}  {file_number(usual[name])}" for k, name in enumerate(names)]
     return lines
 
 

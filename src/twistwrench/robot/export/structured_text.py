@@ -21,7 +21,7 @@ from ...compiler.printers.c99 import identifier, literal
 from ...core import arguments
 from ...core.errors import KernelError, ModelError, ValueRangeError
 from ...core.files import check_outputs, replacing
-from ...core.numbers import in_file
+from ...core.numbers import file_number
 from ...core.text import Argument, Placeholder, argument, in_the_shell, spell
 from ...core.typing import Array
 from ...mechanics.algorithms.friction import either, friction_forces, positive
@@ -289,7 +289,7 @@ def export_st(
 
 def _header(robot: Robot, wanted: Sequence[Request], torque: str) -> str:
     digests = ", ".join(f"{request.function.program.digest[:12]}" for request in wanted)
-    gx, gy, gz = map(in_file, robot.gravity)
+    gx, gy, gz = map(file_number, robot.gravity)
     order = f"order {', '.join(robot.model.drive_names)}" if robot.model.couplings else "order of the joints"
     shafts = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
