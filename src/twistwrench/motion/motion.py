@@ -275,8 +275,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """Select states, ``motion[10:200]`` or ``motion[::10]``; times are unchanged. Raises ValueRangeError."""
         if not isinstance(rows, slice):
             raise ValueRangeError(
-                f"Motion: rows are chosen by a slice, motion[10:200], got {arguments.value_text(rows)}. For the state at a time "
-                "take motion.at(t), for a span motion.between(t0, t1)."
+                f"Motion: rows are chosen by a slice, motion[10:200], got {arguments.value_text(rows)}. For the state "
+                "at a time take motion.at(t), for a span motion.between(t0, t1)."
             )
         try:
             chosen = {name: getattr(self, name)[rows] for name in ("time", "q", "dq", "ddq")}

@@ -296,8 +296,8 @@ class RobotBase:
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(
-                f"rng={arguments.value_text(rng)}, size={arguments.value_text(size)}: give a seed or a numpy Generator, and whole "
-                "numbers of samples."
+                f"rng={arguments.value_text(rng)}, size={arguments.value_text(size)}: give a seed or a numpy "
+                "Generator, and whole numbers of samples."
             ) from None
         if any(n < 0 for n in shape):
             raise ValueRangeError(f"size={arguments.value_text(size)} has a negative number of samples.")

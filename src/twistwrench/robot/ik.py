@@ -303,7 +303,8 @@ def _checked_request(
         again = seed = -1
     if again < 0:
         raise ValueRangeError(
-            f"restarts={arguments.value_text(restarts)}, rng={arguments.value_text(rng)}: give a whole number of at least 0, and a seed."
+            f"restarts={arguments.value_text(restarts)}, rng={arguments.value_text(rng)}: give a whole number of at least 0, "
+            "and a seed."
         )
     allowed = [arguments.number(x, name) for name, x in (("angle", angle), ("distance", distance))]
     if not all(0 < x < np.inf for x in allowed):

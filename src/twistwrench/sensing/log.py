@@ -192,8 +192,8 @@ class ReadingLog:
             self.readings[which]
         except (IndexError, TypeError, ValueError) as problem:
             raise ValueRangeError(
-                f"{self.name}: {arguments.value_text(which)} chooses no readings: {problem}. Give a slice, indices, or a mask of "
-                f"{len(self)}."
+                f"{self.name}: {arguments.value_text(which)} chooses no readings: {problem}. Give a slice, indices, or "
+                f"a mask of {len(self)}."
             ) from None
         optional = {name: getattr(self, name) for name in ("V", "dV", "time", "rotations")}
         chosen: dict[str, Any] = {name: None if x is None else x[which] for name, x in optional.items()}

@@ -162,8 +162,8 @@ def _friction(
             refuse_couplings(robot.model, f"friction by method {method!r}")
         if creep is not None:
             raise ValueRangeError(
-                f"creep is {arguments.value_text(creep)}, and method {method!r} eases no friction: it stops joints and holds them. "
-                "Leave creep out."
+                f"creep is {arguments.value_text(creep)}, and method {method!r} eases no friction: it stops joints and "
+                "holds them. Leave creep out."
             )
         if rubs or gains is not None:
             system.dry_friction = DryFrictionStep(robot, h, friction=bool(rubs), gains=gains)
@@ -244,8 +244,8 @@ def _limits(robot: Robot, given: str | None, y0: Array) -> PositionLimits | None
         return None
     if not isinstance(given, str) or given != "stop":
         raise ValueRangeError(
-            f"limits is {arguments.value_text(given)}; choose 'stop', which ends the simulation where a joint reaches a limit, or "
-            "None. For stops that push back, contacts=tw.simulation.JointStops(stiffness=…)."
+            f"limits is {arguments.value_text(given)}; choose 'stop', which ends the simulation where a joint reaches "
+            "a limit, or None. For stops that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
     found = PositionLimits.from_robot(robot)
     if outside := found.outside(y0[: robot.nq]):

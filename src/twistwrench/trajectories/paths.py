@@ -148,8 +148,8 @@ def require_path(path: Any, what: str) -> JointPath:
     """Check that ``path`` is a joint path. Raises ValueRangeError."""
     if not isinstance(path, JointPath):
         raise ValueRangeError(
-            f"{what}: the path is {arguments.value_text(path)}: give a path of the joints, as tw.trajectories.joint_line(robot, q0, "
-            "q1), spline(robot, waypoints) and follow_poses make one."
+            f"{what}: the path is {arguments.value_text(path)}: give a path of the joints, as "
+            "tw.trajectories.joint_line(robot, q0, q1), spline(robot, waypoints) and follow_poses make one."
         )
     return path
 

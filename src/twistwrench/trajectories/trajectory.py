@@ -58,7 +58,8 @@ def violations(
         motion = getattr(trajectory, "motion", trajectory)  # a simulation's result has a motion
         if not isinstance(motion, Motion):
             raise ValueRangeError(
-                f"violations: the motion is {arguments.value_text(trajectory)}: give a Trajectory, a tw.Motion, or a simulation."
+                f"violations: the motion is {arguments.value_text(trajectory)}: give a Trajectory, a tw.Motion, or a "
+                "simulation."
             )
         return motion.with_robot(robot).violations(bounds, friction=friction)
     samples = arguments.whole(samples, "samples")
@@ -127,8 +128,8 @@ class Trajectory(TrajectoryDoors):
         require_path(self.path, "Trajectory")
         if not callable(self.scaling) or isinstance(self.scaling, type) or not hasattr(self.scaling, "duration"):
             raise ValueRangeError(
-                f"Trajectory: the scaling is {arguments.value_text(self.scaling)}: give one that tw.trajectories.quintic, cubic, "
-                "trapezoid or uniform makes."
+                f"Trajectory: the scaling is {arguments.value_text(self.scaling)}: give one that "
+                "tw.trajectories.quintic, cubic, trapezoid or uniform makes."
             )
         wide = self.path(0.0)[0].shape[-1]
         if wide != self.robot.nq:
@@ -304,8 +305,8 @@ def fitted(
     bounds, friction = bounds_or_own(robot, bounds), arguments.flag(friction, "friction")
     if shape is not None and not (hasattr(shape, "stretched") and not isinstance(shape, type)):
         raise ValueRangeError(
-            f"fitted: the shape is {arguments.value_text(shape)}: give a scaling that tw.trajectories.quintic, cubic, trapezoid or "
-            "uniform makes, of any duration."
+            f"fitted: the shape is {arguments.value_text(shape)}: give a scaling that tw.trajectories.quintic, cubic, "
+            "trapezoid or uniform makes, of any duration."
         )
     unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
     if np.isfinite(bounds.jerk).any():
