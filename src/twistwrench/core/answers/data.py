@@ -137,7 +137,8 @@ def table_data(table: Table) -> dict[str, Any]:
 def plain(block: Block | Cell) -> str:
     """The text of a block or cell without styles; a bar is its label, and glyphs are left out."""
     if isinstance(block, Branch):
-        return "\n".join(map(plain, [block.label, *block.branches]))
+        texts = [plain(block.label), *map(plain, block.branches)]
+        return "\n".join(texts)
     if isinstance(block, Glyphs):
         return ""
     if isinstance(block, Bar):
