@@ -205,7 +205,9 @@ class ReportPage:
         while end < len(self.blocks) and self.blocks[end] != "" and not isinstance(self.blocks[end], Table):
             end += 1
         head = list(self.blocks[:end]) or [f"{self.command}: {self.subject}"]
-        body = [block for block in self.blocks[end:] if block != "" and not isinstance(block, More | Remark)]
+        body: list[Block] = [
+            block for block in self.blocks[end:] if block != "" and not isinstance(block, More | Remark)
+        ]
         return [block for block in head if not isinstance(block, Remark)], body
 
     def write(self, path: Path) -> Path:
