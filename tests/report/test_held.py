@@ -293,3 +293,94 @@ def test_the_command_asks_the_same_questions(tmp_path):
     )
     head = out.read_text().splitlines()[0]
     assert "mounting.mx [N m]" in head and "bolt4.shear [N]" in head and "grip.needed [N]" in head
+
+
+# ── What other limits mean for the first lines
+
+
+@pytest.mark.parametrize(
+    "options", [{"grip": "30,0.5"}, {"mounting": True, "bolts": "4x0.17"}, {"limits": {"tilting": np.full(6, 1.0)}}]
+)
+def test_the_largest_payload_is_by_torques_alone_where_grip_bolts_or_bearings_may_hold_less(options):
+    plain, other = (tw.check("ur5", "demo", payload=5, **asked) for asked in ({}, options))
+    assert "Maximum payload on this path: 8.38 kg" in str(plain)
+    assert "Maximum payload on this path by joint torques alone: 8.38 kg" in " ".join(str(other).split())
+    assert_allclose(other.largest_payload, plain.largest_payload)
+
+
+def test_bolts_without_preload_are_not_judged_in_words(tmp_path):
+    answer = tw.check("ur5", "demo", payload=5, mounting=True, bolts="4x0.17")
+    pull = answer.bolt_loads[..., 0].max()
+    said = f"The bolts are not judged, as their preload is not known: the robot pulls one with up to {pull:.4g} N."
+    assert said in " ".join(str(answer).split())
+    judged = tw.check("ur5", "demo", payload=5, mounting=True, bolts=bolt_file(tmp_path / "b.csv", "m", 1e5))
+    assert "not judged" not in str(judged)
+
+
+GRIPPER = """<robot name="gripper"><link name="palm"/>{fingers}</robot>"""
+FINGER = """<link name="{name}"><inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="{name}_drive" type="{kind}"><parent link="palm"/><child link="{name}"/><origin xyz="0 0 0.1"/>
+<axis xyz="0 {side} 0"/><limit lower="-1" upper="1" effort="100" velocity="1"/></joint>"""
+
+
+def with_gripper(folder, kind):
+    fingers = "".join(FINGER.format(name=n, kind=kind, side=s) for n, s in (("left", 1), ("right", -1)))
+    (folder / "gripper.urdf").write_text(GRIPPER.format(fingers=fingers))
+    robot = tw.join("ur5", folder / "gripper.urdf").robot
+    q = np.tile([0.0, -1.2, 1.2, 0.0, 0.0, 0.0, 0.0, 0.0], (8, 1))
+    return robot, tw.Motion(np.linspace(0, 1, 8), q, 0 * q, 0 * q, robot=robot)
+
+
+@pytest.mark.parametrize("frame", ["palm", "left"])
+def test_fingers_weaker_than_the_grip_force_make_the_answer_unsure(tmp_path, frame):
+    """Nothing describes how the grip force loads the drives: below their limit a remark, above it UNSURE, never a bare OK."""
+    robot, motion = with_gripper(tmp_path, "prismatic")
+    for force, word in ((160, "UNSURE"), (90, "OK")):
+        answer = tw.check(robot, motion, payload={frame: 1.0}, grip=f"{force},0.5@{frame}")
+        assert answer.verdict.word == word
+        remark = f"drives of left_drive, right_drive (100 N) are not judged for the grip force of {force} N"
+        assert remark in " ".join(str(answer).split())
+    stronger = {"left_drive": 500.0, "right_drive": 500.0}
+    assert tw.check(robot, motion, payload={frame: 1.0}, grip=f"160,0.5@{frame}", limits=stronger).verdict.ok
+
+
+def test_turning_fingers_are_remarked_and_fingers_that_a_wrench_loads_are_judged(tmp_path):
+    robot, motion = with_gripper(tmp_path, "revolute")
+    asked = {"payload": {"palm": 1.0}, "grip": "160,0.5@palm"}
+    assert "(100 N m) are not judged for the grip force of 160 N" in " ".join(
+        str(tw.check(robot, motion, **asked)).split()
+    )
+    push = {name: [0, 0, 0, 0, 5.0, 0] for name in ("left", "right")}
+    assert "not judged" not in str(tw.check(robot, motion, wrench_on_robot=push, **asked))
+    assert "not judged" not in str(tw.check("ur5", "demo", payload=5, grip="200,0.5"))
+
+
+def bearing_table(tmp_path, text):
+    (tmp_path / "bearings.csv").write_text(text)
+    return tmp_path / "bearings.csv"
+
+
+def test_the_closest_limit_may_be_that_of_a_bearing(tmp_path):
+    """The largest share of all limits is named first, and the table has the loads of all bearings with limits."""
+    free = tw.check(
+        "ur5", "demo", payload=5, limits=bearing_table(tmp_path, "joint,tilting,radial\nelbow_joint,1e6,1e6")
+    )
+    assert free.headline.startswith("OK: all limits kept. Closest: shoulder_lift_joint, 76 % of its torque limit")
+    (largest,) = (use.value for use in free.bearings if use.kind == "tilting")
+    for share, begins in (
+        (0.998, "the bearing of elbow_joint, 99.8 % of its limit of tilting moment"),
+        (0.5, "shoulder_lift_joint, 76"),
+    ):
+        table = bearing_table(tmp_path, f"joint,tilting,radial\nelbow_joint,{largest / share},1e6")
+        answer = tw.check("ur5", "demo", payload=5, limits=table)
+        assert answer.headline.startswith(f"OK: all limits kept. Closest: {begins}"), answer.headline
+        shown = answer.tables["Bearings"].to_dict()
+        assert_allclose(max(shown["of limit"]), share, rtol=1e-6)
+    assert "Torque of shoulder_lift_joint: 76 % of its limit" not in answer.headline
+
+
+def test_the_force_along_a_sliding_joint_is_no_load_of_its_bearing(tmp_path):
+    robot, motion = with_gripper(tmp_path, "prismatic")
+    with pytest.raises(tw.ValueRangeError, match=r"slides along its axis.*effort"):
+        tw.check(robot, motion, limits=bearing_table(tmp_path, "joint,axial\nleft_drive,10"))
+    assert tw.check(robot, motion, limits=bearing_table(tmp_path, "joint,axial,radial\nleft_drive,,100")).verdict.ok

@@ -37,6 +37,73 @@ def test_at_rest_the_mounting_carries_the_whole_weight():
     assert load.largest["fz"] == (load.wrench[0, 5], 0)
 
 
+RAIL = """<robot name="rail"><link name="track"/><link name="carriage"><inertial><mass value="40"/>
+<inertia ixx="1" iyy="1" izz="1.5" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="rail" type="prismatic">
+<parent link="track"/><child link="carriage"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="2000" velocity="1.5"/>
+</joint></robot>"""
+PEDESTAL = """<robot name="pedestal"><link name="foot"><inertial><mass value="80"/>
+<inertia ixx="2" iyy="2" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="top"/>
+<joint name="up" type="fixed"><parent link="foot"/><child link="top"/><origin xyz="0.2 0 0.7"/></joint></robot>"""
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory):
+    """UR5 on the carriage of a locked rail, on a heavy pedestal, and beside a second arm; with the frame each stands on."""
+    folder = tmp_path_factory.mktemp("cells")
+    for name, text in (("rail", RAIL), ("pedestal", PEDESTAL)):
+        (folder / f"{name}.urdf").write_text(text)
+    return {
+        "rail": (tw.join(folder / "rail.urdf", "ur5@carriage").robot.lock({"rail": 0.6}), "base_link"),
+        "pedestal": (tw.join(folder / "pedestal.urdf", "ur5@top").robot, "base_link"),
+        "two arms": (tw.join("ur5@floor:left_", "ur5@floor+0,1,0,0,30deg,0:right_").robot, "left_base_link"),
+    }
+
+
+@pytest.mark.parametrize("name", ["rail", "pedestal", "two arms"])
+def test_what_lies_below_a_mounting_or_beside_it_does_not_load_it(cells, name):
+    """The wrench on a frame is that of what stands on it: the wrench of the same robot alone, on a fixed base."""
+    cell, frame = cells[name]
+    q, dq, ddq = moving(cell)
+    alone = statics.mounting_load(tw.robots.ur5(), q[:, :6], dq[:, :6], ddq[:, :6]).wrench
+    load = statics.mounting_load(cell, q, dq, ddq, frame)
+    assert_allclose(load.wrench, alone, rtol=1e-9, atol=1e-9)
+    assert load.frame == frame
+    motion = tw.Motion(np.arange(len(q)) / 100, q, dq, ddq, robot=cell, in_seconds=True)
+    answer = tw.check(cell, motion, mounting=frame, bolts="4x0.17")
+    assert_allclose(answer.bolt_loads[..., 0].sum(axis=1), alone[:, 5], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["rail", "pedestal", "two arms"])
+def test_the_root_of_a_cell_carries_the_weight_of_all(cells, name):
+    cell, _ = cells[name]
+    still = np.zeros(cell.nv)
+    load = statics.mounting_load(cell, cell.neutral, still, still)
+    assert_allclose(load.wrench[0, 5], -9.81 * (cell.model.moving_mass + cell.model.base_inertia.mass), rtol=1e-9)
+
+
+def test_the_rotors_of_a_robot_load_the_mounting_by_their_change_of_momentum():
+    """A rotor of inertia J on the base, which turns G times as fast as the joint: G J ddq about the axis more."""
+    plain = tw.robots.ur5()
+    rotor = {"inertia": "1e-4 kg m^2", "extra": True, "mass": "0.5 kg"}
+    driven = plain.with_actuators({"actuators": {"shoulder_pan_joint": {"ratio": 100, "rotor": rotor}}})
+    q, dq, ddq = moving(plain)
+    more = statics.mounting_load(driven, q, dq, ddq).wrench - statics.mounting_load(plain, q, dq, ddq).wrench
+    weight = np.tile([0, 0, -0.5 * 9.81], (len(q), 1))
+    assert_allclose(more[:, 3:], weight, atol=1e-9)
+    assert_allclose(more[:, 2], -100 * 1e-4 * ddq[:, 0], atol=1e-9)
+
+
+def test_a_push_on_a_fixed_link_loads_the_mounting_that_the_link_stands_on(cells):
+    cell, frame = cells["pedestal"]
+    still, push = np.zeros(cell.nv), np.array([0, 0, 0, 0, 0, -50.0])
+    plain, on_arm, on_foot = (
+        statics.mounting_load(cell, cell.neutral, still, still, frame, wrench_on_robot=pushed).wrench
+        for pushed in (None, {frame: push}, {"foot": push})
+    )
+    assert_allclose(on_arm - plain, [push], atol=1e-9)
+    assert_allclose(on_foot, plain, atol=1e-9)
+
+
 def test_bolts_add_up_to_the_wrench():
     ur5 = tw.robots.ur5()
     load = statics.mounting_load(ur5, *moving(ur5))
@@ -75,8 +142,9 @@ def test_impossible_mountings_are_errors():
     z = np.zeros(6)
     with pytest.raises(tw.ValueRangeError, match="floating_base=False"):
         statics.mounting_load(box, box.neutral, z, z)
-    with pytest.raises(tw.ValueRangeError, match="fixed to the base"):
-        statics.mounting_load(ur5, ur5.neutral, z, z, "tool0")
+    for way in ("fixed to the base", "columns radial, axial, tilting", "statics.bearing_loads"):
+        with pytest.raises(tw.ValueRangeError, match=way):
+            statics.mounting_load(ur5, ur5.neutral, z, z, "tool0")
     with pytest.raises(tw.ValueRangeError, match="one line"):
         statics.mounting_load(ur5, ur5.neutral, z, z).bolts([[0, 0], [1, 0], [2, 0]])
     with pytest.raises(tw.ShapeError, match=r"\(k, 2\)"):
@@ -120,7 +188,7 @@ def test_bearings_are_limits_of_a_robot_and_of_a_call():
     assert np.isinf(ur5.limits.tilting).all()
     answer = checked({"tilting": np.full(6, 1.0)})
     assert {e.joint for e in answer.excesses if e.kind == "tilting"} > {"elbow_joint"}
-    assert answer.largest_payload is None  # torques alone do not tell it
+    assert answer.largest_payload == pytest.approx(checked(None).largest_payload)  # by torques alone
 
 
 def test_units_of_bearings_are_those_of_forces_and_moments(tmp_path):

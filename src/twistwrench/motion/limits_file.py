@@ -147,6 +147,7 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
             of_head = _factor(units[kind], part, moment, f"{where}, column {kind!r}") if kind in units else None
             found[kind][k] = value * (of_head or (1.0 if kind in ("effort", *BEARINGS) else angle))
             with_unit[KINDS.index(kind), k] = of_head is not None
+        _check_bearing(model, joint, values, where)
         if "acceleration" in values and "deceleration" not in values:
             found["deceleration"][k] = found["acceleration"][k]
         if found["lower"][k] > found["upper"][k]:
@@ -183,6 +184,22 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
             "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
         )
     return k
+
+
+def _check_bearing(model: Model, joint: str, values: dict[str, float], where: str) -> None:
+    """Raise ValueRangeError for limits of loads that a joint's bearing does not have."""
+    given = [kind for kind in BEARINGS if math.isfinite(values.get(kind, math.inf))]
+    body = next((body for body in model.leaders if body.joint.name == joint), None)
+    if given and (body is None or body.joint.nv != 1):
+        raise ValueRangeError(
+            f"{where}, column {given[0]!r}: {joint!r} has several degrees of freedom, and loads of its bearing are not "
+            "computed. Leave this blank."
+        )
+    if "axial" in given and body is not None and not body.joint.turning[0]:
+        raise ValueRangeError(
+            f"{where}, column 'axial': {joint!r} slides along its axis, so that its drive bears the force along it, and no "
+            "bearing. Leave this blank, and give the largest force of the drive as effort."
+        )
 
 
 def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:

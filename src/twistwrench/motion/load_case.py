@@ -454,9 +454,15 @@ class PayloadMargin:
     @property
     def words(self) -> str:
         """Sentence with the mass rounded down."""
-        return sentence(
-            "margin", mass=rounded_down(self.mass), frame=self.frame, joint=self.joint, time=seconds(self.time)
-        )
+        return self._sentence("margin")
+
+    @property
+    def words_alone(self) -> str:
+        """The same, if the payload must also keep limits that are not those of torques, as of a grip, bolts or bearings."""
+        return self._sentence("margin alone")
+
+    def _sentence(self, kind: str) -> str:
+        return sentence(kind, mass=rounded_down(self.mass), frame=self.frame, joint=self.joint, time=seconds(self.time))
 
 
 class PayloadShares(NamedTuple):

@@ -148,7 +148,7 @@ def check(
         Feet that carry: "auto": those that are low and slow; "log": by columns FRAME.contact of the log, 0 or 1, or a force
         above 20 N; or by the column of each foot.
     mounting : frame, or True for the root, optional
-        Wrench on the foundation, in the axes of the frame; the base is then known to be held.
+        Wrench of what stands on the frame, and not of what lies below or beside it, in the frame's axes; the base is held.
     bolts : "NUMBERxDIAMETER", path of a file x,y[,preload], or (k, 2) array, optional
         Bolts of the mounting, in its frame [m, N].
     grip : "FORCE,FRICTION[@FRAME]", or {"force", "friction", "frame", "axis", "width", "pad"}, optional

@@ -36,7 +36,7 @@ from ..motion.model_doubts import (
 from ..motion.motion_log import ASKED
 from .statistics import INTERVAL
 from .support.judgement import standing_words, support_verdict
-from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
+from .torque_report import NEGLIGIBLE, SMALL, ZERO, BearingUse, TorqueReport
 from .torque_verdict import (
     KINDS,
     because,
@@ -75,7 +75,7 @@ def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headlin
         assumed = assumed_words(clauses)
     margin, further = _payload_margin(report), []
     if margin is not None:
-        further.append(Line(margin.words))
+        further.append(Line(margin.words_alone if _has_other_limits(report) else margin.words))
     if report.held.support is not None and not judged.ok and support_verdict(report.held.support).ok:
         text = standing_words(report.held.support)
         further.append(Line(f"{text[0].upper()}{text[1:]}."))
@@ -112,6 +112,12 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
     return report.payload_margin if fits != any(e.kind == "effort" for e in report.excesses) else None
 
 
+def _has_other_limits(report: TorqueReport) -> bool:
+    """True if the payload must also keep limits of a grip, of bolts or of bearings."""
+    bolted = report.held.mounting is not None and report.held.mounting.pattern is not None
+    return report.held.grip is not None or bolted or bears(report.limits)
+
+
 def _sure(report: TorqueReport) -> str:
     """Sentence of the verdict OK."""
     nearest = _nearest(report)
@@ -135,9 +141,23 @@ def _nearest(report: TorqueReport) -> str:
     sure = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2)) if smoothed else ""
     share = percent_of_limit(j.share)
     nearest = sentence("nearest", joint=j.joint, share=share, sure=sure, time=seconds(j.time), because=because(j))
+    bearing = max(report.bearings, key=lambda use: use.share, default=None)
+    if bearing is not None and bearing.share > j.share:
+        of_torques = sentence("near", kind="Torque", joint=j.joint, share=share + sure, time=seconds(j.time))
+        nearest = f"{_nearest_bearing(bearing)}. {of_torques}"
     clauses = [nearest, *_also_near(report, j.share), *([sentence("smoothed", joints=smoothed)] if smoothed else [])]
     hidden = report.gaps.hidden_words if report.gaps.hidden else ""
     return ". ".join([*clauses, *([f"{hidden[0].upper()}{hidden[1:]}"] if hidden else [])])
+
+
+def _nearest_bearing(use: BearingUse) -> str:
+    return sentence(
+        "nearest bearing",
+        joint=use.joint,
+        share=percent_of_limit(use.share),
+        kind=KINDS[use.kind],
+        time=seconds(use.time),
+    )
 
 
 AT_STOP = 0.99

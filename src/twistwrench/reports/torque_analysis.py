@@ -20,7 +20,7 @@ from ..core.tables import csv_table
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
-from ..mechanics.model.limits import BEARING_UNITS, bears
+from ..mechanics.model.limits import BEARING_UNITS, BEARINGS, bears
 from ..motion.bounds import Extrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak
@@ -50,6 +50,7 @@ from .torque_report import (
     NEGLIGIBLE,
     ZERO,
     AsDerived,
+    BearingUse,
     Excess,
     Joints,
     JointTorque,
@@ -138,6 +139,16 @@ class Extremes:
             if known.any():
                 found.append(NearLimit(names[k], "position", float(shares[k]), float(passed.time[k])))
         return tuple(sorted(found, key=lambda near: -near.share))
+
+    def bearings(self) -> tuple[BearingUse, ...]:
+        """Largest loads of the bearings that have limits, by joint."""
+        names, limits = self._coordinates.velocity_names, self.limits
+        return tuple(
+            BearingUse(names[k], kind, float(loads.signed[k]), float(getattr(limits, kind)[k]), float(loads.time[k]))
+            for k in range(len(names))
+            for kind, loads in self.passed.items()
+            if kind in BEARINGS and np.isfinite(getattr(limits, kind)[k])
+        )
 
     def excesses(self) -> tuple[Excess, ...]:
         """Exceeded limits, worst effort first."""
@@ -306,7 +317,7 @@ class MotionPass:
         some, edges = s[:: max(1, len(s) // _MASS_SAMPLES)], self._edges
         edges = edges[(edges >= rows.start) & (edges < rows.stop)] - first
         margin = None
-        if margin_determined(load) and not bears(limits):  # a bearing may bear less than the motors lift
+        if margin_determined(load):
             added = load.at_drives(load.payload_torques(s))
             every = np.hstack([added, load.follower_payload_torques(s)]) if followers else added
             margin = payload_shares(load, limits.effort, s.time, np.hstack([torques, borne]), every)
@@ -530,6 +541,7 @@ def _report(
         around=run.around(found, worst),
         doubts=_doubts(run, found, glitches=not outliers),
         near=found.whole.nearest(),
+        bearings=found.whole.bearings(),
         spans=run.spans,
         sound=SoundFigures(found.sound.peak.value, found.sound.excesses()) if run.spans else None,
         measured=run.measured(found),

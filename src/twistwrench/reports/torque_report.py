@@ -133,6 +133,24 @@ class NearLimit:
     time: float
 
 
+@dataclass(frozen=True)
+class BearingUse:
+    """Largest load of one kind on the bearing of a joint, with its limit."""
+
+    joint: str
+    kind: str
+    """``axial``, ``radial`` or ``tilting``."""
+    value: float
+    """Largest load [N, tilting: N m]."""
+    limit: float
+    time: float
+
+    @property
+    def share(self) -> float:
+        """Load over limit."""
+        return self.value / self.limit
+
+
 @dataclass(frozen=True, eq=False)
 class SoundFigures:
     """Figures of a motion without the rows in doubtful spans."""
@@ -246,6 +264,8 @@ class TorqueReport(Answer):
     """Results of the unsmoothed log; None if they are the final results or were not requested."""
     near: tuple[NearLimit, ...] = ()
     """Velocity and position nearest to their limits, nearest first."""
+    bearings: tuple[BearingUse, ...] = ()
+    """Largest loads of the bearings that have limits."""
     spans: DoubtfulSpans = field(default_factory=DoubtfulSpans)
     """Spans of time with rows that are missing, repeated or wrong, so that derived figures in them are unknown."""
     sound: SoundFigures | None = None
@@ -388,7 +408,10 @@ class TorqueReport(Answer):
 
     @property
     def largest_payload(self) -> float | None:
-        """Largest mass [kg] of the single payload within all torque limits; None if unknown or without a single payload."""
+        """Largest mass [kg] of the single payload by joint torques alone; None if unknown or without a single payload.
+
+        Grip, bolts and bearings may hold less; they are not counted.
+        """
         return None if self.payload_margin is None else self.payload_margin.mass
 
     @cached_property

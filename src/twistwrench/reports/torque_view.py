@@ -36,7 +36,7 @@ from .log_quality import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
 from .support.view import contact_tables, imbalance
-from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
+from .torque_report import NEGLIGIBLE, BearingUse, Excess, JointTorque, TorqueReport
 from .torque_verdict import KINDS, notes_of
 
 # ── Motors
@@ -97,6 +97,8 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
         yield from imbalance(report.held.support)
     yield _peaks(report)
     yield _causes(report)
+    if report.bearings:
+        yield _bearings(report.bearings)
     if report.held.support is not None:
         yield from contact_tables(report.held.support)
     if report.held.mounting is not None:
@@ -202,6 +204,21 @@ def _causes(report: TorqueReport) -> Table:
         *(column(cause_label(term), [cause(j, term) for j in joints], cell_text) for term in terms),
         column("noise", [j.chance for j in joints], report.label) if chance else None,
         words("mostly", map(mostly, joints), fold=False),
+    )
+
+
+def _bearings(uses: Sequence[BearingUse]) -> Table:
+    """Largest loads of bearings that have limits, with their shares."""
+    return Table(
+        "Bearings",
+        words("joint", [use.joint for use in uses]),
+        words("load", [f"{KINDS[use.kind]} [{BEARING_UNITS[use.kind]}]" for use in uses], fold=False),
+        numbers("largest", [use.value for use in uses], torque),
+        numbers("limit", [use.limit for use in uses]),
+        numbers("of limit", [use.share for use in uses], share_cell),
+        numbers("when", [use.time for use in uses], seconds, "s"),
+        most=_MOST,
+        by=[use.share for use in uses],
     )
 
 

@@ -13,12 +13,14 @@ from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
+from ..core.text import listed
 from ..core.typing import Array
+from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import se3
 from ..mechanics.lie.labelled import WRENCH
 from ..mechanics.model.joint_loads import bearing_loads as components
 from ..mechanics.model.limits import BEARINGS
-from ..mechanics.model.model import BASE
+from ..mechanics.model.model import BASE, Body, Model
 from ..robot.task_space_methods import require_robot
 from .torque_limits import floating_entries
 
@@ -145,14 +147,16 @@ def mounting_load(
     *,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
 ) -> MountingLoad:
-    """Wrench of a robot with a fixed base on its foundation along a motion, with the weight of its fixed links.
+    """Wrench on its foundation, along a motion, of all that stands on a frame of a robot with a fixed base.
 
     Parameters
     ----------
     q : (n, nq) or (nq,) array_like
     dq, ddq : (n, nv) or (nv,) array_like
-    frame : str, optional, link fixed to the base, whose origin and axes the wrench has; None: the root link
-    wrench_on_robot : {frame: (n, 6) or (6,)}, optional, wrenches on moving frames of the robot
+    frame : str, optional
+        Link fixed to the base, whose origin and axes the wrench has; None: the root link. The link and all links beyond it
+        stand on it, with their weights: a rail below it, or another arm beside it, does not count.
+    wrench_on_robot : {frame: (n, 6) or (6,)}, optional, wrenches on frames of the robot
 
     Returns
     -------
@@ -161,7 +165,7 @@ def mounting_load(
     Raises
     ------
     ValueRangeError
-        The base is not fixed, or the frame moves.
+        The base is not fixed, the frame moves, or it is a site, so that the links on it are not known.
 
     Examples
     --------
@@ -177,20 +181,74 @@ def mounting_load(
             f"the base of robot {robot.name!r} is free, so that nothing mounts it. Load it with floating_base=False, or use "
             "statics.support for its contacts."
         )
-    if frame is None:
-        frame = next(name for name, x in model.frames.items() if x.body == BASE)
-    if model.frame(frame).body != BASE:
-        raise ValueRangeError(f"{frame!r} moves with a joint. Give a link fixed to the base of robot {robot.name!r}.")
+    root = next(name for name, x in model.frames.items() if x.body == BASE and _parent(model, name) not in model.frames)
+    frame = root if frame is None else frame
+    _check_mounting(model, frame)
+    q = np.asarray(q, float)
     F = np.asarray(robot.joint_wrenches(q, dq, ddq, wrench_on_robot=wrench_on_robot))
     wrench = np.zeros((*F.shape[:-2], 6))
     for k, body in enumerate(model.bodies):
-        if body.parent == BASE:
-            T = np.asarray(robot.forward_kinematics(q, body.link)) @ se3.inverse(model.frame(body.link).pose)
-            wrench = wrench - _moved(T, F[..., k, :])
-    base = model.base_inertia
-    weight = base.mass * model.gravity
-    wrench = wrench + np.concatenate([np.cross(base.com, weight), weight])
+        if body.parent == BASE and _stands_on(model, _carrier(model, body), frame):
+            wrench = wrench - _moved(_poses(body, q), F[..., k, :])
+    for name, F_on in (wrench_on_robot or {}).items():
+        if model.frame(name).body == BASE and _stands_on(model, name, frame):
+            wrench = wrench + _moved(model.frame(name).pose, np.asarray(F_on, float))
+    still = model.base_inertia if frame in model.sites or frame == root else _fixed_inertia(model, frame)
+    weight = still.mass * model.gravity
+    wrench = wrench + np.concatenate([np.cross(still.com, weight), weight])
     return MountingLoad(np.atleast_2d(_moved(se3.inverse(model.frame(frame).pose), wrench)), frame)
+
+
+def _check_mounting(model: Model, frame: str) -> None:
+    """Raise ValueRangeError if a frame moves, or if the links that stand on it are not known."""
+    if model.frame(frame).body != BASE:
+        raise ValueRangeError(
+            f"{frame!r} moves with a joint. Give a link fixed to the base of robot {model.name!r}. The load of what moves it "
+            "is that of the joint's bearing: give limits with columns radial, axial, tilting, or use statics.bearing_loads."
+        )
+    fixed = [name for name, x in model.frames.items() if x.body == BASE]
+    if frame in model.sites and len(fixed) > 1:
+        raise ValueRangeError(
+            f"{frame!r} is a site, and the links that stand on it are not known. Give one of {listed(fixed)}."
+        )
+
+
+def _parent(model: Model, link: str) -> str:
+    return model.mounts[link][0] if link in model.mounts else ""
+
+
+def _stands_on(model: Model, link: str, frame: str) -> bool:
+    """True if a link is that of a frame or beyond it in the tree; all links are beyond a site of the only fixed link."""
+    while link and link != frame:
+        link = _parent(model, link)
+    return link == frame or frame in model.sites
+
+
+def _carrier(model: Model, body: Body) -> str:
+    """Link of a body, or the link that carries it if it is a rotor."""
+    if body.joint.moves_body:
+        return body.link
+    actuator = next(a for a in model.actuators.values() if f"{a.joint}.rotor" == body.link)
+    if actuator.rotor is not None and actuator.rotor.link is not None:
+        return actuator.rotor.link
+    return _parent(model, next(driven.link for driven in model.bodies if driven.joint.name == actuator.joint))
+
+
+def _poses(body: Body, q: Array) -> Array:
+    """Poses (..., 4, 4) in the base frame of a body that the base carries."""
+    coordinates = body.ratio * q[..., body.places[0]] + body.offset
+    rows = [body.placement @ body.joint.pose(x) for x in coordinates.reshape(-1, coordinates.shape[-1])]
+    return np.reshape(rows, (*q.shape[:-1], 4, 4))
+
+
+def _fixed_inertia(model: Model, frame: str) -> SpatialInertia:
+    """Inertia of the fixed links that stand on a frame, in the base frame."""
+    found = SpatialInertia.zero()
+    for name, inertia in model.link_inertias.items():
+        link = model.frames[name]
+        if link.body == BASE and _stands_on(model, name, frame):
+            found = found + inertia.in_frame(link.pose)
+    return found
 
 
 def _moved(T_ab: Array, F_b: Array) -> Array:

@@ -42,12 +42,15 @@ SENTENCES = MappingProxyType(
         "some": "{count} of {all} joints{named}",
         "one": "the joint {joint}",
         "nearest": "all limits kept. Closest: {joint}, {share}{sure} of its torque limit at t = {time} s{because}",
+        "nearest bearing": "all limits kept. Closest: the bearing of {joint}, {share} of its limit of {kind} at t = {time} s",
         "near": "{kind} of {joint}: {share} of its limit at t = {time} s",
         "sure": " ± {share} (95 %)",
         "smoothed": "Without smoothing, noise would take {joints} over a limit",
         "no torque": "all limits kept. No joint needs a torque",
         "no motor": "all limits kept. No joint has a motor",
         "margin": "Maximum payload on this path: {mass} kg at {frame} (limit of {joint} at t = {time} s).",
+        "margin alone": "Maximum payload on this path by joint torques alone: {mass} kg at {frame} (limit of {joint} at "
+        "t = {time} s).",
     }
 )
 """Templates for :meth:`str.format` by name."""

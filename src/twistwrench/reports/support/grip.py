@@ -14,13 +14,14 @@ from ...core.arguments import number as number_of
 from ...core.arguments import parse_numbers, positive
 from ...core.errors import UnknownNameError, ValueRangeError
 from ...core.numbers import number, rounded_down, seconds
-from ...core.text import Argument
+from ...core.text import Argument, spell
 from ...core.typing import Array
 from ...core.verdict import Verdict
 from ...mechanics.lie import se3
 from ...statics.contacts import Contact, tangents
 from ...statics.feet import patch
 from ...statics.support import Support, force_shares, hold
+from .fingers import NO_FINGERS, FingerDrives, finger_drives
 
 if TYPE_CHECKING:
     from ...motion.load_case import LoadCase, Payload
@@ -143,6 +144,8 @@ class GripSupport:
     """(n,): force that would hold [N]; inf if none would."""
     mass: float
     """Mass of the payload [kg]."""
+    fingers: FingerDrives = NO_FINGERS
+    """Drives of fingers that are not judged for the grip force."""
 
     @property
     def verdict(self) -> Verdict:
@@ -152,6 +155,11 @@ class GripSupport:
         failing = found.decided & ~found.holds
         over = [self._failure(failing)] if failing.any() else []
         unsure = [f"rounding prevents an answer on the grip at {undecided} instants"] if undecided else []
+        if self.fingers.are_weaker(self.holder.force):
+            limits = spell(Argument("limits", "limits.csv"))
+            unsure.append(
+                f"{self._unjudged}, which is above the limit of a sliding finger. Give less, or its limit by {limits}"
+            )
         return Verdict.from_reasons(over=over, unsure=unsure)
 
     def _failure(self, rows: Array) -> str:
@@ -170,6 +178,10 @@ class GripSupport:
         return f"the load {verb} the {holder} at t = {seconds(float(self.time[k]))} s: {need}{self._assumption}"
 
     @property
+    def _unjudged(self) -> str:
+        return self.fingers.remark(self.holder.force)
+
+    @property
     def _assumption(self) -> str:
         return f" (with {self.holder.assumed})" if self.holder.assumed else ""
 
@@ -183,7 +195,12 @@ class GripSupport:
         margins += [f"{rounded_down(more)} kg more"] if math.isfinite(more) else []
         upto = f", and holds up to {' or '.join(margins)}" if margins else ""
         what = "grip" if self.holder.kind == "grip" else "cup"
-        return f"The {what} needs {_up(need)} N (given {number(self.holder.force)} N){upto}{self._assumption}."
+        return f"The {what} needs {_up(need)} N (given {number(self.holder.force)} N){upto}{self._assumption}.{self._remark}"
+
+    @property
+    def _remark(self) -> str:
+        """Remark on fingers whose drives are not judged, as another sentence; empty without any."""
+        return f" {self._unjudged[0].upper()}{self._unjudged[1:]}." if self._unjudged else ""
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
@@ -211,8 +228,11 @@ def _up(force: float) -> str:
     return number(math.ceil(force / unit * (1 - 1e-9)) * unit, 3)
 
 
-def grip_support(holder: Holder, load: LoadCase, motion: Motion) -> GripSupport:
-    """Support of the payload along the states of a motion; its weight and inertia are those at the holder's frame."""
+def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array) -> GripSupport:
+    """Support of the payload along the states of a motion; its weight and inertia are those at the holder's frame.
+
+    ``efforts`` (nv,) are the limits of the drives, fingers among them.
+    """
     payload = _payload(holder.kind, load)
     robot, frame = load.robot, holder.frame
     carried = payload.frame or str(robot.model.tip)
@@ -226,7 +246,9 @@ def grip_support(holder: Holder, load: LoadCase, motion: Motion) -> GripSupport:
     G = payload.inertia.in_frame(T_fp[0])
     whole, at_rest = _wrenches(np.asarray(G.matrix), robot, motion, frame)
     found = hold(whole, holder.contacts, per_kilogram=whole / payload.mass, at_rest=at_rest)
-    return GripSupport(found, holder, motion.time, holder.force * force_shares(whole, holder.contacts), payload.mass)
+    needed = holder.force * force_shares(whole, holder.contacts)
+    fingers = finger_drives(robot.model, frame, efforts, load.wrenches) if holder.kind == "grip" else NO_FINGERS
+    return GripSupport(found, holder, motion.time, needed, payload.mass, fingers)
 
 
 _FIXED = 1e-6

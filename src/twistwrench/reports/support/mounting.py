@@ -137,9 +137,15 @@ class MotionMounting:
 
     @property
     def line(self) -> str:
-        """Sentence on the largest loads."""
+        """Sentence on the largest loads, and on bolts that are not judged."""
         text = str(self.load)
-        return f"{text[0].upper()}{text[1:]}."
+        if self.pattern is None or self.pattern.preload is not None:
+            return f"{text[0].upper()}{text[1:]}."
+        pull = float(self.pulls(self.pattern)[..., 0].max(initial=0.0))
+        return (
+            f"{text[0].upper()}{text[1:]}. The bolts are not judged, as their preload is not known: the robot pulls one "
+            f"with up to {_four(pull)} N."
+        )
 
     def blocks(self) -> list[Table | Line]:
         """Tables of the wrench and of the bolts."""

@@ -135,7 +135,7 @@ class SupportQuestion:
         return SupportAnswers(
             support=_ground(load, motion, report.differentiation) if isinstance(load, StandingCase) else None,
             mounting=motion_mounting(load, motion, frame, self.bolts) if self.mounted else None,
-            grip=None if holder is None else grip_support(holder, load, motion),
+            grip=None if holder is None else grip_support(holder, load, motion, report.limits.effort),
         )
 
 
