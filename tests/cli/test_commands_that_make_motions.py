@@ -339,3 +339,36 @@ def _written(name, text):
     with open(name, "w") as file:
         file.write(text)
     return name
+
+
+def simulated(folder, *words):
+    """Result of the command, from its archive."""
+    path = folder / "run.npz"
+    done = CliRunner().invoke(main, ["simulate", *words, "--npz", str(path), "--overwrite"])
+    assert done.exit_code in (0, 1), done.output
+    return tw.SimulationResult.load(path)
+
+
+def test_degrees_are_those_of_angles_and_their_rates_and_of_no_torque(tmp_path):
+    words = ["planar_2r", "--duration", "0.01", "--degrees", "--at", "joint2=180", "--velocity", "joint1=90"]
+    found = simulated(tmp_path, *words, "--torque", "joint2=9")
+    np.testing.assert_allclose(found.q[0], [0.0, np.pi], rtol=1e-15)
+    np.testing.assert_allclose(found.dq[0], [np.pi / 2, 0.0], rtol=1e-15)
+    np.testing.assert_array_equal(found.tau[0], [0.0, 9.0])
+
+
+def test_a_pose_that_looks_like_degrees_is_remarked(tmp_path):
+    """Ninety radians are fourteen turns."""
+    wild, usual = (
+        simulated(tmp_path, "ur5", "--duration", "0.01", "--at", f"elbow_joint={angle}").remarks for angle in (90, 0.9)
+    )
+    assert any("degrees" in remark for remark in wild)
+    assert not any("degrees" in remark for remark in usual)
+
+
+def test_every_point_that_touches_the_ground_holds_the_box_up(tmp_path):
+    """On two points at its ends it stays level; on one of them alone it would turn."""
+    touch = [f"--touch=box:{x},0,0" for x in (0.1, -0.1)]
+    level = simulated(tmp_path, "floating_box", "--duration", "0.1", "--ground", "0", *touch)
+    assert level.work["contacts"][-1] != 0.0
+    np.testing.assert_allclose(level.dq[-1, :3], 0.0, atol=1e-9)

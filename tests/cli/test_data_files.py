@@ -10,6 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+import twistwrench as tw
 from twistwrench.cli.main import main
 
 COMMANDS = {
@@ -97,6 +98,25 @@ def test_other_data_are_not_replaced_either(words, option, name, tmp_path):
     refused = run(*words.split(), option, path)
     assert (refused.exit_code, path.read_text()) == (2, "before")
     assert "is there already" in refused.stderr
+
+
+def test_a_robot_file_is_not_written_over_itself(tmp_path):
+    """Not even where files may be replaced: what is read would be gone if writing failed."""
+    path = tmp_path / "arm.urdf"
+    before = tw.robots.path_of("planar_2r").read_bytes()
+    path.write_bytes(before)
+    refused = run("convert", path, path, "--overwrite")
+    assert (refused.exit_code, path.read_bytes()) == (2, before)
+
+
+def test_notes_on_standard_error_are_in_the_json_too(tmp_path):
+    """On reading the log, beside those of the answer."""
+    log = tmp_path / "log.csv"
+    log.write_text("time,joint1\n" + "".join(f"{0.1 * k:.1f},{0.01 * k * k:.2f}\n" for k in range(20)))
+    found = run("torques", "planar_2r", log, "--lock-missing", "--json", "-")
+    (note,) = [line.removeprefix("note: ") for line in found.stderr.splitlines() if "held still" in line]
+    assert note == "held still, as the motion has no column for them: joint2=0."
+    assert note in json.loads(found.stdout)["notes"]
 
 
 def test_pictures_and_pages_are_replaced(tmp_path):

@@ -306,3 +306,36 @@ def test_a_reader_that_goes_away_is_no_verdict():
     finally:
         os.close(writing)
     assert (done.returncode, done.stderr) == (ExitCode.PIPE_CLOSED, "")
+
+
+@POSIX
+def test_sigterm_is_143_and_what_is_open_is_closed():
+    """128 and the number of the signal, as in shells; files of a moment are cleared away."""
+
+    @click.group(cls=Commands)
+    def group():
+        pass
+
+    closed = []
+
+    @group.command()
+    def wait():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            closed.append(True)
+
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        assert CliRunner().invoke(group, ["wait"]).exit_code == 128 + signal.SIGTERM
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert closed == [True]
+
+
+@pytest.mark.parametrize(("word", "motion"), [("ur5", "demo"), ("panda", "MOTION")])
+def test_a_robot_in_place_of_a_command_is_answered_with_commands_that_run(word, motion):
+    """Only the ur5 has a motion that comes with it."""
+    found = CliRunner().invoke(main, [word])
+    assert found.exit_code == 2
+    assert f"{word} is a robot: twistwrench info {word}, twistwrench torques {word} {motion}." in found.stderr

@@ -82,6 +82,13 @@ def test_a_command_prints_at_most_45_lines_for_any_robot(name, tmp_path, monkeyp
     assert not long
 
 
+def test_with_all_every_row_is_printed():
+    names = tw.robots.quadruped().coordinate_names
+    few, every = ("\n".join(printed_lines(f"simulate quadruped --duration 0.01{more}")) for more in ("", " --all"))
+    assert len(names) == 19
+    assert all(name in every for name in names) and not all(name in few for name in names)
+
+
 def test_long_tables_share_the_lines_that_are_left():
     """Three tables of thirty joints beside a headline: each keeps its most important rows, and says how many it leaves out."""
     share = np.linspace(0.0, 1.0, 30)

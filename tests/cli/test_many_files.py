@@ -108,6 +108,23 @@ def test_torques_of_a_folder(folder, tmp_path):
     rows = table.read_text().splitlines()
     assert [row.split(",")[1] for row in rows[1:]].count("failed") == 2 and len(rows) == 5
     assert run("torques", "planar_2r", "--trajectory", folder, "--plot", tmp_path / "a.png").exit_code == 2
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    (log, *_) = [path for path in before if path.suffix == ".csv"]
+    assert run("torques", "planar_2r", "--trajectory", folder, "--csv", log, "--overwrite").exit_code == 2
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_columns_may_be_those_of_one_file_of_a_folder(tmp_path):
+    """The other file of it has columns named as the joints."""
+    rows = "".join(f"{0.1 * k:.1f},{0.01 * k * k:.2f},{0.02 * k:.2f}\n" for k in range(20))
+    (tmp_path / "plain.csv").write_text(f"time,joint1,joint2\n{rows}")
+    (tmp_path / "other.csv").write_text(f"time,p1,p2\n{rows}")
+    table = tmp_path / "table.csv"
+    asked = "other.csv:joint1=p1,other.csv:joint2=p2"
+    result = run("torques", "planar_2r", tmp_path / "*.csv", "--columns", asked, "--csv", table)
+    lines = [line.split(",") for line in table.read_text().splitlines()[1:]]
+    assert len(lines) == 2 and lines[0][1:] == lines[1][1:], result.output
+    assert "failed" not in table.read_text()
 
 
 def test_every_file_of_a_folder_is_judged_as_the_options_say(tmp_path):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import json
 
 import click
 import pytest
+from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -179,3 +181,23 @@ def test_a_value_of_the_shell_is_the_value_of_the_function(tmp_path):
     assert {key: shown[key] for key in ("verdict", "reasons", "facts", "tables")} == {
         key: data[key] for key in ("verdict", "reasons", "facts", "tables")
     }
+
+
+def test_joints_beside_a_chain_are_held_where_a_lock_says_and_else_at_neutral():
+    """The largest payload of a shoulder depends on the bend of the elbow beside the chain."""
+
+    def most(*words):
+        found = CliRunner().invoke(main, ["payload", "ur5", *words, "--json", "-"])
+        return json.loads(found.stdout)["sentences"]
+
+    wrists = [f"--lock=wrist_{k}_joint=0" for k in (1, 2, 3)]
+    chain = ["--chain", "base_link", "upper_arm_link"]
+    bent = most(*chain, "--lock", "elbow_joint=1.0")
+    assert bent == most(*wrists, "--lock", "elbow_joint=1.0")
+    assert most(*chain) == most(*wrists, "--lock", "elbow_joint=0") != bent
+
+
+def test_the_bundled_motion_is_not_read_in_degrees():
+    refused = CliRunner().invoke(main, ["torques", "ur5", "demo", "--degrees"])
+    assert refused.exit_code == 2
+    assert "the bundled motion 'demo' is in radians" in refused.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import inspect
 import pickle
 import sys
 import threading
@@ -194,6 +195,10 @@ def test_more_ways_than_stand_in_a_row_still_work(monkeypatch):
     for _ in range(3):
         for frame in robot.frame_names:
             same(robot.jacobian(q, frame=frame), expected[frame])
+    way, count = robot.jacobian, 0
+    while dispatch.is_made_here(way):
+        way, count = way.__self__.kept["fallback"], count + 1
+    assert count == dispatch.MOST_IN_A_ROW
 
 
 def test_friction_is_an_option(direct):
@@ -391,10 +396,11 @@ def test_ways_may_be_made_by_many_threads_at_once():
 def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
     robot = tw.robots.planar_2r()
     monkeypatch.setattr(dispatch, "LONG", 1)
-    monkeypatch.setattr(dispatch, "EACH", 10)
+    monkeypatch.setattr(dispatch, "EACH", 4)
     monkeypatch.setattr(gufunc, "LONGEST_SCALAR", 1)
     q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
-    wanted = len(robot.program("inverse_dynamics").instructions) // 10
+    wanted = len(robot.program("inverse_dynamics").instructions) // 4
+    assert wanted > 3  # more calls than a short program waits for
     for k in range(wanted):
         assert dispatch.is_made_here(robot.inverse_dynamics) == (k > wanted)
         robot.inverse_dynamics(q, dq, ddq)
@@ -419,3 +425,23 @@ def test_one_result_that_is_not_finite_is_found_wherever_it_stands(size, precisi
             y = x.copy()
             y[k] = odd
             assert looked(y.ctypes.data), k
+
+
+def test_a_list_of_another_length_is_no_state():
+    """As an array of it is none, also once calls with lists go directly to the loop."""
+    robot = tw.robots.planar_2r()
+    warm(lambda: robot.gravity_forces([0.1, 0.2]))
+    assert dispatch.is_made_here(robot.gravity_forces)
+    for wrong in ([0.1], [0.1, 0.2, 0.3], (0.1, 0.2, 0.3)):
+        with pytest.raises(tw.ShapeError):
+            robot.gravity_forces(wrong)
+
+
+def test_an_option_by_keyword_alone_has_no_place():
+    """As Python refuses it at the first call, so after many."""
+    robot, room = tw.robots.planar_2r(), np.zeros(2)
+    assert inspect.signature(robot.gravity_forces).parameters["out"].kind is inspect.Parameter.KEYWORD_ONLY
+    warm(lambda: robot.gravity_forces([0.1, 0.2], out=room))
+    warm(lambda: robot.gravity_forces([0.1, 0.2]))
+    with pytest.raises(TypeError, match="positional argument"):
+        robot.gravity_forces([0.1, 0.2], room)

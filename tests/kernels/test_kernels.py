@@ -15,6 +15,7 @@ from twistwrench.compiler.lowering.lower import CUT_OUTPUTS, WIDE
 from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.compiler.runtime.gufunc import make_ufunc
+from twistwrench.core.errors import KernelError
 
 # Rows of 7, 2 and 13 (no, one and several whole vectors), results of rank 0, 1 and 2, angles by the sincos path and none.
 KERNELS = [
@@ -245,6 +246,19 @@ def test_a_wide_kernel_gives_a_sample_the_same_bits_everywhere(bundled, dtype):
 
 
 # ── element types and shapes ──
+
+
+def test_a_kernel_may_have_as_many_arrays_as_numpy_allows():
+    """31 to read and one to write are 32, and one more is too many."""
+
+    def total(count):
+        names = [f"x{k}" for k in range(count)]
+        return trace(lambda *x: (sum(x),), [(name, (2,)) for name in names], ["sum"])
+
+    found = make_ufunc(total(31), "total", "")(*np.arange(62.0).reshape(31, 2))
+    np.testing.assert_array_equal(found, np.arange(62.0).reshape(31, 2).sum(axis=0))
+    with pytest.raises(KernelError, match="33 arrays; NumPy allows 32"):
+        make_ufunc(total(32), "total", "")
 
 
 @kernels

@@ -72,6 +72,12 @@ def test_large_results_begin_with_a_line_of_the_cache(panda):
     assert address(panda.mass_matrix(states(panda, 50_000)[0])) % 64 == 0  # 20 MB
 
 
+def test_each_of_several_results_begins_with_a_line_of_the_cache():
+    """136 bytes of the first are two lines and an eighth."""
+    found = result_pool.result_arrays([(17,), (200_000,), (3, 5)], np.dtype(float))
+    assert [x.ctypes.data % 64 for x in found] == [0, 0, 0]
+
+
 def test_few_states_and_single_results_have_memory_of_their_own(panda):
     for count in (1, 40):
         assert all(x.flags.owndata for x in panda.inverse_dynamics_derivatives(*states(panda, count)))

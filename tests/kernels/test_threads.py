@@ -219,6 +219,17 @@ def test_none_and_one_sample(panda, jobs, size):
 # ── errors and warnings ──
 
 
+def test_1024_threads_are_the_most():
+    before = tw.get_threads()
+    try:
+        tw.set_threads(1024)
+        assert tw.get_threads() == 1024
+        with pytest.raises(tw.ValueRangeError, match="from 1 \\(off\\) to 1024"):
+            tw.set_threads(1025)
+    finally:
+        tw.set_threads(before)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -115,3 +115,38 @@ def test_bits_by_the_convention_of_windows_are_those_of_this_system(library, bun
 def test_pages_go_with_their_object():
     pages = ExecutableMemory.from_image(np.full(100, 0xC3, np.uint8))
     assert ctypes.string_at(pages.address, 100) == b"\xc3" * 100
+
+
+class Kernel32:
+    """What the system of Windows is asked for, with memory of this process."""
+
+    def __init__(self):
+        self.memory, self.asked = ctypes.create_string_buffer(4096), []
+
+    def VirtualAlloc(self, *given):
+        self.asked.append(("alloc", *given))
+        return ctypes.addressof(self.memory)
+
+    def VirtualProtect(self, address, size, protection, _before):
+        self.asked.append(("protect", address, size, protection))
+        return 1
+
+    def VirtualFree(self, *given):
+        self.asked.append(("free", *given))
+        return 1
+
+
+def test_windows_gives_pages_to_write_then_to_run_and_takes_them_back_whole(monkeypatch):
+    """Numbers of winnt.h: MEM_COMMIT and MEM_RESERVE, PAGE_READWRITE, PAGE_EXECUTE_READ; MEM_RELEASE takes a size of 0."""
+    system = Kernel32()
+    monkeypatch.setattr(elf_loader.sys, "platform", "win32")
+    monkeypatch.setattr(elf_loader, "_kernel32", lambda: system)
+    pages = ExecutableMemory.from_image(np.full(100, 0xC3, np.uint8))
+    at = pages.address
+    assert (at, system.memory.raw[:101]) == (ctypes.addressof(system.memory), b"\xc3" * 100 + b"\0")
+    del pages
+    assert system.asked == [
+        ("alloc", None, 100, 0x1000 | 0x2000, 0x04),
+        ("protect", at, 100, 0x20),
+        ("free", at, 0, 0x8000),
+    ]

@@ -13,6 +13,7 @@ from standing_robots import WHEELS, cart_text, turning
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+from twistwrench.statics.support import force_shares
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +66,11 @@ def test_casters_carry_normal_forces_only(cart):
 def test_a_payload_that_is_too_much_is_named_with_what_must_go(cart):
     still = tw.Motion(np.linspace(0, 1, 8), np.zeros((8, 2)), np.zeros((8, 2)), np.zeros((8, 2)), robot=cart)
     most = (39 * 9.81 * 0.3 - 9.81 * (5 * 0.3 + 4 * 0.9)) / (9.81 * (1.2 - 0.3))  # tips over the front wheels
-    answer = tw.check(cart, still, wheels=WHEELS, contact_friction=0.7, payload=most + 2.0)
-    assert answer.headline.startswith(
-        "OVER LIMIT: tips over wheel_fl and wheel_fr at t = 0.000 s. It stands with 2 kg less"
-    )
+    for beyond, less in ((2.0, "2"), (1.2341, "1.24")):  # rounded up: with 1.23 kg less it would still tip
+        answer = tw.check(cart, still, wheels=WHEELS, contact_friction=0.7, payload=most + beyond)
+        assert answer.headline.startswith(
+            f"OVER LIMIT: tips over wheel_fl and wheel_fr at t = 0.000 s. It stands with {less} kg less"
+        )
     fits = tw.check(cart, still, wheels=WHEELS, contact_friction=0.7, payload=1.0)
     assert_allclose(fits.support.payload, most - 1.0, rtol=1e-6)
 
@@ -153,6 +155,13 @@ def test_units_of_a_table_of_bolts_are_those_of_its_header(tmp_path):
         tw.check("ur5", "demo", mounting=True, bolts=bolt_file(tmp_path / "minus.csv", "m", -5))
 
 
+def test_each_bolt_of_a_table_has_its_own_preload(tmp_path):
+    table = tmp_path / "bolts.csv"
+    table.write_text("x,y,preload\n0.1,0,9000\n0,0.1,8000\n-0.1,-0.1,7000\n")
+    pattern = tw.check("ur5", "demo", mounting=True, bolts=table).held.mounting.pattern
+    assert_allclose(np.c_[pattern.places, pattern.preload], [[0.1, 0, 9000], [0, 0.1, 8000], [-0.1, -0.1, 7000]])
+
+
 def test_a_bolt_opens_where_the_robot_pulls_it_with_more_than_its_preload(tmp_path):
     free = tw.check("ur5", "demo", payload=5, mounting=True, bolts=bolt_file(tmp_path / "none.csv", "m", 1e6))
     pull = (free.bolt_loads[..., 0] - 1e6).max()
@@ -219,6 +228,23 @@ def test_a_grip_is_held_along_a_motion_as_its_wrench_says():
         assert tw.check("ur5", "demo", payload=5, grip=f"{need * factor},0.5").grip.holds.all() == ok
 
 
+TURNTABLE = """<robot name="turntable"><link name="base"/><link name="plate"><inertial><mass value="5"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="hand"/>
+<joint name="turn" type="continuous"><parent link="base"/><child link="plate"/><axis xyz="0 0 1"/></joint>
+<joint name="fixed" type="fixed"><parent link="plate"/><child link="hand"/><origin xyz="0.5 0 0"/></joint></robot>"""
+
+
+def test_a_grip_beside_and_above_its_hand_holds_the_weight_and_the_pull_inward():
+    """A point of 2 kg at c on a turntable at 3 rad/s takes the force 2 (g - a), a = -9 times its way from the axis, at c."""
+    robot, rate, c = tw.load(TURNTABLE), 3.0, np.array([0.02, 0.03, 0.1])
+    time = np.linspace(0.0, 1.0, 8)
+    motion = tw.Motion(time, rate * time[:, None], np.full((8, 1), rate), np.zeros((8, 1)), robot=robot)
+    found = tw.check(robot, motion, payload="2,0.02,0.03,0.1@hand", grip="200,0.5@hand").held.grip
+    force = 2.0 * (np.array([0.0, 0.0, -9.81]) + rate**2 * np.array([0.52, 0.03, 0.0]))
+    wrench = np.r_[np.cross(c, force), force][None]
+    assert_allclose(found.needed, 200.0 * force_shares(wrench, found.holder.contacts)[0], rtol=1e-6)
+
+
 def test_a_cup_that_holds_from_above_pulls_with_the_weight():
     robot = tw.robots.ur5()
     rows = 8
@@ -233,6 +259,8 @@ def test_a_cup_that_holds_from_above_pulls_with_the_weight():
         assert falls.headline.startswith(
             "OVER LIMIT: the load comes off the cup at t = 0.000 s: it needs 29.5 N, given 20 N"
         )
+    assert falls.held.grip.holder.contacts[0].point[0] == 0.02  # m, the radius
+    assert "(with a cup of 40 mm)" in falls.held.grip.line
 
 
 def test_a_cup_is_pulled_off_where_no_friction_would_help_and_slips_where_it_would():

@@ -16,7 +16,7 @@ from twistwrench.mechanics.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.motors import MotorFigures
+from twistwrench.reports.motors import Demand, MotorFigures
 from twistwrench.reports.torque_analysis import analyse
 
 FOLDER = Path(tw.__file__).parent / "robots"
@@ -50,6 +50,15 @@ def test_figures_are_those_of_every_row(robot):
         assert volts.value == pytest.approx(np.abs(voltage[:, k]).max())
         assert use.power == pytest.approx(np.abs(power[:, k]).max())
         assert use.heat == pytest.approx(use.motor.resistance * squares)
+
+
+@pytest.mark.parametrize(
+    ("value", "over", "open_"), [(10.29, False, True), (10.31, True, False), (9.71, False, True), (9.69, False, False)]
+)
+def test_a_motor_is_over_its_rating_beyond_three_deviations_of_the_load(value, over, open_):
+    """10 A, and a load that is known to 0.1 A; of normal errors one in 740 is larger."""
+    demand = Demand("current", value, 10.0, "A", sigma=0.1)
+    assert (demand.over, demand.open) == (over, open_)
 
 
 def test_portions_of_rows_do_not_matter(robot):

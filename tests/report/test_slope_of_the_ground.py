@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -58,6 +60,14 @@ def test_a_cart_on_a_ramp_needs_the_tangent_of_its_angle_and_tips_where_its_cent
         assert f"on a slope of {np.degrees(angle):.3g}°" in answer.headline
 
 
+@pytest.mark.parametrize(("degrees", "stated"), [(0.4, ""), (0.6, " on a slope of 0.6°")])
+def test_half_a_degree_of_slope_is_stated_and_less_is_level(cart_file, degrees, stated):
+    """A floor is no leveller than that; the friction of a small slope is its angle."""
+    robot = tw.load(cart_file).with_gravity(downhill(np.radians(degrees)))
+    answer = tw.check(robot, at_rest(robot), wheels=WHEELS, contact_friction=0.36)
+    assert answer.headline.startswith(f"OK: stands{stated}. It needs friction 0.0")
+
+
 def test_a_ramp_is_the_same_by_tilted_gravity_and_by_the_normal_of_the_ground(cart_file):
     """Turning the world changes no margin; contact forces turn with it."""
     angle = 0.3
@@ -105,6 +115,8 @@ def test_a_dog_on_a_slope_is_unsure_and_one_that_lifts_a_foot_is_not_asked():
     answer = tw.check(robot, sloped, **asked)
     assert answer.headline.startswith("UNSURE: contacts stand at different heights")
     normal = R @ [0, 0, 1]
+    proposed = re.search(r"Does the floor slope by 11°\? Give its normal, contact_normal=\[([^]]*)\]", answer.headline)
+    assert_allclose([float(x) for x in proposed[1].split(",")], normal, atol=1e-3)
     found = tw.check(robot, sloped, **asked, contact_normal=normal)
     assert found.headline.startswith("OK: stands on a slope of 11.5°. It needs friction 0.21 (given 0.6)")
     q = level.q.copy()

@@ -85,3 +85,10 @@ def test_pendulums_side_by_side_take_the_steps_of_one(compiled):
         result = robot.simulate(np.full(n, 0.3), np.zeros(n), 2.0, 0.1, rtol=1e-7, **none)
         found.append((result.steps, result.rejected))
     assert found[0] == found[1]
+
+
+def test_large_errors_of_adaptive_steps_ask_for_a_smaller_tolerance():
+    """Steps follow the tolerance, and dt only says which states are kept."""
+    found = tw.robots.pendulum().simulate([1.0], [0.0], 20.0, rtol=0.05, atol=0.05)
+    assert found.relative_error > 0.05 and found.relative_drift > 0.01
+    assert [remark.endswith("take a smaller rtol") for remark in found.remarks] == [True, True]

@@ -246,3 +246,12 @@ def test_dopri5_under_a_controller_or_an_event_agrees_with_small_steps(name):
     np.testing.assert_allclose(one.q, other.q, rtol=0.0, atol=1e-7)  # its tolerance is 1e-8 a step
     np.testing.assert_allclose(one.tau, other.tau, rtol=0.0, atol=1e-7)
     np.testing.assert_allclose([e.time for e in one.events], [e.time for e in other.events], atol=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_states_that_are_kept_are_evenly_apart_whatever_blocks_they_are_computed_in(method):
+    """One in seven of 200 steps, which no block of a power of two has a whole number of; and the last."""
+    robot = tw.robots.planar_2r()
+    found = robot.simulate([0.2, 0.1], None, 0.2, 1e-3, method=method, every=7, controller=lambda t, q, dq: -q)
+    assert found.steps == 200
+    np.testing.assert_allclose(found.times, [*(7e-3 * np.arange(29)), 0.2], rtol=0.0, atol=1e-15)

@@ -107,6 +107,21 @@ def test_a_wheel_runs_down_as_it_should_and_its_energy_is_accounted_for():
     np.testing.assert_allclose(one.work["friction"], one.kinetic_energy - one.kinetic_energy[0], atol=1e-12)
 
 
+def test_friction_is_eased_off_by_the_larger_of_static_and_sliding_friction():
+    """In a step of 10 ms 3 N m take 0.03 rad/s off 1 kg m², whichever of both they are."""
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    for law in ({"coulomb": 1.0, "static": 3.0, "stribeck": 0.1}, {"coulomb": 3.0}):
+        (remark,) = rubbing(wheel, **law).simulate([0.0], [1.0], 0.1, 0.01, method="rk4", friction=True).remarks
+        assert "creep, at up to about 0.03 rad/s" in remark
+
+
+def test_the_joint_whose_friction_is_eased_off_is_named():
+    """The first has none, and all creep at the same speed."""
+    robot = tw.robots.planar_2r().with_actuators({"actuators": {"joint2": {"friction": {"coulomb": "1 N m"}}}})
+    (remark,) = robot.simulate([0.3, 0.2], None, 0.01, friction=True).remarks
+    assert "most of all 'joint2'" in remark
+
+
 def test_halving_the_step_halves_the_error():
     """Halving the step halves the distance between motions, through stops and starts: order 1, within what events shift."""
     robot = arm()

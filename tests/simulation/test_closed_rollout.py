@@ -37,6 +37,16 @@ def test_a_rollout_is_its_simulations(linkage, starts, method):
     assert np.abs(linkage.constraint_jacobian(many.q) @ many.dq[..., None]).max() < 1e-12
 
 
+def test_gap_and_slip_of_a_motion_are_the_largest_of_its_steps(linkage, starts):
+    """Each step by itself, from the states of the motion; the largest is not that of the last."""
+    whole = linkage.rollout(*starts, duration=0.3, method="rk4")
+    single = linkage.rollout(whole.q[:, :-1], whole.dq[:, :-1], dt=whole.dt, steps=1, method="rk4")
+    for name in ("gap_before", "slip_before"):
+        steps = getattr(single, name)
+        assert (steps[:, -1] < 0.9 * steps.max(axis=1)).any()
+        np.testing.assert_allclose(getattr(whole, name), steps.max(axis=1), rtol=1e-6, atol=1e-15)
+
+
 def test_wrenches_limits_friction_and_torques_enter_as_in_simulations(starts):
     friction = Friction.plain([0.2, 0.1, 0.3], [0.4, 0.2, 0.0])
     closed = tw.Robot(replace(four_bar().model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")

@@ -93,6 +93,13 @@ def test_two_joints_at_their_limits_end_it_by_the_one_that_moves_outward():
     assert found.stopped == "joint 'hinge1' moves beyond its lower limit 0 rad at 0 s"
 
 
+def test_of_two_joints_that_leave_their_limits_the_one_that_gathers_more_speed_is_named():
+    """Both fall outward, the second pulled down besides."""
+    pair = doors((0.0, 1.5), (0.0, 1.5))
+    found = pair.simulate(None, None, 1.0, limits="stop", tau=[0.0, -30.0])
+    assert found.stopped == "joint 'hinge1' moves beyond its lower limit 0 rad at 0 s"
+
+
 def test_a_start_beyond_a_limit_is_refused_and_one_beyond_it_by_rounding_is_not():
     door = doors((0.0, 1.5))
     with pytest.raises(tw.ValueRangeError, match=r"joint 'hinge0' is at 1\.50001 rad, beyond its upper limit 1\.5 rad"):

@@ -302,6 +302,22 @@ def test_unstable_motions_are_named_with_the_time():
     assert "1 unstable, first (4,) at" in repr(found)
 
 
+def test_a_motion_that_is_none_from_its_start_is_not_blamed_on_the_step():
+    found = tw.robots.pendulum().rollout([[1.0], [1.0]], [[0.0], [np.nan]], dt=1e-3, steps=10)
+    assert "1 unstable, first (1,) at 0 s: look at its q0 and dq0" in repr(found)
+    fast = tw.robots.pendulum().rollout([[1.0], [1.0]], [[0.0], [0.0]], [[[0.0]], [[1e12]]], dt=1e-3, steps=10)
+    assert "1 unstable, first (1,) at 0.001 s: take a smaller dt" in repr(fast)
+
+
+def test_friction_that_is_given_with_a_rollout_alone_acts():
+    """1.5 N m on 1 kg m² take 0.75 rad/s in half a second, off a wheel whose file has no friction."""
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    found = wheel.rollout(
+        [0.0], [2.0], dt=1e-3, steps=500, friction=True, parameters={"hinge.coulomb": np.array([0.0, 1.5])}
+    )
+    np.testing.assert_allclose(found.dq[:, -1, 0], [2.0, 1.25], atol=1e-9)
+
+
 @pytest.mark.parametrize("name", mostly_slow(("arm", "planar", "floating"), 3))
 @pytest.mark.parametrize("method", ("semi_implicit", "rk4"))
 def test_every_processor_takes_the_same_steps(name, method, monkeypatch):

@@ -333,6 +333,25 @@ def test_a_terminal_event_ends_it_there(pendulum, method):
     np.testing.assert_allclose(found.times[:-1], 0.01 * np.arange(len(found) - 1), atol=1e-12)
 
 
+def test_an_event_that_passes_zero_and_comes_back_within_a_step_is_remarked(pendulum):
+    """A parabola with zeros at 0.54 s and 0.56 s is positive at 0.5 s and 0.6 s, and steeper at both than a line between."""
+    dip = tw.simulation.Event(lambda t, q, dq: (t - 0.55) ** 2 - 1e-4, "dip")
+    found = pendulum.simulate([1.0], None, 1.0, 0.1, method="rk4", events=dip)
+    assert found.events == ()
+    assert any("event 'dip' may pass zero more often than was seen" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5"])
+def test_a_function_of_time_adds_to_a_controller_in_the_motion_and_in_what_is_kept_of_it(pendulum, method):
+    """2 + sin t on 1 kg m²."""
+    wheel = pendulum.with_gravity([0, 0, 0])
+    acting = {"controller": lambda t, q, dq: [2.0], "tau": lambda t, q, dq: [np.sin(t)]}
+    found = wheel.simulate([0.0], [0.0], 1.0, 0.01, method=method, **acting)
+    np.testing.assert_allclose(found.dq[:, 0], 2.0 * found.times + 1.0 - np.cos(found.times), atol=1e-6)
+    np.testing.assert_allclose(found.tau[:, 0], 2.0 + np.sin(found.times), atol=1e-12)
+    np.testing.assert_allclose(found.ddq, found.tau, atol=1e-12)
+
+
 def test_an_event_of_time_alone_is_found_to_rounding(pendulum):
     found = pendulum.simulate([2.0], [0.0], 1.0, 0.1, events=lambda t, q, dq: t - np.pi / 10, method="rk4")
     assert found.events[0].time == pytest.approx(np.pi / 10, abs=1e-15)
@@ -393,6 +412,12 @@ def test_a_step_that_does_not_fill_the_duration_is_shortened_and_said(pendulum):
     found = pendulum.simulate([1.0], None, 1.0, 0.3, method="rk4")
     np.testing.assert_allclose(found.times, [0, 0.25, 0.5, 0.75, 1.0])
     assert "0.25 s apart, not 0.3 s" in found.remarks[0]
+
+
+def test_a_step_that_fills_the_duration_but_for_rounding_is_kept(pendulum):
+    """0.07 / 0.01 is above 7 in floating-point numbers."""
+    found = pendulum.simulate([1.0], None, 0.07, 0.01, method="rk4")
+    assert (found.steps, found.dt, found.remarks) == (7, pytest.approx(0.01, rel=1e-15), ())
 
 
 def test_the_same_call_gives_the_same_bits(ur5):

@@ -74,6 +74,30 @@ def test_a_fall_past_a_limit_is_done_and_one_under_a_controller_is_judged():
     assert driven.verdict.word == "OVER LIMIT" and driven.verdict.exit_code == 1
 
 
+@pytest.mark.parametrize(("driven", "more"), [(2, "; 1 more limit is passed. "), (3, "; 2 more limits are passed. ")])
+def test_further_limits_that_are_passed_are_counted_beside_the_first(driven, more):
+    """150 N m are what each of the first three drives gives; in a millisecond nothing else is passed."""
+    answer = tw.robots.ur5().simulate(duration=1e-3, dt=1e-3, tau=400.0 * (np.arange(6) < driven))
+    assert more in answer.headline
+
+
+def test_the_largest_energy_of_the_table_is_the_largest_in_size():
+    """1 kg at 1 m below its hinge has -9.81 cos q J: the most at the bottom, through which it swings."""
+    swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=1.0)
+    table = swing.tables["Energies"].to_dict()
+    largest = dict(zip(table[""], table["largest"], strict=True))
+    assert swing.q[-1, 0] < 0.0
+    assert largest["potential"] == pytest.approx(-9.81, rel=1e-4)
+
+
+def test_numbers_of_the_size_of_rounding_are_zero_in_the_tables():
+    """Upright, gravity has a lever of 1e-16 m; its speed is no number to read."""
+    upright = tw.robots.pendulum().simulate([np.pi], [0.0], duration=0.05)
+    assert 0.0 < np.abs(upright.dq[-1, 0]) < 1e-12
+    (row,) = [line.split() for line in str(upright).splitlines() if line.split()[:2] == ["hinge", "0"]]
+    assert row[:4] == ["hinge", "0", "0", "0"]
+
+
 def test_a_result_from_a_file_is_judged_by_limits_once_it_has_its_robot(tmp_path):
     robot = tw.robots.ur5()
     result = robot.simulate(duration=0.1, dt=0.01, tau=[0, 0, 400, 0, 0, 0])

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 import twistwrench as tw
 from twistwrench.simulation import JointStops, Plane
+from twistwrench.simulation.contact import ContactDurations
 
 
 @pytest.fixture(scope="module")
@@ -190,3 +191,25 @@ def test_friction_is_along_the_plane_whatever_the_velocity_across_it(box, seed, 
     assert f @ n == pytest.approx(wanted, rel=1e-9)
     friction = -mu * wanted * along / np.sqrt(along @ along + slip**2)
     np.testing.assert_allclose(f - (f @ n) * n, friction, atol=1e-9 * wanted)
+
+
+@pytest.mark.parametrize(("closed", "short"), [(1, 1), (2, 1), (3, 0)])
+def test_a_contact_is_too_short_that_is_closed_at_no_more_than_two_ends_of_steps(closed, short):
+    """It begins before the first of them and ends after the last: with two, within three steps."""
+    durations = ContactDurations(["foot"])
+    for k, gap in enumerate([0.1, *[-0.01] * closed, 0.1]):
+        durations.step(0.01 * k, [gap], worked=gap < 0)
+    assert durations.short == short
+    assert ("over within three steps" in durations.remark(0.01)) == bool(short)
+
+
+@pytest.mark.parametrize(("depth", "buried"), [(0.01, False), (0.02, True)])
+def test_a_point_is_buried_where_its_contact_pushes_with_three_weights(depth, buried):
+    """6 kg weigh 58.9 N, and k d^1.5 is 100 N and 283 N; k d^2.5 / 2.5 is stored."""
+    box = tw.robots.floating_box()
+    ground = Plane("box", stiffness=1e5)
+    found = box.simulate(box.coordinates(root_joint=[1, 0, 0, 0, 0, 0, -depth]), None, 1e-3, contacts=ground)
+    said = [remark for remark in found.remarks if "which throws the robot out" in remark]
+    assert len(said) == buried
+    assert all("2.26 J are in that contact" in remark for remark in said)
+    assert f"{1e5 * 0.02**2.5 / 2.5:.3g}" == "2.26"

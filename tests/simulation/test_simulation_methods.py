@@ -65,6 +65,14 @@ def test_the_order_is_measured(case, method):
     assert scheme_of(method, System(robot)).order == ORDERS[method]
 
 
+@pytest.mark.parametrize("method", ["midpoint", "variational", "variational6"])
+def test_a_constant_torque_does_the_work_of_its_angle(method):
+    """On a wheel midpoint steps turn by h times the velocity of the torque's work, in each part of a composed step."""
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    found = wheel.simulate([0.0], [0.5], 1.0, 0.05, method=method, tau=[0.4])
+    np.testing.assert_allclose(found.work["torques"], 0.4 * found.q[:, 0], rtol=0.0, atol=1e-13)
+
+
 def test_orders_of_all_methods_are_claimed_above():
     assert set(ORDERS) == set(METHODS)
 

@@ -96,6 +96,23 @@ def test_the_error_of_a_swing_is_estimated_to_its_size(pendulum, method, duratio
     assert found.relative_error == pytest.approx(found.error_estimate[0] / np.ptp(found.q))
 
 
+@pytest.mark.parametrize("method", ["rk4", "dopri5"])
+def test_an_error_is_relative_to_all_of_the_travel_wherever_the_motion_begins(pendulum, method):
+    """From the bottom a pendulum swings as far to both sides."""
+    found = pendulum.simulate([0.0], [3.0], 2.5, 0.02, method=method)
+    assert np.ptp(found.q) == pytest.approx(2 * np.abs(found.q).max(), rel=1e-3)
+    assert found.relative_error == pytest.approx(found.error_estimate[0] / np.ptp(found.q), rel=1e-9)
+
+
+def test_velocities_of_semi_implicit_steps_lag_by_half_a_step():
+    """A fall from rest begins with the velocity g h / 2 too much, which lasts for its travel over its largest speed."""
+    text = '<mujoco><worldbody><body><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    robot, h = tw.load(f"{text}</worldbody></mujoco>"), 0.01
+    found = robot.simulate([0.0], [0.0], 1.0, h, method="semi_implicit")
+    lasts = np.ptp(found.q) / np.abs(found.dq).max()
+    assert found.error_estimate[0] == pytest.approx(0.5 * 9.81 * h * lasts, rel=1e-6)
+
+
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 0.01), ("midpoint", 0.005), ("semi_implicit", 0.005)])
 def test_the_error_of_a_tree_of_all_kinds_of_joints_is_estimated_to_its_size(method, dt):
     """Half a second of a floating robot, against dopri5 at 1e-11: errors hardly grow or cancel, so to a factor of five."""
@@ -246,6 +263,18 @@ def test_the_error_under_dry_friction_after_a_pulse_of_torque_is_estimated_to_it
     assert np.ptp(wanted.q) > 1e-4 and error > 1e-9
     assert 0.5 * error < found.error_estimate.max() < 20 * error
     assert found.remarks == ()
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(9.0, 0.2), (9.0, 0.02)])
+def test_the_error_under_implicit_damping_is_estimated_to_its_size(pendulum, stiffness, damping):
+    """A wheel on a spring, whose damping is taken at the end of a step: velocities are those of half a step before, too. A
+    reference of 16 times finer steps."""
+    wheel = pendulum.with_gravity([0, 0, 0])
+    given = {"method": "semi_implicit", "tau": tw.control.PD(wheel, [0.0], kp=stiffness, kd=damping)}
+    found = wheel.simulate([1.0], None, 4.0, 4e-3, **given)
+    wanted = wheel.simulate([1.0], None, 4.0, 4e-3 / 16, every=16, **given)
+    error = np.abs(found.q - wanted.q).max()
+    assert error < found.error_estimate[0] < 8 * error
 
 
 def _at_rest(t, q, dq):

@@ -176,6 +176,15 @@ def test_torques_of_all_pictures_are_those_of_the_library(tmp_path):
     assert seen["straight", 0]["elbow_rate"] is None
 
 
+def test_the_way_of_the_tip_is_its_arm_turned_by_a_right_angle(tmp_path):
+    """A small turn d of the shoulder takes a tip at (x, y) by (-y, x) d."""
+    work = "({ work }) => [-0.2, 0.05].map((turn) => { work.set('turn', turn); return work.state(); })"
+    for state in pictures_under_node("5.2", work, tmp_path):
+        x, y, _ = state["tip"]
+        assert x > 0.5 and y > 0.5
+        np.testing.assert_allclose(state["way"], np.array([-y, x]) * state["turn"], atol=1e-15)
+
+
 def test_mistakes_with_the_torque_of_the_first_joint_are_named(tmp_path):
     """Minus, f in the axes of the tip, degrees as radians: from the library's Jacobian."""
     J = plane_jacobian(np.radians([30, 60]))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from twistwrench import MissingExtraError, ValueRangeError
-from twistwrench.viz.style import STYLE, figure, require_matplotlib, save
+from twistwrench.viz.style import STYLE, figure, require_matplotlib, save, stack
 
 
 def drawn(title="a title"):
@@ -103,3 +103,15 @@ def test_matplotlib_is_left_for_later():
     code = "import sys, twistwrench.viz.style, twistwrench.viz.plots.torques, twistwrench.viz.plots.payload; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_terms_of_a_sum_stand_on_one_another_to_both_sides_of_zero():
+    """Those below zero add up below, those above it above."""
+    pytest.importorskip("matplotlib")
+    terms = {"a": [-1.0, 2.0], "b": [-2.0, 3.0], "c": [4.0, -5.0]}
+    with figure(3, 2, "a stack") as sheet:
+        shown = [(name, "#000000", np.array(values)) for name, values in terms.items()]
+        _, below, above = stack(sheet.subplots(), np.array([0.0, 1.0]), shown)
+        lowest = min(path.vertices[:, 1].min() for area in sheet.axes[0].collections for path in area.get_paths())
+    np.testing.assert_array_equal([below, above], [[-3.0, -5.0], [4.0, 5.0]])
+    assert lowest == -5.0

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.viz import style
+from twistwrench.viz.plots.holds import plot_support
 
 TREE = '<robot name="many"><link name="base"/>{}</robot>'
 JOINT = (
@@ -165,3 +166,13 @@ def test_minus_signs_of_plots_are_one_character(tmp_path):
     text = (tmp_path / "minus.svg").read_text("utf-8")
     assert "arm-2: peak −3.5 N m, drift 1e-05" in text
     assert "<!-- −2.0 -->" in text or "<!-- −2 -->" in text
+
+
+def test_a_magnet_is_drawn_with_the_friction_of_what_it_pulls(drawn):
+    """A magnet of 100 N on a wall holds 2 kg by friction 0.5: 19.62 N of 50 N, and nothing presses it on."""
+    magnet = tw.statics.Contact((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), friction=0.5, pull=100.0)
+    found = tw.statics.hold(np.tile([0, 0, 0, 0, 0, -19.62], (3, 1)), [magnet])
+    np.testing.assert_allclose(found.forces[:, 0], np.tile([0, 0, 19.62], (3, 1)), atol=1e-9)
+    plot_support(found, "magnet.png", time=np.arange(3.0))
+    (cones,) = [axes for axes in drawn[0].axes if "friction cones" in axes.get_title(loc="left")]
+    np.testing.assert_allclose(cones.lines[0].get_ydata(), 100 * 19.62 / 50.0, rtol=1e-6)

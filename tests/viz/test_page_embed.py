@@ -304,6 +304,16 @@ def test_on_a_phone_targets_are_large_and_nothing_scrolls_sideways(at):
     assert page.complaints == []
 
 
+@pytest.mark.parametrize(("address", "embedded"), [("", True), ("#full", False), ("#embed", True)])
+def test_the_address_opens_an_embedded_page_in_full(page, folder, address, embedded):
+    path = folder / "ur5_address.html"
+    write_page(tw.robots.ur5(), path, embed=True)
+    page.call("Page.navigate", url="about:blank")
+    page.open(path.as_uri() + address)
+    assert page.wait("!!window.viewer")
+    assert page.run("viewer.compact.embedded") == embedded
+
+
 def test_no_control_adds_to_the_history(at):
     page = at(900, 520, embed=True)
     before = page.run("history.length")

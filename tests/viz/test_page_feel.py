@@ -134,6 +134,25 @@ def test_a_long_press_on_a_phone_pulls_a_link_and_a_short_one_turns_the_view(sho
         page.call("Emulation.clearDeviceMetricsOverride")
 
 
+def test_a_pull_at_a_link_counts_against_its_drives(show):
+    """What a drive needs to stand still under the pull is that of inverse dynamics with the same force; so much slips."""
+    robot = tw.robots.ur5()
+    page = show("ur5_pull", robot)
+    seen, (x, y) = pulled(page)
+    many = 2000.0
+    slipping = page.run(
+        f"new Drives(viewer.mechanics, viewer.q).slipping(viewer.q, viewer.grab.torques(viewer.q).map((x) => {many} * x))"
+    )
+    press(page, "mouseReleased", x + 40, y - 30)
+    q = np.array(seen["q"])
+    T = robot.forward_kinematics(q, seen["body"])
+    r, turned = T[:3, :3].T @ (np.array(seen["p"]) - T[:3, 3]), many * T[:3, :3].T @ np.array(seen["f"])
+    needs = robot.holding_torques(q, wrench_on_robot={seen["body"]: [*np.cross(r, turned), *turned]})
+    assert slipping
+    for joint in slipping:
+        assert joint["needs"] == pytest.approx(needs[joint["k"]], rel=1e-6)
+
+
 def test_without_limits_there_are_no_drives(show):
     page = show("two_r", tw.robots.planar_2r())
     assert page.run("document.getElementById('show-drives')") is None

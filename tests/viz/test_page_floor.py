@@ -8,7 +8,8 @@ from page_files import read_page
 from page_under_node import under_node
 
 import twistwrench as tw
-from twistwrench.viz import write_page
+from twistwrench.viz import scene_of, write_page
+from twistwrench.viz.page_floor import spheres_of
 
 DROP = """(m, { seconds, stops, height, q }) => {
     m.open = Boolean(m.robot.loops);
@@ -31,6 +32,23 @@ def test_an_arm_falls_onto_the_floor_and_rests_on_it(tmp_path):
     assert found["rests"]
     assert found["touched"]
     assert 0 < found["deepest"] < 0.01 * header["size"]
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_spheres_around_a_link_end_where_it_ends(name):
+    """Along the line of a link's spheres no vertex lies beyond the first or the last of them, and none of them beyond all."""
+    scene = scene_of(getattr(tw.robots, name)())
+    spheres = spheres_of(scene)
+    for body in {sphere["body"] for sphere in spheres}:
+        middles = np.array([sphere["middle"] for sphere in spheres if sphere["body"] == body])
+        if len(middles) < 2:
+            continue
+        radius = next(sphere["radius"] for sphere in spheres if sphere["body"] == body)
+        way = (middles[-1] - middles[0]) / np.linalg.norm(middles[-1] - middles[0])
+        shapes = [shape for shape in scene.shapes if shape.body == body and shape.layer == "looks"]
+        along = np.concatenate([shape.surface.placed(shape.pose).vertices for shape in shapes]) @ way
+        ends = [middles[0] @ way - radius, middles[-1] @ way + radius]
+        np.testing.assert_allclose(ends, [along.min(), along.max()], atol=1e-9)
 
 
 def test_what_the_floor_takes_is_in_the_account_of_energy(tmp_path):

@@ -60,6 +60,14 @@ def test_contact_forces_are_those_of_the_answer(opened, standing):
     assert page.complaints == []
 
 
+def test_the_largest_contact_force_is_drawn_as_long_as_a_third_of_the_robot(opened, standing):
+    page = opened(standing)
+    longest = page.run(
+        f"Math.max(...Array.from(viewer.motion.time, (_, row) => ({ARROWS})(row)).flat(2).map(([, along]) => norm(along)))"
+    )
+    assert longest == pytest.approx(0.35 * page.run("viewer.robot.size"), rel=1e-6)
+
+
 def test_a_contact_near_the_edge_of_its_cone_is_amber_and_beyond_it_red(opened, standing):
     page = opened(standing)
     seen = page.run("[0.5, 0.9, 1.1].map((share) => viewer.layer.colour({ shares: [share], colour: 'own' }, 0))")

@@ -132,6 +132,22 @@ def test_meshes_of_up_to_300_000_triangles_are_kept_whole(tmp_path):
     assert max(surface["faces"]["count"] for surface in header["surfaces"]) == 3 * len(facets)
 
 
+def test_what_is_looked_at_is_in_the_middle_of_what_panel_and_switches_leave(show):
+    page = show("ur5_beside", tw.robots.ur5())
+    page.call("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
+    try:
+        page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        (x, y), left, low = page.run(
+            """[viewer.stage.project(viewer.stage.target), document.querySelector('aside').getBoundingClientRect().left,
+                document.getElementById('shown').getBoundingClientRect().top]"""
+        )
+    finally:
+        page.call("Emulation.clearDeviceMetricsOverride")
+    assert left < 1000 and low < 790
+    assert x == pytest.approx(left / 2, abs=10)
+    assert y == pytest.approx(low / 2, abs=10)
+
+
 def test_a_telephone_shows_the_subtitle_above_the_switches(sized, motion_page):
     page = sized(motion_page)
     header, shown = page.run(

@@ -195,6 +195,16 @@ def test_loops_stay_closed_and_torques_are_those_of_the_motors(closed):
         np.testing.assert_allclose(found["held"]["tau"], expected, atol=1e-8 * max(1.0, np.abs(expected).max()))
 
 
+@pytest.mark.parametrize("motor", range(3))
+def test_the_joint_with_the_motor_leads_whichever_it_is(tmp_path, motor):
+    """A four-bar has one degree of freedom: its motor's slider moves, and the other joints follow."""
+    robot = four_bar().close("rocker_pin", "coupler_pin", "vx vz")
+    name = robot.open().joint_names[motor]
+    loops = read_page(write_page(robot, tmp_path / "page.html", actuated=[name]))[0]["loops"]
+    assert [k for k in range(3) if loops["actuated"][k]] == [motor]
+    assert [k for k in range(3) if not loops["dependent"][k]] == [motor]
+
+
 def test_a_slider_stops_where_no_closed_pose_exists(tmp_path):
     """A rocker as the independent joint of a crank and rocker swings between two dead centres, known in closed form."""
     crank, coupler, rocker, ground = 0.3, 0.8, 0.6, 0.7

@@ -105,6 +105,27 @@ def test_an_arm_let_go_comes_to_rest(tmp_path):
     assert found["lost"] == pytest.approx(drop, rel=1e-5)
 
 
+SLIDE = """<link name="{child}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="{child}_slide" type="prismatic"><parent link="{parent}"/><child link="{child}"/>
+<limit lower="-1" upper="1" effort="{effort}" velocity="1"/></joint>"""
+
+
+COAST = """(m, { speed, seconds }) => {
+    const f = new Fall(m, m.robot.start, [speed], true);
+    while (f.time < seconds - 1e-9) f.step();
+    return f.dq[0]; }"""
+
+
+def test_what_slides_in_a_damper_loses_speed_at_the_rate_of_damping_over_mass(tmp_path):
+    """2 kg on a level rail with 3 N s/m: exp(-3 t / 2), to the error of steps of a millisecond."""
+    slide = SLIDE.format(child="a", parent="base", effort=20).replace('mass value="1"', 'mass value="2"')
+    damped = slide.replace("/></joint>", '/><dynamics damping="3"/></joint>')
+    path = tmp_path / "rail.urdf"
+    path.write_text(f'<robot name="rail"><link name="base"/>{damped}</robot>')
+    page = write_page(tw.load(path), tmp_path / "page.html", q=[0.0])
+    assert under_node(page, COAST, {"speed": 0.8, "seconds": 0.5}) == pytest.approx(0.8 * np.exp(-0.75), rel=1e-3)
+
+
 def test_joints_stay_between_their_stops_and_rest_against_them(tmp_path):
     """A rod with a stop at 30 degrees below the horizontal ends there; a second joint hangs freely."""
     text = """<robot name="r"><link name="base"/>

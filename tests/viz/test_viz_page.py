@@ -129,6 +129,14 @@ def test_limits_that_are_passed_are_in_the_verdict_and_not_in_the_notes(tmp_path
     assert [(e["joint"], e["kind"]) for e in header["motion"]["verdict"]["passed"]] == [("shoulder_pan_joint", "upper")]
 
 
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [(tw.robots.pendulum, "1 degree of freedom, 1 kg"), (tw.robots.planar_2r, "2 degrees of freedom, 2 kg")],
+)
+def test_the_subtitle_counts_degrees_of_freedom_and_what_moves(robot, said, tmp_path):
+    assert read_page(write_page(robot(), tmp_path / "page.html"))[0]["subtitle"].startswith(f"{said} moving")
+
+
 def test_a_motion_of_another_robot_is_refused(demo, tmp_path):
     with pytest.raises(tw.ValueRangeError, match="the motion is of robot 'ur5', and the one to be shown is 'panda'"):
         write_page(tw.robots.panda(), tmp_path / "page.html", motion=demo)

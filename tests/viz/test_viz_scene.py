@@ -204,6 +204,22 @@ def test_robots_without_a_file_are_drawn(bundled):
     assert {s.body for s in scene_of(robot).shapes if s.layer == "looks"} == {BASE, *range(6)}
 
 
+SLIDES = """<robot name="slides"><link name="base"/>{}<joint name="lead" type="prismatic"><parent link="base"/><child link="a"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint>
+<joint name="follow" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
+<limit lower="-9" upper="9" effort="5" velocity="1"/><mimic joint="lead" multiplier="0.25"/></joint></robot>"""
+
+
+def test_the_rail_of_a_slide_that_follows_is_as_long_as_it_goes():
+    """A quarter of a metre to both sides, where its leader goes a metre."""
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    robot = tw.load(SLIDES.format("".join(f'<link name="{name}">{mass}</link>' for name in "ab")))
+    shapes = [s for s in scene_of(robot).shapes if s.layer == "looks" and s.body == 0]
+    x = np.concatenate([s.surface.placed(s.pose).vertices for s in shapes])[:, 0]
+    assert 0.25 <= x.max() < 0.35  # and the thickness of the rail
+    assert -0.35 < x.min() <= -0.25
+
+
 def test_the_ellipsoid_has_the_inertia_of_its_body():
     G = tw.SpatialInertia.box((0.5, 0.3, 0.2), mass=2.0).in_frame(tw.se3.exp([0.3, 0.2, 0.1, 1, 2, 3]))
     (surface,) = equal_inertia_ellipsoid(G)
