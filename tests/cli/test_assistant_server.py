@@ -300,3 +300,13 @@ def test_every_option_of_a_tool_that_names_a_file_is_confined(tmp_path):
         for one in files:
             with pytest.raises(ValueRangeError):
                 tools._check(tool, [f"{one.opts[0]}=/etc/passwd"])
+
+
+def test_a_link_to_a_file_of_xacro_is_a_file_of_xacro(tmp_path):
+    """Macros run code of the file; neither its name nor that of a link to it lets them."""
+    (tmp_path / "arm.xacro").write_text(ARM.format(mesh=""))
+    (tmp_path / "arm.urdf").symlink_to("arm.xacro")
+    for name in ("arm.xacro", "arm.urdf"):
+        found = Tools(Folder(tmp_path)).call("info", {"robot": name})
+        assert found.is_error
+        assert "macros of xacro are not expanded by this server" in found.text

@@ -304,6 +304,16 @@ def test_on_a_phone_targets_are_large_and_nothing_scrolls_sideways(at):
     assert page.complaints == []
 
 
+def test_a_page_within_another_plays_once_and_stands_at_its_start(opened):
+    """As long as it is looked at, a motion that goes on by itself draws the eye from the text around it."""
+    page = opened(tw.check("ur5", "demo"))
+    page.run("Object.assign(viewer, { once: true, playing: true, now: 0 }); viewer.seek(viewer.motion.end - 1e-3)")
+    seen = page.run(
+        "(() => { viewer.now = 0; viewer.advance(100); return [viewer.playing, viewer.once, viewer.time]; })()"
+    )
+    assert seen == [False, False, page.run("viewer.motion.begin")]
+
+
 @pytest.mark.parametrize(("address", "embedded"), [("", True), ("#full", False), ("#embed", True)])
 def test_the_address_opens_an_embedded_page_in_full(page, folder, address, embedded):
     path = folder / "ur5_address.html"
