@@ -45,7 +45,7 @@ def texts_of(kernel: Any, precision: Any) -> list[str]:
     import llvmlite.binding as llvm
 
     from twistwrench.compiler.runtime.gufunc import owner_of
-    from twistwrench.compiler.runtime.jit import compiled
+    from twistwrench.compiler.runtime.jit import compile_form
     from twistwrench.core.errors import KernelError
 
     owner, texts, emit = owner_of(kernel), [], llvm.TargetMachine.emit_object
@@ -64,7 +64,7 @@ def texts_of(kernel: Any, precision: Any) -> list[str]:
         patch.dict(os.environ, {"TWISTWRENCH_CACHE_DIR": "off"}),
         patch.object(llvm.TargetMachine, "emit_object", look),
     ):
-        compiled(owner.program, precision)
+        compile_form(owner.program, precision)
     return list(dict.fromkeys(texts))
 
 

@@ -24,7 +24,7 @@ from twistwrench.compiler.ir.tracer import trace
 from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
 from twistwrench.compiler.lowering.target_machine import DOUBLE, LOOP, SINGLE, chosen
 from twistwrench.compiler.runtime.gufunc import make_ufunc
-from twistwrench.compiler.runtime.jit import compiled, found
+from twistwrench.compiler.runtime.jit import cached_code, compile_form
 from twistwrench.core import object_cache
 from twistwrench.robot.quantities import QUANTITIES
 
@@ -76,10 +76,10 @@ def python(code: str, **environment: str) -> str:
 
 
 def test_the_second_time_code_comes_from_the_disk(place):
-    assert not compiled(PROGRAM, DOUBLE).cached
-    assert compiled(PROGRAM, DOUBLE).cached
-    assert not compiled(PROGRAM, SINGLE).cached  # each precision is code of its own
-    assert not compiled(OTHER, DOUBLE).cached
+    assert not compile_form(PROGRAM, DOUBLE).cached
+    assert compile_form(PROGRAM, DOUBLE).cached
+    assert not compile_form(PROGRAM, SINGLE).cached  # each precision is code of its own
+    assert not compile_form(OTHER, DOUBLE).cached
     assert len(list(place.iterdir())) == 3
     assert works()
     assert works(OTHER)
@@ -90,28 +90,28 @@ def test_code_of_another_compiler_or_processor_is_not_taken(place, monkeypatch):
     import llvmlite
     import llvmlite.binding as llvm
 
-    assert not compiled(PROGRAM, DOUBLE).cached
+    assert not compile_form(PROGRAM, DOUBLE).cached
     for owner, name, other in (
         (llvmlite, "__version__", "0.0.1"),
         (llvm, "llvm_version_info", (1, 2, 3)),
     ):
         with monkeypatch.context() as changed:
             changed.setattr(owner, name, other)
-            assert not compiled(PROGRAM, DOUBLE).cached, name
-            assert compiled(PROGRAM, DOUBLE).cached, name
-        assert compiled(PROGRAM, DOUBLE).cached, "back to the first"
+            assert not compile_form(PROGRAM, DOUBLE).cached, name
+            assert compile_form(PROGRAM, DOUBLE).cached, name
+        assert compile_form(PROGRAM, DOUBLE).cached, "back to the first"
     here = chosen()
     for other in (replace(here, cpu="generic"), replace(here, features=",".join(here.features.split(",")[1:]))):
-        assert not compiled(PROGRAM, DOUBLE, other).cached, other  # of the same text, but other instructions
-        assert compiled(PROGRAM, DOUBLE, other).cached, other
-    assert compiled(PROGRAM, DOUBLE).cached, "back to the first"
+        assert not compile_form(PROGRAM, DOUBLE, other).cached, other  # of the same text, but other instructions
+        assert compile_form(PROGRAM, DOUBLE, other).cached, other
+    assert compile_form(PROGRAM, DOUBLE).cached, "back to the first"
 
 
 def test_the_second_process_compiles_nothing(place):
     code = (
         "import twistwrench as tw; from twistwrench.compiler.runtime import gufunc, jit; made = []\n"
-        "def spy(*a): made.append(jit.compiled(*a)); return made[-1]\n"
-        "gufunc.compiled = spy\n"
+        "def spy(*a): made.append(jit.compile_form(*a)); return made[-1]\n"
+        "gufunc.compile_form = spy\n"
         "robot = tw.load(tw.robots.path_of('cart_pole').read_text())\n"  # as text: files are known again, and nothing is asked for
         "robot.mass_matrix([0, 0.5]); robot.gravity_forces([0, 0.5])\n"
         "robot.mass_matrix(robot.neutral.astype('f'))\n"
@@ -137,8 +137,8 @@ def test_off_means_off(tmp_path, monkeypatch):
     for word in ("off", "OFF"):
         monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", word)
         assert object_cache.folder() is None
-        assert not compiled(PROGRAM, DOUBLE).cached
-        assert not compiled(PROGRAM, DOUBLE).cached
+        assert not compile_form(PROGRAM, DOUBLE).cached
+        assert not compile_form(PROGRAM, DOUBLE).cached
     assert list(tmp_path.iterdir()) == []
 
 
@@ -173,26 +173,26 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", mostly_slow(DAMAGE, 2))
 def test_a_damaged_entry_is_rebuilt(place, damage):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
     sound = entry.read_bytes()
     damaged = DAMAGE[damage](sound)
     assert damaged != sound
     entry.write_bytes(damaged)
-    assert not compiled(PROGRAM, DOUBLE).cached
+    assert not compile_form(PROGRAM, DOUBLE).cached
     assert works()
     assert list(place.iterdir()) == [entry]
     assert entry.read_bytes() == sound
-    assert compiled(PROGRAM, DOUBLE).cached
+    assert compile_form(PROGRAM, DOUBLE).cached
 
 
 def test_an_entry_under_another_s_name_is_rebuilt(place):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (first,) = place.iterdir()
-    compiled(OTHER, DOUBLE)
+    compile_form(OTHER, DOUBLE)
     (second,) = set(place.iterdir()) - {first}
     second.write_bytes(first.read_bytes())
-    assert not compiled(OTHER, DOUBLE).cached
+    assert not compile_form(OTHER, DOUBLE).cached
     assert works(OTHER)
 
 
@@ -208,11 +208,11 @@ FORGED = {
 
 @pytest.mark.parametrize("forge", FORGED)
 def test_sound_entries_that_do_not_link_are_rebuilt(place, forge):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
     object_cache.store(entry.name, FORGED[forge](object_cache.load(entry.name)))
-    assert found([entry.name], chosen()) is None
-    assert not compiled(PROGRAM, DOUBLE).cached
+    assert cached_code([entry.name], chosen()) is None
+    assert not compile_form(PROGRAM, DOUBLE).cached
     assert works()
 
 
@@ -232,29 +232,29 @@ def test_sound_metadata_that_say_nothing_are_made_again(place):
 @POSIX
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o720])
 def test_a_folder_others_can_write_to_is_neither_read_nor_written(place, mode):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
     before = entry.stat()
     place.chmod(mode)
     with one_remark(str(place), f"(mode {mode:o})", "chmod go-w"):
         assert object_cache.folder() is None
     assert object_cache.load(entry.name) is None  # and nothing is said again
-    assert not compiled(PROGRAM, DOUBLE).cached
-    compiled(OTHER, DOUBLE)
+    assert not compile_form(PROGRAM, DOUBLE).cached
+    compile_form(OTHER, DOUBLE)
     assert list(place.iterdir()) == [entry]
     assert entry.stat().st_mtime_ns == before.st_mtime_ns
     place.chmod(0o700)
-    assert compiled(PROGRAM, DOUBLE).cached
+    assert compile_form(PROGRAM, DOUBLE).cached
 
 
 @POSIX
 def test_a_folder_of_another_user_is_not_used(place, monkeypatch):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
     before, owner = entry.stat(), place.stat().st_uid
     monkeypatch.setattr(os, "getuid", lambda: owner + 1)
     with one_remark(str(place), f"belongs to another user (uid {owner})"):
-        assert not compiled(PROGRAM, DOUBLE).cached
+        assert not compile_form(PROGRAM, DOUBLE).cached
     assert works(OTHER)
     assert list(place.iterdir()) == [entry]
     assert entry.stat().st_mtime_ns == before.st_mtime_ns
@@ -276,16 +276,16 @@ def test_a_link_is_as_good_as_the_folder_it_leads_to(place, tmp_path):
     real.mkdir(mode=0o700)
     place.parent.mkdir()
     place.symlink_to(real)
-    assert not compiled(PROGRAM, DOUBLE).cached
-    assert compiled(PROGRAM, DOUBLE).cached
+    assert not compile_form(PROGRAM, DOUBLE).cached
+    assert compile_form(PROGRAM, DOUBLE).cached
     assert len(list(real.iterdir())) == 1
     real.chmod(0o777)
     with one_remark("mode 777"):
-        assert not compiled(PROGRAM, DOUBLE).cached
+        assert not compile_form(PROGRAM, DOUBLE).cached
     place.unlink()
     place.symlink_to(tmp_path / "nowhere")
     with one_remark("not a folder"):
-        assert not compiled(PROGRAM, DOUBLE).cached
+        assert not compile_form(PROGRAM, DOUBLE).cached
     assert not (tmp_path / "nowhere").exists()
 
 
@@ -400,10 +400,10 @@ def test_a_file_that_may_not_grow_leaves_nothing_behind(place):
 @POSIX
 @pytest.mark.skipif(hasattr(os, "getuid") and os.getuid() == 0, reason="root writes wherever it likes")
 def test_a_folder_that_is_read_only_is_read(place):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     place.chmod(0o500)
     try:
-        assert compiled(PROGRAM, DOUBLE).cached
+        assert compile_form(PROGRAM, DOUBLE).cached
         with one_remark("Permission denied"):
             assert works(OTHER)
     finally:
@@ -412,7 +412,7 @@ def test_a_folder_that_is_read_only_is_read(place):
 
 @pytest.mark.parametrize("call", ["read_bytes", "unlink"])
 def test_an_entry_that_cannot_be_read_or_removed_is_no_error(place, monkeypatch, call):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
     entry.write_bytes(b"damaged")
 
@@ -424,7 +424,7 @@ def test_an_entry_that_cannot_be_read_or_removed_is_no_error(place, monkeypatch,
 
 
 def test_a_folder_in_an_entry_s_place_is_no_error(place):
-    compiled(PROGRAM, DOUBLE)
+    compile_form(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
     entry.unlink()
     entry.mkdir()
@@ -485,10 +485,10 @@ def test_a_reader_never_sees_half_an_entry(place):
 
     def read():
         while not stop.is_set():
-            found = object_cache.load("key")
-            reads.append(found is not None)
-            if found not in values:
-                wrong.append(found)
+            entry = object_cache.load("key")
+            reads.append(entry is not None)
+            if entry not in values:
+                wrong.append(entry)
 
     readers = [threading.Thread(target=read) for _ in range(2)]
     for reader in readers:

@@ -19,7 +19,7 @@ from twistwrench.compiler.lowering.ir_builder import LlvmWriter
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, chosen
 from twistwrench.compiler.runtime import batch_threads, dispatch, gufunc
 from twistwrench.compiler.runtime.dispatch_ir import has_nonfinite
-from twistwrench.compiler.runtime.jit import assembled
+from twistwrench.compiler.runtime.jit import assemble
 from twistwrench.testing import random_state
 
 INPUTS = {
@@ -416,7 +416,7 @@ def test_one_result_that_is_not_finite_is_found_wherever_it_stands(size, precisi
     w = LlvmWriter(precision, 1)
     found, _ = has_nonfinite(w, "%data", size, "entry")
     body = "\n".join(w.lines)
-    code = assembled(f"define i1 @looked(ptr %data) {{\nentry:\n{body}\n  ret i1 {found}\n}}\n", "looked", chosen())
+    code = assemble(f"define i1 @looked(ptr %data) {{\nentry:\n{body}\n  ret i1 {found}\n}}\n", "looked", chosen())
     looked = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p)(code.address)
     x = np.random.default_rng(0).standard_normal(size).astype(precision.char)
     assert not looked(x.ctypes.data)

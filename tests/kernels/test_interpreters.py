@@ -75,7 +75,7 @@ for k in range(5):  # by the method, then by the builtin
     assert np.array_equal(robot.mass_matrix(q[k]), whole[k])
 single = robot.mass_matrix(q.astype(np.float32))  # where a callback from C would wait for itself
 assert single.dtype == np.float32 and np.allclose(single, whole, atol=1e-4)
-batch_threads.LEAST = 2e3
+batch_threads.MIN_PART = 2e3
 tw.set_threads(3)
 assert np.array_equal(robot.mass_matrix(q), whole)
 assert tw.get_threads() == (3 if interpreter.is_main() else 1)
@@ -134,7 +134,7 @@ def test_no_stand_in_and_no_helper_where_this_is_not_the_main_one(elsewhere, mon
     robot = tw.robots.planar_2r()
     owner = gufunc.owner_of(robot.kernel("mass_matrix"))
     assert set(owner.code) == {"d", "f"}  # both precisions from the start: nothing to call back for
-    monkeypatch.setattr(batch_threads, "LEAST", 2e3)
+    monkeypatch.setattr(batch_threads, "MIN_PART", 2e3)
     monkeypatch.setattr(threading.Thread, "start", lambda self: pytest.fail("a thread was started"))
     tw.set_threads(3)
     try:
@@ -198,7 +198,7 @@ def test_ufuncs_that_lie_otherwise_are_kept_for_good_and_never_looked_into(looke
     )
     monkeypatch.setattr(gufunc, "_UFuncObject", longer)
     monkeypatch.setattr(gufunc, "_FOREVER", [])
-    monkeypatch.setattr(batch_threads, "LEAST", 2e4)
+    monkeypatch.setattr(batch_threads, "MIN_PART", 2e4)
     robot = tw.robots.ur5()
     stands_aside(robot)
     assert gufunc.owner_of(robot.kernel("gravity_forces")) is None

@@ -19,7 +19,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.compiler.lowering.target_machine import DOUBLE
 from twistwrench.compiler.runtime.gufunc import _UFuncObject, make_ufunc
-from twistwrench.compiler.runtime.jit import compiled
+from twistwrench.compiler.runtime.jit import compile_form
 
 THREADS = 8
 
@@ -233,7 +233,7 @@ def test_a_kernel_is_freed_with_its_robot():
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="reads the resident size from /proc")
 def test_memory_does_not_grow_with_kernels_made_and_dropped():
     program = tw.robots.panda().program("forward_dynamics_derivatives")
-    size = compiled(program, DOUBLE).size  # from here on the code comes from the cache
+    size = compile_form(program, DOUBLE).size  # from here on the code comes from the cache
     state = np.zeros(7)
 
     def make_and_drop(times: int) -> float:
@@ -279,7 +279,7 @@ jit._JIT.target = lambda machine: Ends()
 gc.disable()
 for _ in range(20):
     try:
-        jit.compiled(trace(lambda x: 3.0 * np.sin(x), [("x", ())], ["y"]), DOUBLE)
+        jit.compile_form(trace(lambda x: 3.0 * np.sin(x), [("x", ())], ["y"]), DOUBLE)
     except KeyboardInterrupt as problem:
         problem.itself = problem
     gc.collect()
@@ -311,7 +311,7 @@ def test_whatever_is_raised_below_numpy_is_raised_itself_and_the_next_call_compi
             raise problem
 
         with monkeypatch.context() as patch:
-            patch.setattr("twistwrench.compiler.runtime.gufunc.compiled", fail)
+            patch.setattr("twistwrench.compiler.runtime.gufunc.compile_form", fail)
             with pytest.raises(type(problem)) as caught:
                 way(q.astype("f"))
         assert caught.value is problem

@@ -396,5 +396,5 @@ def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     for name, value in (("LONG", 0), ("PARTITION", 10), ("EACH", 2)):
         monkeypatch.setattr(lower if name == "LONG" else partition, name, value)
     assert len(list(lower.modules(program, DOUBLE, host()))) > 2
-    assert not jit.compiled(program, DOUBLE).cached
-    assert jit.compiled(program, DOUBLE).cached
+    assert not jit.compile_form(program, DOUBLE).cached
+    assert jit.compile_form(program, DOUBLE).cached

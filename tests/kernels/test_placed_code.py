@@ -14,7 +14,7 @@ from twistwrench.compiler.ir.tracer import trace
 from twistwrench.compiler.lowering.lower import modules
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, chosen
 from twistwrench.compiler.runtime import elf_loader, jit
-from twistwrench.compiler.runtime.elf_loader import UnsupportedObject, placed
+from twistwrench.compiler.runtime.elf_loader import UnsupportedObject, load_objects
 from twistwrench.compiler.runtime.gufunc import make_ufunc, owner_of
 
 pytestmark = pytest.mark.skipif(
@@ -41,7 +41,7 @@ def by_llvm(monkeypatch, program):
         raise UnsupportedObject
 
     with monkeypatch.context() as patch:
-        patch.setattr(jit, "placed", refuse)
+        patch.setattr(jit, "load_objects", refuse)
         kernel = make_ufunc(program, "linked", "")
         owner_of(kernel).address(SINGLE)
     assert not isinstance(owner_of(kernel).code["d"].keep, elf_loader.LoadedObject)
@@ -82,7 +82,7 @@ def permissions(address: int) -> str | None:
 
 
 def test_pages_are_run_and_not_written_and_go_with_the_code(line):
-    code = placed([line])
+    code = load_objects([line])
     address = code["loop"]
     assert permissions(address) == "r-xp"
     del code
@@ -136,20 +136,20 @@ def test_what_is_not_plain_is_refused(line, kind):
     code = REFUSED[kind](line)
     assert code != line
     with pytest.raises(UnsupportedObject):
-        placed([code])
+        load_objects([code])
 
 
 @pytest.mark.parametrize("where", [2**40, 2**64 - 64, -3], ids=["beyond the end", "before", "across the end"])
 def test_relocations_outside_their_section_are_damage_that_llvm_must_not_see(line, where):
     place = where if where > 0 else sections(line)[text_of(line)][5] + where
     with pytest.raises(RuntimeError, match="outside its section"):
-        placed([changed(line, "<Q", relocations_of(line), place)])
+        load_objects([changed(line, "<Q", relocations_of(line), place)])
 
 
 def test_no_cut_does_harm(line):
     for end in range(0, len(line), 97):
         with pytest.raises(UnsupportedObject):
-            placed([line[:end]])
+            load_objects([line[:end]])
 
 
 @pytest.mark.parametrize("why", ["code from such pages", "memory"])

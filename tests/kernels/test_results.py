@@ -38,12 +38,12 @@ def address(array):
 @pytest.fixture
 def pool(monkeypatch):
     """A pool of our own, from which everything from 1 MB on is lent."""
-    if not result_pool.allowed():
+    if not result_pool.may_use_huge_pages():
         pytest.skip("this system has no huge pages to ask for")
     own = result_pool.ResultPool()
     monkeypatch.setattr(result_pool, "_POOL", own)
     monkeypatch.setattr(result_pool, "bound", lambda: 24 * result_pool.PAGE)
-    monkeypatch.setattr(result_pool, "LARGE", 1 << 20)
+    monkeypatch.setattr(result_pool, "MIN_SEPARATE", 1 << 20)
     monkeypatch.setattr(batch_threads, "ONE_ROOM", 1 << 20)
     return own
 
@@ -260,12 +260,12 @@ def test_the_switch(text):
 
 
 def test_a_switch_that_is_neither(monkeypatch):
-    result_pool.allowed.cache_clear()
+    result_pool.may_use_huge_pages.cache_clear()
     monkeypatch.setenv("TWISTWRENCH_HUGE_PAGES", "maybe")
     with pytest.raises(tw.ValueRangeError, match="TWISTWRENCH_HUGE_PAGES: 'maybe' is not understood"):
         result_pool.result_arrays([(1 << 22,), (1 << 20,)], np.dtype(float))
     monkeypatch.undo()
-    result_pool.allowed.cache_clear()
+    result_pool.may_use_huge_pages.cache_clear()
 
 
 # ── past the caches ──

@@ -83,7 +83,7 @@ import numpy as np
 import twistwrench as tw
 from twistwrench.compiler.runtime import batch_threads
 
-batch_threads.LEAST = 2e4
+batch_threads.MIN_PART = 2e4
 robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 50_000)
 expected = robot.kernel("mass_matrix")(q).tobytes()
@@ -231,7 +231,7 @@ robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 5000)
 
 def work(_):
-    batch_threads.LEAST = 2e3  # so that every call is worth sharing, in whichever process this is
+    batch_threads.MIN_PART = 2e3  # so that every call is worth sharing, in whichever process this is
     made = []
     job = batch_threads._Job
     class Watched(job):

@@ -15,7 +15,7 @@ from twistwrench.compiler.lowering.lower import modules
 from twistwrench.compiler.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
 from twistwrench.compiler.runtime import elf_loader, jit
 from twistwrench.compiler.runtime.dispatch_ir import loop_steps
-from twistwrench.compiler.runtime.elf_loader import ExecutableMemory, UnsupportedObject, placed
+from twistwrench.compiler.runtime.elf_loader import ExecutableMemory, UnsupportedObject, load_objects
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 
 pytestmark = pytest.mark.skipif(
@@ -55,7 +55,7 @@ def objects(program, precision=DOUBLE) -> list[bytes]:
 @pytest.fixture
 def library(monkeypatch) -> dict[str, jit.Code]:
     """Functions of the C library by the other convention; what is placed calls them."""
-    kept = {name: jit.assembled(text, f"{name}_there", chosen()) for name, text in _OUTSIDE.items()}
+    kept = {name: jit.assemble(text, f"{name}_there", chosen()) for name, text in _OUTSIDE.items()}
 
     def address(name: str) -> int:
         if name not in kept:
@@ -83,7 +83,7 @@ def called(code, program, precision, arrays) -> list[np.ndarray]:
         for axis, n in zip(axes, port.shape, strict=True)
     }
     dims = (ctypes.c_int64 * (1 + len(sizes)))(rows, *(sizes[k] for k in sorted(sizes)))
-    bridge = jit.assembled(_BRIDGE, "bridge", chosen())
+    bridge = jit.assemble(_BRIDGE, "bridge", chosen())
     ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(bridge.address)(code[LOOP], args, dims, steps)
     return made
 
@@ -107,7 +107,7 @@ def test_bits_by_the_convention_of_windows_are_those_of_this_system(library, bun
     arrays = [rng.normal(size=(21, *port.shape)).astype(precision.char) for port in program.inputs]
     arrays[0][3] *= 1e9  # sines of huge angles are the C library's
     expected = make_ufunc(program, "here", "")(*arrays)
-    found = called(placed(objects(program, precision)), program, precision, arrays)
+    found = called(load_objects(objects(program, precision)), program, precision, arrays)
     for a, b in zip(expected if isinstance(expected, tuple) else (expected,), found, strict=True):
         assert np.array_equal(a, b, equal_nan=True)
 

@@ -29,7 +29,7 @@ from twistwrench.compiler.lowering.lower import assembly
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
 from twistwrench.compiler.runtime import gufunc
 from twistwrench.compiler.runtime.gufunc import make_ufunc
-from twistwrench.compiler.runtime.jit import compiled
+from twistwrench.compiler.runtime.jit import compile_form
 from twistwrench.testing import random_state
 
 WIDTHS = (64, 128, 256, 512)
@@ -452,8 +452,8 @@ def test_the_processor_is_in_the_key(monkeypatch, tmp_path):
     mine = host()
     variants = [mine, *(dataclasses.replace(mine, vector_bits=w) for w in (64, 128, 256, 512) if w != mine.vector_bits)]
     variants += [dataclasses.replace(mine, cpu="generic"), dataclasses.replace(mine, fused=not mine.fused)]
-    assert not any(compiled(program, DOUBLE, m).cached for m in variants)
-    assert all(compiled(program, DOUBLE, m).cached for m in variants)
+    assert not any(compile_form(program, DOUBLE, m).cached for m in variants)
+    assert all(compile_form(program, DOUBLE, m).cached for m in variants)
 
 
 def test_llvm_is_asked_when_something_compiles_not_before():

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...core.typing import Array
 from .expr import Expr
-from .tracer import operands_of, reached
+from .tracer import operands_of, reachable
 
 Known = Mapping[Expr, Mapping[int, Expr]]
 """Derivatives of an expression by number of the direction; missing ones are zero."""
@@ -70,15 +70,15 @@ def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, dire
         adjoint[result] = adjoint[result] + weight if result in adjoint else weight
     total = np.full(directions, 0.0, object)
     for node in reversed(nodes):
-        mine = adjoint.get(node)
-        if mine is None:
+        weight = adjoint.get(node)
+        if weight is None:
             continue
         if node in known:
             for d, slope in known[node].items():
-                total[d] = total[d] + slope * mine
+                total[d] = total[d] + slope * weight
             continue
         for operand, slope in _slopes(node, nodes):
-            part = slope * mine
+            part = slope * weight
             adjoint[operand] = adjoint[operand] + part if operand in adjoint else part
     return total
 
@@ -112,10 +112,10 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 # ── the chain rule ──
 
 
-def _taken(node: Expr, a: Any, b: Any) -> Any:
+def _share_of_first(node: Expr, a: Any, b: Any) -> Any:
     """1 if a minimum or maximum is its first operand, 0 if it is the second, ½ if they are equal."""
-    apart = b - a if node.op == "min" else a - b
-    return 0.5 + 0.5 * apart.sign()
+    difference = b - a if node.op == "min" else a - b
+    return 0.5 + 0.5 * difference.sign()
 
 
 _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
@@ -129,8 +129,8 @@ _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
     "cos": (lambda f, a, b: -a.sin(),),
     "exp": (lambda f, a, b: f,),
     "sign": (lambda f, a, b: 0.0,),  # piecewise constant
-    "min": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
-    "max": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
+    "min": (_share_of_first, lambda f, a, b: 1.0 - _share_of_first(f, a, b)),
+    "max": (_share_of_first, lambda f, a, b: 1.0 - _share_of_first(f, a, b)),
     "tanh": (lambda f, a, b: 1.0 - f * f,),
     "log": (lambda f, a, b: 1.0 / a,),
     "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
@@ -160,7 +160,7 @@ def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[lis
     """One sweep for each direction, in the order of evaluation."""
     active = _active(results, known)
     steps = [(node, reach, () if node in known else _slopes(node, active)) for node, reach in active.items()]
-    found = []
+    columns = []
     for d in range(directions):
         rates: dict[Expr, Any] = {}
         for node, reach, slopes in steps:
@@ -174,14 +174,15 @@ def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[lis
                 if operand in rates:
                     total = total + slope * rates[operand]
             rates[node] = total
-        found.append([rates.get(result, 0.0) for result in results])
-    return found
+        columns.append([rates.get(result, 0.0) for result in results])
+    return columns
 
 
 def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
     """Varying expressions between known ones and the results, operands first, with their directions as bits."""
     masks: dict[Expr, int] = {}
-    for node in sorted(reached(results, lambda x: () if x in known else _made_of(x)), key=lambda x: x.index):
+    nodes = reachable(results, lambda x: () if x in known else _made_of(x))
+    for node in sorted(nodes, key=lambda x: x.index):
         mask = sum(1 << d for d in known.get(node, ()))
         if node not in known and node.op != "sign":
             for x in _made_of(node):

@@ -123,14 +123,14 @@ class Search:
     @property
     def settings(self) -> TensorSpec:
         """Maximum steps, attempts, tolerances and weights."""
-        given = self.program.inputs[-1].size - self.target.size
-        return TensorSpec("settings", (ALLOWED + given + len(self.near),))
+        numbers = self.program.inputs[-1].size - self.target.size
+        return TensorSpec("settings", (ALLOWED + numbers + len(self.near),))
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
         """Inputs of the kernel: target, first start, settings, and the table of start configurations with their targets."""
-        size, many = self.x.size, len(self.near)
-        tables = TensorSpec("places", (PLACES, size)), TensorSpec("reached", (many, PLACES))
+        size, entries = self.x.size, len(self.near)
+        tables = TensorSpec("places", (PLACES, size)), TensorSpec("reached", (entries, PLACES))
         return self.target, TensorSpec("start", (size,)), self.settings, *tables
 
     @property
@@ -186,10 +186,10 @@ class ColumnSolve:
     @cached_property
     def first_entries(self) -> tuple[int, ...]:
         """Position of each result's first entry among the entries of all results."""
-        found = [0]
+        positions = [0]
         for port in self.program.outputs:
-            found.append(found[-1] + port.size)
-        return tuple(found[:-1])
+            positions.append(positions[-1] + port.size)
+        return tuple(positions[:-1])
 
     def entry(self, matrix: int, row: int, column: int) -> int:
         """Position of a matrix entry among the entries of all results."""
@@ -198,11 +198,12 @@ class ColumnSolve:
 
     def stored_rows(self, group: ColumnGroup) -> list[int]:
         """Rows that are nonzero before or after the solve."""
-        return [
-            row
-            for row, nothing in enumerate(group.program.zeros)
-            if not (nothing and all(self.program.zeros[self.entry(m, row, c)] for m, c in group.places))
-        ]
+        rows = []
+        for row, is_zero_after in enumerate(group.program.zeros):
+            entries = [self.entry(matrix, row, column) for matrix, column in group.places]
+            if not (is_zero_after and all(self.program.zeros[entry] for entry in entries)):
+                rows.append(row)
+        return rows
 
     def stored_entries(self, group: ColumnGroup) -> dict[int, list[int]]:
         """Stored rows by the instruction of the group's program that computes them."""

@@ -30,10 +30,11 @@ class TensorSpec(NamedTuple):
 
 def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
     """Gufunc signature of operands with those sizes."""
-    ins, outs = (
-        ",".join("(" + ",".join(map(str, sizes)) + ")" for sizes in operands) for operands in (inputs, outputs)
-    )
-    return f"{ins}->{outs}"
+    return f"{_operand_sizes(inputs)}->{_operand_sizes(outputs)}"
+
+
+def _operand_sizes(operands: Sequence[Sequence[int | str]]) -> str:
+    return ",".join(f"({','.join(map(str, sizes))})" for sizes in operands)
 
 
 @cache
@@ -93,8 +94,8 @@ class Program:
     """Names and shapes of the outputs."""
 
     def __repr__(self) -> str:
-        ends = (", ".join(port.name for port in ports) for ports in (self.inputs, self.outputs))
-        return f"<Program {' → '.join(ends)}, {self.signature}: {len(self.instructions)} instructions>"
+        inputs, outputs = ", ".join(port.name for port in self.inputs), ", ".join(port.name for port in self.outputs)
+        return f"<Program {inputs} → {outputs}, {self.signature}: {len(self.instructions)} instructions>"
 
     def counts(self) -> dict[str, int]:
         """Number of occurrences of each operation, without constants and inputs.
@@ -126,8 +127,8 @@ class Program:
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
         """For each output element, True if it is zero for all inputs."""
-        made = (self.instructions[result] for result in self.results)
-        return tuple(x.op == "const" and x.value == 0.0 for x in made)
+        instructions = [self.instructions[result] for result in self.results]
+        return tuple(x.op == "const" and x.value == 0.0 for x in instructions)
 
     @cached_property
     def digest(self) -> str:
@@ -169,7 +170,7 @@ class Composed(NamedTuple):
 def tanh(x: Expr) -> Expr:
     """Hyperbolic tangent: (1 - e) / (1 + e) with e = exp(-2 |x|), and the sign of x."""
     e = (-2.0 * abs(x)).exp()
-    return _noted("tanh", x.sign() * ((1.0 - e) / (1.0 + e)), 1.0, x)
+    return _record_function("tanh", x.sign() * ((1.0 - e) / (1.0 + e)), 1.0, x)
 
 
 def log(x: Expr) -> Expr:
@@ -186,7 +187,7 @@ def log(x: Expr) -> Expr:
         e = y.exp()
         y = y + (x - e) / trace.max(trace.constant(_SMALLEST), 0.5 * x + 0.5 * e)
     at_zero = 1.0 - 1.0 / x.sign()  # 0 for x > 0, -inf at 0
-    return _noted("log", y + at_zero, _LARGEST, x)
+    return _record_function("log", y + at_zero, _LARGEST, x)
 
 
 def arctan2(y: Expr, x: Expr) -> Expr:
@@ -201,7 +202,7 @@ def arctan2(y: Expr, x: Expr) -> Expr:
     angle = angle + steep * (0.5 * math.pi - 2.0 * angle)
     angle = angle + back * (math.pi - 2.0 * angle)
     up = y.sign()
-    return _noted("arctan2", (up + (1.0 - up * up)) * (longer.sign() * angle), math.pi, y, x)
+    return _record_function("arctan2", (up + (1.0 - up * up)) * (longer.sign() * angle), math.pi, y, x)
 
 
 def _odd(square: Any, sign: float) -> Any:
@@ -212,10 +213,10 @@ def _odd(square: Any, sign: float) -> Any:
     return total
 
 
-def _noted(name: str, value: Any, most: float, *operands: Expr) -> Expr:
-    """Value, at most ``most``, as an unfolded expression that records the function it computes."""
+def _record_function(name: str, value: Any, maximum: float, *operands: Expr) -> Expr:
+    """Value, at most ``maximum``, as an unfolded expression that records the function it computes."""
     trace = operands[0].trace
-    found = trace.min(trace.constant(most), trace.lift(value))  # NaN stays NaN
-    if found.op != "const":
-        trace.composed[found.index] = Composed(name, operands)
-    return found
+    expression = trace.min(trace.constant(maximum), trace.lift(value))  # NaN stays NaN
+    if expression.op != "const":
+        trace.composed[expression.index] = Composed(name, operands)
+    return expression

@@ -24,33 +24,35 @@ from .program import FUSED, Composed, Instruction, Program, TensorSpec
 
 def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
     """Program that computes ``results``."""
-    nodes = _needed(results)
+    nodes = _sort_nodes(results)
     instructions, numbers = _emit(nodes, _fusions(nodes, results))
     return Program(tuple(instructions), tuple(numbers[r.index] for r in results), inputs, outputs)
 
 
-def _needed(results: Sequence[Expr]) -> list[Expr]:
+def _sort_nodes(results: Sequence[Expr]) -> list[Expr]:
     """All expressions that the results need, in order of creation, but sines, cosines and their operands first."""
-    early = reached([node for node in reached(results) if node.op in ("sin", "cos")])
-    first = {node.index for node in early}
-    return sorted(reached(results), key=lambda node: (node.index not in first, node.index))
+    nodes = reachable(results)
+    angles = {node.index for node in reachable([node for node in nodes if node.op in ("sin", "cos")])}
+    return sorted(nodes, key=lambda node: (node.index not in angles, node.index))
 
 
 def operands_of(node: Expr) -> tuple[Expr, ...]:
     """Operands of an expression: none, one or two."""
-    return () if node.a is None else (node.a,) if node.b is None else (node.a, node.b)
+    if node.a is None:
+        return ()
+    return (node.a,) if node.b is None else (node.a, node.b)
 
 
-def reached(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
+def reachable(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
     """All expressions that the results depend on; iterative, because programs may be deep."""
-    seen: dict[int, Expr] = {}
+    nodes: dict[int, Expr] = {}
     stack = list(results)
     while stack:
         node = stack.pop()
-        if node.index not in seen:
-            seen[node.index] = node
+        if node.index not in nodes:
+            nodes[node.index] = node
             stack.extend(operands(node))
-    return list(seen.values())
+    return list(nodes.values())
 
 
 _FUSED_BY_SIGNS = {signs: op for op, signs in FUSED.items()}
@@ -321,7 +323,9 @@ def trace(
     try:
         with _COLLECTOR:
             returned = function(*arguments)
-            arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
+            if not isinstance(returned, tuple):
+                returned = (returned,)
+            arrays = [np.asarray(result, object) for result in returned]
             results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
             out_ports = tuple(TensorSpec(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
             return build(results, tuple(ports), out_ports)

@@ -98,13 +98,11 @@ class CFunction:
     @property
     def definition(self) -> str:
         """Complete function definition."""
-        made = len(self.program.inputs)
-        places = [
-            f"{name}[{k}]"
-            for name, port in zip(self.parameters[made:], self.program.outputs, strict=True)
-            for k in range(port.size)
-        ]
-        stores = zip(places, self.program.results, strict=True)
+        outputs = self.parameters[len(self.program.inputs) :]
+        entries: list[str] = []
+        for name, port in zip(outputs, self.program.outputs, strict=True):
+            entries += [f"{name}[{k}]" for k in range(port.size)]
+        stores = zip(entries, self.program.results, strict=True)
         return "\n".join([self.prototype, "{", *statements(self.program, self.precision, self.parameters, stores), "}"])
 
     @property

@@ -36,7 +36,7 @@ PRELUDE = """\
 OPTIONS = ("-std=c++17", "-fmad=false")
 """Options of a CUDA compiler: the language, and no fusion by the compiler."""
 
-LONG, LESS = 10_000, "--ptxas-options=-O1"
+MAX_OPTIMISED_LENGTH, LESS_OPTIMISATION = 10_000, "--ptxas-options=-O1"
 """Number of instructions above which the last optimisations are skipped, which would take minutes. Results do not change."""
 
 
@@ -58,7 +58,9 @@ class CudaFunction:
     @property
     def options(self) -> tuple[str, ...]:
         """Options of the run-time compiler."""
-        return (*OPTIONS, LESS) if len(self.program.instructions) > LONG else OPTIONS
+        if len(self.program.instructions) > MAX_OPTIMISED_LENGTH:
+            return (*OPTIONS, LESS_OPTIMISATION)
+        return OPTIONS
 
     @property
     def source(self) -> str:
@@ -69,23 +71,23 @@ class CudaFunction:
         sizes = [port.size for port in self.program.outputs]
 
         row = [f"const {real} *__restrict__ {x}" for x in inputs] + [f"{real} *__restrict__ {y}" for y in outputs]
-        places = [f"{y}[{k}]" for y, size in zip(outputs, sizes, strict=True) for k in range(size)]
-        stores = zip(places, self.program.results, strict=True)
+        entries = [f"{y}[{k}]" for y, size in zip(outputs, sizes, strict=True) for k in range(size)]
+        stores = zip(entries, self.program.results, strict=True)
         body = statements(self.program, real, names, stores, sincos="SINCOS")
 
         arrays = [f"const {real} *{x}, long long {x}_step" for x in inputs] + [f"{real} *{y}" for y in outputs]
         rows = [f"{x} + i * {x}_step" for x in inputs]
         rows += [f"{y} + i * {size}" for y, size in zip(outputs, sizes, strict=True)]
-        call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_listed(rows, 8)});"]
+        call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_one_a_line(rows, 8)});"]
         kernel = f'extern "C" __global__ void __launch_bounds__(THREADS) {self.name}'
         return "\n".join([
             PRELUDE.format(threads=THREADS, suffix=suffix),
             FUSED_MACROS.format(fma=f"fma{suffix}"),
-            f"INLINE void compute_row(\n{_listed(row, 4)})", "{", *body, "}\n",
-            f"{kernel}(\n{_listed(['long long samples', *arrays], 4)})", "{", *call, "}\n",
+            f"INLINE void compute_row(\n{_one_a_line(row, 4)})", "{", *body, "}\n",
+            f"{kernel}(\n{_one_a_line(['long long samples', *arrays], 4)})", "{", *call, "}\n",
         ])  # fmt: skip
 
 
-def _listed(parts: list[str], indent: int) -> str:
+def _one_a_line(parts: list[str], indent: int) -> str:
     """Parts separated by commas, one a line."""
     return ",\n".join(" " * indent + part for part in parts)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Arrays = tuple[Array, ...]
 
-LEAST = 2.5e6
+MIN_PART = 2.5e6
 """Operations of the smallest part, about 0.1 ms: four times the handover. Less work than two such parts is not divided."""
 
 PARTS_EACH = 4
@@ -90,7 +90,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
         return None
     single = _is_single(arrays)
     work = math.prod(batch) * owner.cost / (2 if single else 1)
-    count = min(int(work / LEAST), PARTS_EACH * threads)
+    count = min(int(work / MIN_PART), PARTS_EACH * threads)
     if count < 2:
         return None
     count = max(count // threads * threads, min(count, threads))  # the same number for each thread, if there are enough
@@ -100,17 +100,18 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
         return None
     if single:
         owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
-    long = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
-    axis = long[0] if long else batch.index(max(batch))  # the first long one, so that inner axes are not divided
+    long_axes = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
+    axis = (
+        long_axes[0] if long_axes else batch.index(max(batch))
+    )  # the first long one, so that inner axes are not divided
     rows = -(-batch[axis] // count)
-    rows = -(-rows // ROWS) * ROWS if rows >= ROWS else rows
-    ports = (*owner.given.inputs, *owner.given.outputs)
-    axes = [_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)]
+    if rows >= ROWS:
+        rows = -(-rows // ROWS) * ROWS
     slices = [slice(first, first + rows) for first in range(0, batch[axis], rows)]
-    views = [
-        [a] * len(slices) if before is None else [a[(*before, samples)] for samples in slices]
-        for a, before in zip((*arrays, *outputs), axes, strict=True)
-    ]
+    views = []
+    for a, port in zip((*arrays, *outputs), (*owner.given.inputs, *owner.given.outputs), strict=True):
+        before = _axis(a, port, axis - len(batch))
+        views.append([a] * len(slices) if before is None else [a[(*before, samples)] for samples in slices])
     n = len(arrays)
     return [Part(v[:n], v[n:]) for v in zip(*views, strict=True)], outputs
 
@@ -132,8 +133,8 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
     if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.given.inputs):
         return None
     ports = owner.given.outputs
-    least = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
-    if owner.row * first.size < least * owner.given.inputs[0].size:  # estimate: other inputs may have more samples
+    min_size = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
+    if owner.row * first.size < min_size * owner.given.inputs[0].size:  # estimate: other inputs may have more samples
         return None
     batch = _batch(arrays, owner.given.inputs)
     if batch is None:
@@ -183,8 +184,8 @@ def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arra
 
 def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
     """Index of all axes before the divided one, which is counted from the batch's last; None if it is broadcast."""
-    place = a.ndim - len(port.shape) + axis
-    return None if place < 0 or a.shape[place] == 1 else (slice(None),) * place
+    position = a.ndim - len(port.shape) + axis
+    return None if position < 0 or a.shape[position] == 1 else (slice(None),) * position
 
 
 # ── Calls with many samples on a thread pool: disabled until ``set_threads`` or ``TWISTWRENCH_THREADS`` sets more than one
@@ -193,7 +194,7 @@ def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
 # helper that has not begun: so busy threads delay no caller, and deadlocks are impossible. A sample's bits depend neither on
 # its part nor on its thread.
 
-MOST = 1024
+MAX_THREADS = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
 
 POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "multiprocessing", "ray"})
@@ -220,7 +221,7 @@ def set_threads(count: int) -> None:
     2
     >>> tw.set_threads(1)
     """
-    _THREADS.resize(_checked(count, "set_threads"))
+    _THREADS.resize(_thread_count(count, "set_threads"))
 
 
 def get_threads() -> int:
@@ -245,15 +246,15 @@ def get_threads() -> int:
     wanted = _THREADS.wanted
     if wanted is None:
         text = os.environ.get(VARIABLE, "").strip() or "1"
-        wanted = _THREADS.wanted = _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
-    alone = wanted == 1 or not interpreter.is_main() or (not _THREADS.told and _in_worker_process())
+        wanted = _THREADS.wanted = _thread_count(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
+    alone = wanted == 1 or not interpreter.is_main() or (not _THREADS.told and _is_worker_process())
     return 1 if alone else wanted
 
 
 def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
     """Result of ``kernel(*arrays, out=out)``, on several threads if allowed and worthwhile."""
     threads = get_threads()
-    shared = cut(kernel, arrays, out, threads) if threads > 1 and not _in_worker_thread() else None
+    shared = cut(kernel, arrays, out, threads) if threads > 1 and not _is_worker_thread() else None
     if shared is None:
         if out is None and arrays and arrays[0].size >= NOTABLE:
             out = room_for_results(kernel, arrays)
@@ -268,7 +269,7 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
     threads = get_threads()
     job = _Job(kernel, parts)
     try:
-        if threads > 1 and not _in_worker_thread():
+        if threads > 1 and not _is_worker_thread():
             _THREADS.invite(job, threads - 1)
         job.work()
     finally:
@@ -280,25 +281,25 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
             del problem  # its traceback refers to this frame, and the arrays would wait for the garbage collector
 
 
-def _checked(count: Any, who: str) -> int:
+def _thread_count(count: Any, who: str) -> int:
     try:
         threads = 0 if isinstance(count, bool) else operator.index(count)
     except TypeError:
         threads = 0
-    if not 1 <= threads <= MOST:
+    if not 1 <= threads <= MAX_THREADS:
         raise ValueRangeError(
-            f"{who}: {value_text(count)} is not a number of threads. Give a whole number from 1 (off) to {MOST};"
+            f"{who}: {value_text(count)} is not a number of threads. Give a whole number from 1 (off) to {MAX_THREADS};"
             f" this machine has {os.cpu_count() or 1} processors."
         )
     return threads
 
 
-def _in_worker_process() -> bool:
+def _is_worker_process() -> bool:
     process = sys.modules.get("multiprocessing.process")  # also loaded by joblib and Dask
     return process is not None and process.parent_process() is not None
 
 
-def _in_worker_thread() -> bool:
+def _is_worker_thread() -> bool:
     if getattr(_HERE, "helps", False):
         return True
     if threading.get_ident() == threading.main_thread().ident:

@@ -25,7 +25,7 @@ from ..ir.program import TensorSpec, axes_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine
 from .dispatch_ir import CALL, POINTERS, BuiltinWriter, CallLayout, abi_matches, call_assembly
 from .gufunc import KernelMetadata, numpy_function, owner_of
-from .jit import Code, assembled
+from .jit import Code, assemble
 
 MOST_IN_A_ROW = 16
 """Maximum number of builtins of one method, for different options or arrays."""
@@ -167,7 +167,7 @@ def make_call(
     }
     shown = [p.replace(annotation=p.empty) for p in parameters.parameters.values()]
     doc = f"{name}{inspect.Signature(shown)}\n--\n\n{method.__doc__ or ''}"  # parsed by inspect.signature
-    code = assembled(call_assembly(layout), CALL, owner.machine)
+    code = assemble(call_assembly(layout), CALL, owner.machine)
     found: Callable[..., Any] = builtin(name, doc, code, FASTCALL | KEYWORDS, context, context.kept)
     return found
 
@@ -276,7 +276,7 @@ def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machin
     w.do(f"ret ptr {none}")
     declared = "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)"
     text = [declared, f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:", *w.lines, "}\n"]
-    return assembled("\n".join(text), CALL, machine)
+    return assemble("\n".join(text), CALL, machine)
 
 
 def can_bind_calls(kernel: Any) -> bool:

@@ -51,8 +51,8 @@ class ObjectFile(NamedTuple):
 
     def undefined(self) -> set[bytes]:
         """Names used by relocations but not defined in the file."""
-        wanted = {k for r in self.relocations for k in r.symbols.tolist()}  # np.unique imports numpy.ma, which is slow
-        return {self.names[k] for k in wanted if self.names[k] and not self.symbol_sections[k]}
+        used = {k for r in self.relocations for k in r.symbols.tolist()}  # np.unique imports numpy.ma, which is slow
+        return {self.names[k] for k in used if self.names[k] and not self.symbol_sections[k]}
 
 
 MAGIC = b"\x7fELF\x02\x01"
@@ -206,71 +206,71 @@ _STUB = 16
 class LoadedObject:
     """Functions in memory; the pages are freed with this object."""
 
-    def __init__(self, pages: ExecutableMemory, places: dict[bytes, int]) -> None:
+    def __init__(self, pages: ExecutableMemory, offsets: dict[bytes, int]) -> None:
         self._pages = pages
-        self._places = places
+        self._offsets = offsets
 
     def __getitem__(self, symbol: str) -> int:
-        return self._pages.address + self._places[symbol.encode()]
+        return self._pages.address + self._offsets[symbol.encode()]
 
 
-def placed(objects: Sequence[bytes]) -> LoadedObject:
+def load_objects(objects: Sequence[bytes]) -> LoadedObject:
     """Functions of several object files together.
 
     Raises :class:`UnsupportedObject` for files that LLVM's linker may load, and RuntimeError for files that it must not load.
     """
     try:
-        image, known = linked([read_elf(raw) for raw in objects])
+        image, functions = link_files([read_elf(raw) for raw in objects])
     except (IndexError, KeyError, OverflowError, ValueError):  # an invalid or truncated file
         raise UnsupportedObject from None
-    return LoadedObject(ExecutableMemory.from_image(image), known)
+    return LoadedObject(ExecutableMemory.from_image(image), functions)
 
 
-def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
+def link_files(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
     """Bytes of several files together, and the offset of each function."""
     end = 0
-    where: list[dict[int, int]] = []
+    section_offsets: list[dict[int, int]] = []
+    functions: dict[bytes, int] = {}
     for file in files:
-        where.append({})
+        offsets: dict[int, int] = {}
+        section_offsets.append(offsets)
         for number, (contents, align) in file.sections.items():
-            where[-1][number] = -(-end // align) * align
-            end = where[-1][number] + len(contents)
-    known = {
-        name: places[section] + int(value)
-        for file, places in zip(files, where, strict=True)
-        for name, section, value in zip(file.names, file.symbol_sections, file.values, strict=True)
-        if name and section in places
-    }
-    outside = sorted({name for file in files for name in file.undefined()} - {*known})
+            offsets[number] = -(-end // align) * align
+            end = offsets[number] + len(contents)
+        for name, section, value in zip(file.names, file.symbol_sections, file.values, strict=True):
+            if name and section in offsets:
+                functions[name] = offsets[section] + int(value)
+    undefined = set[bytes]().union(*(file.undefined() for file in files))
+    library_functions = sorted(undefined - set(functions))
     first = -(-end // _STUB) * _STUB
-    places = {**known, **{name: first + _STUB * k for k, name in enumerate(outside)}}
-    image = np.zeros(first + _STUB * len(outside), np.uint8)
-    for file, mine in zip(files, where, strict=True):
-        _fill(image, file, mine, places)
-    for name in outside:
+    stubs = {name: first + _STUB * k for k, name in enumerate(library_functions)}
+    image = np.zeros(first + _STUB * len(library_functions), np.uint8)
+    for file, offsets in zip(files, section_offsets, strict=True):
+        _fill(image, file, offsets, functions | stubs)
+    for name, offset in stubs.items():
         stub = _JUMP + _library_function(name.decode()).to_bytes(8, "little")
-        image[places[name] : places[name] + _STUB] = np.frombuffer(stub, np.uint8)
-    return image, known
+        image[offset : offset + _STUB] = np.frombuffer(stub, np.uint8)
+    return image, functions
 
 
-def _fill(image: Array, file: ObjectFile, mine: dict[int, int], places: dict[bytes, int]) -> None:
+def _fill(image: Array, file: ObjectFile, offsets: dict[int, int], symbols_by_name: dict[bytes, int]) -> None:
     """Copy the sections of a file to their offsets, and write the relative addresses of symbols into them."""
-    starts = [
-        places.get(name, -1) if name and not section else mine.get(section, -1)
-        for name, section in zip(file.names, file.symbol_sections, strict=True)
-    ]
+    starts: list[int] = []
+    for name, section in zip(file.names, file.symbol_sections, strict=True):
+        is_external = name and not section
+        starts.append(symbols_by_name.get(name, -1) if is_external else offsets.get(section, -1))
     addresses = np.array(starts, np.int64)
     addresses = np.where(addresses < 0, -1, addresses + file.values)
     for number, (contents, _) in file.sections.items():
-        image[mine[number] : mine[number] + len(contents)] = np.frombuffer(contents, np.uint8)
+        image[offsets[number] : offsets[number] + len(contents)] = np.frombuffer(contents, np.uint8)
     for number, at, symbols, addends in file.relocations:
-        to, last = addresses[symbols], len(file.sections[number].contents) - 4
-        if (at < 0).any() or (at > last).any():  # LLVM's linker would write there
+        targets, last_start = addresses[symbols], len(file.sections[number].contents) - 4
+        if (at < 0).any() or (at > last_start).any():  # LLVM's linker would write there
             raise RuntimeError("a relocation lies outside its section")
-        if (to < 0).any():
+        if (targets < 0).any():
             raise UnsupportedObject
-        at = mine[number] + at
-        distance = (to + addends - at).astype("<i4")
+        at = offsets[number] + at
+        distance = (targets + addends - at).astype("<i4")
         image[at[:, None] + np.arange(4)] = distance.view(np.uint8).reshape(-1, 4)
 
 

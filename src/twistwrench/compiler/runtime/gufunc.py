@@ -12,7 +12,7 @@ import ctypes
 import threading
 import weakref
 from ast import literal_eval
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +23,7 @@ from ...core.errors import KernelError
 from ..ir.program import Program, TensorSpec, axes_of, signature_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter
-from .jit import LOCK, Code, compiled, found
+from .jit import LOCK, Code, cached_code, compile_form
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -112,12 +112,12 @@ class _Owner:
             )
         self.is_scalar = scalar
         self.machine = chosen().narrowed(DOUBLE.bits) if scalar else chosen()
-        known = found(program.code, self.machine) if isinstance(program, KernelMetadata) else None
+        known = cached_code(program.code, self.machine) if isinstance(program, KernelMetadata) else None
         self.given = program.form() if isinstance(program, KernelMetadata) and known is None else program
         self.description = doc
         self.key = program.key if isinstance(program, KernelMetadata) else ""
         """Key of the cached kernel; empty if it is not cached."""
-        self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
+        self.code: dict[str, Code] = {"d": known or compile_form(self.form, DOUBLE, self.machine)}
         self.scalar: dict[str, Code] = {}
         self.lazy_stub = _LOOP(self._single)
         self.interrupt: Any = None
@@ -219,15 +219,16 @@ class _Owner:
     def _further(self, precision: Precision, machine: Machine) -> Code:
         """Code for another type or vector width, cached if the kernel is cached."""
         if not self.key:
-            return compiled(self.form, precision, machine)
-        mine = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
-        kept = object_cache.load(mine)
-        known = found(kept.decode("ascii", "replace").split(), machine) if kept is not None else None
-        if known is not None:
-            return known
-        code = compiled(self.form, precision, machine)
+            return compile_form(self.form, precision, machine)
+        key = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
+        entry = object_cache.load(key)
+        if entry is not None:
+            cached = cached_code(entry.decode("ascii", "replace").split(), machine)
+            if cached is not None:
+                return cached
+        code = compile_form(self.form, precision, machine)
         if code.keys:
-            object_cache.store(mine, " ".join(code.keys).encode())
+            object_cache.store(key, " ".join(code.keys).encode())
         return code
 
 
@@ -273,15 +274,19 @@ def owner_of(kernel: Any) -> _Owner | None:
 
 def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
     """Cached kernel for a key, or None. ``form`` returns its program when needed."""
-    kept = object_cache.load(key)
-    if kept is None:
+    entry = object_cache.load(key)
+    if entry is None:
         return None
     try:
-        name, doc, inputs, outputs, length, cost, code = literal_eval(kept.decode())
-        ins, outs = (tuple(TensorSpec(*spec) for spec in several) for several in (inputs, outputs))
+        name, doc, inputs, outputs, length, cost, code = literal_eval(entry.decode())
+        ins, outs = _specs(inputs), _specs(outputs)
     except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the kernel is made again
         return None
     return make_ufunc(KernelMetadata(ins, outs, length, cost, code, form, key), name, doc)
+
+
+def _specs(rows: Sequence[tuple[str, tuple[int, ...]]]) -> tuple[TensorSpec, ...]:
+    return tuple(TensorSpec(*row) for row in rows)
 
 
 def store_ufunc(key: str, kernel: Any) -> None:
@@ -291,8 +296,9 @@ def store_ufunc(key: str, kernel: Any) -> None:
         return
     owner.key, code = key, owner.code["d"]
     if code.keys:
-        specs = [tuple((p.name, p.shape) for p in several) for several in (owner.given.inputs, owner.given.outputs)]
-        about = (kernel.__name__, owner.description, *specs, owner.length, owner.cost, code.keys)
+        inputs = tuple((port.name, port.shape) for port in owner.given.inputs)
+        outputs = tuple((port.name, port.shape) for port in owner.given.outputs)
+        about = (kernel.__name__, owner.description, inputs, outputs, owner.length, owner.cost, code.keys)
         object_cache.store(key, repr(about).encode())
 
 
@@ -311,16 +317,16 @@ class _Recipe:
         return make_ufunc, (owner.form, self.kernel.__name__, owner.description, owner.is_scalar)
 
 
-def _kernel_of(given: Any) -> Any:
-    return given.kernel if isinstance(given, _Recipe) else given
+def _kernel_of(recipe: Any) -> Any:
+    return recipe.kernel if isinstance(recipe, _Recipe) else recipe
 
 
-def _reduced(ufunc: np.ufunc) -> Any:
-    return (_kernel_of, (_Recipe(ufunc),)) if owner_of(ufunc) else _reduced_by_numpy(ufunc)
+def _reduce(ufunc: np.ufunc) -> Any:
+    return (_kernel_of, (_Recipe(ufunc),)) if owner_of(ufunc) else _reduce_by_numpy(ufunc)
 
 
-_reduced_by_numpy: Any = copyreg.dispatch_table[np.ufunc]
-copyreg.pickle(np.ufunc, _reduced)
+_reduce_by_numpy: Any = copyreg.dispatch_table[np.ufunc]
+copyreg.pickle(np.ufunc, _reduce)
 
 
 @cache

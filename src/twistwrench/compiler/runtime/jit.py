@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ...core import object_cache
 from ...core.errors import KernelError
 from ..lowering.target_machine import LOOP, Machine, Precision, chosen, compiler
-from .elf_loader import UnsupportedObject, placed
+from .elf_loader import UnsupportedObject, load_objects
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -78,7 +78,7 @@ LOCK = _JIT.lock
 """Held during every compilation."""
 
 
-def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
+def compile_form(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
     """Code of ``program`` for the given machine, or for the chosen one, from the cache if possible.
 
     If compilation takes more than a second, a message on the terminal names the results.
@@ -87,49 +87,57 @@ def compiled(program: Form, precision: Precision, machine: Machine | None = None
 
     machine = machine or chosen()
     with _JIT.lock:
-        return _linked(lambda: _announced(program, modules(program, precision, machine)), LOOP, machine)
+        return _link_modules(lambda: _with_message(program, modules(program, precision, machine)), LOOP, machine)
 
 
-def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
+def _with_message(program: Form, texts: Iterable[str]) -> Iterator[str]:
     """The texts; if the first ones took long, a message on stderr names the results."""
-    began, said = time.perf_counter(), False
+    start, has_message = time.perf_counter(), False
     for text in texts:
-        if not said and time.perf_counter() - began > PATIENCE and sys.stderr is not None and sys.stderr.isatty():
+        if (
+            not has_message
+            and time.perf_counter() - start > PATIENCE
+            and sys.stderr is not None
+            and sys.stderr.isatty()
+        ):
             results = ", ".join(port.name for port in program.outputs)
             sys.stderr.write(f"twistwrench: compiling a kernel of {results}; the cache keeps it for the next time.\n")
-            said = True
+            has_message = True
         yield text
 
 
-def found(keys: Sequence[str], machine: Machine) -> Code | None:
+def cached_code(keys: Sequence[str], machine: Machine) -> Code | None:
     """Code of a kernel from the keys of its cache entries; None if an entry is missing or the entries do not link."""
-    objects = [code for key in keys if (code := object_cache.load(key)) is not None]
-    if len(objects) < len(keys):
-        return None
+    objects: list[bytes] = []
+    for key in keys:
+        code = object_cache.load(key)
+        if code is None:
+            return None
+        objects.append(code)
     with _JIT.lock:
         try:
-            return _loaded(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
+            return _load(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
         except _UNLINKED:
             return None
 
 
-def assembled(text: str, symbol: str, machine: Machine) -> Code:
+def assemble(text: str, symbol: str, machine: Machine) -> Code:
     """Code of a module of LLVM assembly, from the cache if possible, with the address of ``symbol``."""
-    return _linked(lambda: [text], symbol, machine)
+    return _link_modules(lambda: [text], symbol, machine)
 
 
-def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
+def _link_modules(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
     """Code of several modules together. Each is written, compiled and cached separately, because texts are long."""
     with _JIT.lock:
         try:
             objects = [_object(text, machine) for text in texts()]
             try:
-                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
+                loaded = _load([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
             except _UNLINKED:  # cache entries that no longer link are compiled again
                 if not any(cached for *_, cached in objects):
                     raise
                 objects = [_object(text, machine, afresh=True) for text in texts()]
-                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=False)
+                loaded = _load([code for _, code, _ in objects], symbol, machine, cached=False)
         except RuntimeError as problem:
             raise KernelError(
                 f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
@@ -156,9 +164,9 @@ def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, 
         return key, _JIT.target(machine).emit_object(module), False
 
 
-def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
+def _load(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
     try:
-        library: Any = placed(objects)
+        library: Any = load_objects(objects)
     except UnsupportedObject:
         library = _JIT.link(objects, symbol, machine)
     return Code(library[symbol], library, sum(map(len, objects)), cached)

@@ -28,7 +28,7 @@ VARIABLE = "TWISTWRENCH_HUGE_PAGES"
 PAGE = 1 << 21
 """Size of a huge page [bytes] on x86-64, and on AArch64 with 4 kB pages."""
 
-MOST, SHARE = 1 << 30, 16
+MAX_POOL, MEMORY_PER_POOL = 1 << 30, 16
 """Limit of all blocks together [bytes], and its fraction of a machine's or container's memory."""
 
 
@@ -81,14 +81,14 @@ class ResultPool:
         step = 1 << max(0, pages.bit_length() - 3)
         size = -(-pages // step) * step * PAGE
         for block in list(self.idle):
-            if block.size == size and self._removed(block):
+            if block.size == size and self._remove(block):
                 return _Lease(self, block)
         idle = list(self.idle)
         free = bound() - size - sum(block.size for block in self.blocks)
         if free + sum(block.size for block in idle) < 0:
             return None
         for block in idle:
-            if free < 0 and self._removed(block):
+            if free < 0 and self._remove(block):
                 self.blocks.remove(block)
                 free += block.size
         try:
@@ -107,10 +107,10 @@ class ResultPool:
     def clear(self) -> None:
         """Return idle blocks to the system."""
         for block in list(self.idle):
-            if self._removed(block):
+            if self._remove(block):
                 self.blocks.remove(block)
 
-    def _removed(self, block: _Block) -> bool:
+    def _remove(self, block: _Block) -> bool:
         """Remove a block from the idle list; False if another thread has taken it already."""
         try:
             self.idle.remove(block)
@@ -123,7 +123,7 @@ _POOL = ResultPool()
 
 
 @cache
-def allowed() -> bool:
+def may_use_huge_pages() -> bool:
     """True if large results may use huge pages: if the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
     effect = "leave large results to NumPy's own memory", "keep it for the next ones"
     return switched_on(VARIABLE, *effect) and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
@@ -133,25 +133,25 @@ def allowed() -> bool:
 def bound() -> int:
     """Limit of all blocks together [bytes]."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return min(MOST, min([memory, *_limits()]) // SHARE)
+    return min(MAX_POOL, min([memory, *_limits()]) // MEMORY_PER_POOL)
 
 
 def _limits() -> list[int]:
     """Memory limits [bytes] of this process's control groups, versions 1 and 2; empty outside Linux."""
-    found = []
+    limits = []
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text().splitlines():
-            _, kinds, own = line.split(":", 2)
+            _, kinds, path = line.split(":", 2)
             if kinds and "memory" not in kinds.split(","):
                 continue
-            root, name = (
-                ("/sys/fs/cgroup/memory", "memory.limit_in_bytes") if kinds else ("/sys/fs/cgroup", "memory.max")
-            )
-            group = Path(root + own)
-            for place in (group, *group.parents):
+            root, name = "/sys/fs/cgroup", "memory.max"
+            if kinds:
+                root, name = "/sys/fs/cgroup/memory", "memory.limit_in_bytes"
+            group = Path(root + path)
+            for folder in (group, *group.parents):
                 with suppress(OSError, ValueError):
-                    found.append(int((place / name).read_text()))  # "max" is not a number
-    return found
+                    limits.append(int((folder / name).read_text()))  # "max" is not a number
+    return limits
 
 
 # ── Results of one call: one block for all of them, or pooled blocks if they are large
@@ -159,7 +159,7 @@ def _limits() -> list[int]:
 # The C library returns a result's memory to the system when the result is freed: always above 32 MB, and below that if several
 # results are freed together. Then each call pays for new pages, which take several times as long as the computation.
 
-LARGE = 1 << 25
+MIN_SEPARATE = 1 << 25
 """Size of results [bytes] whose memory the C library never reuses: its maximum threshold."""
 
 LEAST_POOLED = 1 << 20
@@ -168,7 +168,7 @@ LEAST_POOLED = 1 << 20
 LINE = 64
 """Size of a cache line [bytes], to which each result is aligned."""
 
-ALIGNED = 1 << 20
+MIN_ALIGNED = 1 << 20
 """Size of results [bytes] above which they are aligned to the processor's cache lines, for stores that bypass the caches."""
 
 
@@ -179,19 +179,19 @@ def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tu
     """
     sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]
     total = sum(sizes)
-    if total >= LARGE:
+    if total >= MIN_SEPARATE:
         return tuple(_apart(shape, dtype, size) for shape, size in zip(shapes, sizes, strict=True))
-    block, at, found = np.empty(total + LINE * (len(sizes) + 1), np.uint8), 0, []
-    if total >= ALIGNED:
-        at = -block.__array_interface__["data"][0] % LINE
+    block, offset, arrays = np.empty(total + LINE * (len(sizes) + 1), np.uint8), 0, []
+    if total >= MIN_ALIGNED:
+        offset = -block.__array_interface__["data"][0] % LINE
     for shape, size in zip(shapes, sizes, strict=True):
-        found.append(np.ndarray(shape, dtype, block, at))
-        at += -(-size // LINE) * LINE
-    return tuple(found)
+        arrays.append(np.ndarray(shape, dtype, block, offset))
+        offset += -(-size // LINE) * LINE
+    return tuple(arrays)
 
 
 def _apart(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> Array:
-    lease = _POOL.acquire(size) if size >= LEAST_POOLED and allowed() else None
+    lease = _POOL.acquire(size) if size >= LEAST_POOLED and may_use_huge_pages() else None
     if lease is not None:
         return np.asarray(lease)[:size].view(dtype).reshape(shape)
     try:

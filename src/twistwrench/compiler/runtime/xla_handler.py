@@ -17,7 +17,7 @@ from ..lowering.ir_builder import LlvmWriter
 from ..lowering.target_machine import DOUBLE, SINGLE, Precision
 from .dispatch_ir import loop_steps
 from .gufunc import owner_of
-from .jit import assembled
+from .jit import assemble
 
 INSTALL = "install"
 """Name of the function that stores the loop's address and returns the handler's address."""
@@ -63,10 +63,10 @@ def handler_assembly(
     buffers += [load(load("%frame", RESULTS), 8 * k) for k in range(len(outputs))]
     for k, buffer in enumerate(buffers):
         w.do(f"store ptr {load(buffer, DATA)}, ptr {w.gep(arrays, 8 * k)}")
-    counted = next(k for k, spec in enumerate(specs) if spec.size)
-    rank, dims = load(buffers[counted], RANK, "i64"), load(buffers[counted], DIMENSIONS)
+    first = next(k for k, spec in enumerate(specs) if spec.size)
+    rank, dims = load(buffers[first], RANK, "i64"), load(buffers[first], DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
-    with w.loop(w.new(f"sub i64 {rank}, {len(specs[counted].shape)}"), "run") as axis:
+    with w.loop(w.new(f"sub i64 {rank}, {len(specs[first].shape)}"), "run") as axis:
         length = load(w.gep(dims, w.new(f"mul i64 {axis}, 8")), 0, "i64")
         product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
         w.do(f"store i64 {product}, ptr {samples}")
@@ -112,7 +112,7 @@ def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bo
         raise TypeError("kernel must be compiled (see its is_compiled)")
     precision = SINGLE if char == SINGLE.char else DOUBLE
     loop = owner.scalar_code(precision).address if scalar else owner.address(precision)
-    code = assembled(
+    code = assemble(
         handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
     )
     address = _INSTALLED(code.address)(loop)
