@@ -24,7 +24,7 @@ def jobs(monkeypatch) -> list[batch_threads._Job]:
             made.append(self)
 
     monkeypatch.setattr(batch_threads, "_Job", Watched)
-    monkeypatch.setattr(batch_threads, "LEAST", 2e4)
+    monkeypatch.setattr(batch_threads, "MIN_PART", 2e4)
     monkeypatch.setattr(batch_threads._THREADS, "wanted", batch_threads._THREADS.wanted)
     tw.set_threads(3)
     yield made
