@@ -94,12 +94,8 @@ def _with_message(program: Form, texts: Iterable[str]) -> Iterator[str]:
     """The texts; if the first ones took long, a message on stderr names the results."""
     start, has_message = time.perf_counter(), False
     for text in texts:
-        if (
-            not has_message
-            and time.perf_counter() - start > PATIENCE
-            and sys.stderr is not None
-            and sys.stderr.isatty()
-        ):
+        is_slow = time.perf_counter() - start > PATIENCE
+        if is_slow and not has_message and sys.stderr is not None and sys.stderr.isatty():
             results = ", ".join(port.name for port in program.outputs)
             sys.stderr.write(f"twistwrench: compiling a kernel of {results}; the cache keeps it for the next time.\n")
             has_message = True
