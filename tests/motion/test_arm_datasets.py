@@ -119,7 +119,7 @@ def test_positions_of_a_dataset_without_a_unit_are_never_read_as_radians_without
 def test_motors_named_in_a_group_and_units_of_the_metadata_are_read(tmp_path):
     feature = {"dtype": "float32", "names": {"motors": [f"main_{name}" for name in MOTORS]}, "unit": "degrees"}
     path = dataset(tmp_path, np.degrees(Q), info={"features": {"observation.state": feature}}, episodes=(0,))
-    log = MotionLog.open(path, tw.load(named(MOTORS)).lock({"gripper": 0.0}).model, locked=["gripper"])
+    log = MotionLog.open(path, tw.load(named(MOTORS)).lock({"gripper": 0.0}).model)
     assert np.abs(log.motion(log.table).q - Q[:, :5]).max() < 1e-12
     assert "a common prefix aside: observation.state.main_shoulder_pan.pos is shoulder_pan" in " ".join(log.notes)
 

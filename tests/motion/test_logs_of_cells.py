@@ -118,3 +118,91 @@ def test_a_column_that_may_be_the_missing_joint_is_named_before_any_joint_is_hel
     cell = joined(parts, "ur5@carriage")
     text = str(told(cell, log_of(parts, tw.load("ur5").joint_names, unused=["seventh_axis"])))
     assert "columns fit" not in text and "seventh_axis" in text and "lock=" not in text
+
+
+# ── Joints that are held, in whatever way that is written
+
+
+def torques(*options):
+    """Exit code, and the report with its lines joined."""
+    run = CliRunner().invoke(main, ["torques", *map(str, options)])
+    return run.exit_code, " ".join(run.stdout.split()) or run.stderr
+
+
+def words_of_all_ways(cell, log, **options):
+    """First line of one question in the ways to hold the joints of the rail and the finger."""
+    lock = {"rail": 0, "hand_finger": 0}
+    held = tw.load(cell).lock(lock)
+    limits = ["--limits", options["limits"]] if options else []
+    typed = [
+        torques(cell, log, "--lock", "rail=0,hand_finger=0", *limits)[1],
+        torques(cell, log, "--lock-missing", *limits)[1],
+    ]
+    answers = [tw.check(cell, log, lock=lock, **options), tw.check(held, log, **options)]
+    if not options:
+        answers.append(tw.check(held, tw.Motion.from_file(log, held)))
+    return [*typed, *(str(answer.headline) for answer in answers)]
+
+
+@pytest.fixture
+def cell(parts):
+    return joined(parts, "ur5@carriage", f"{parts / 'hand.urdf'}@tool0:hand_")
+
+
+def test_a_column_that_moves_beside_a_held_joint_is_doubted_however_the_joint_is_held(cell, parts):
+    log = log_of(parts, tw.load("ur5").joint_names, unused=["E1"])
+    for said in words_of_all_ways(cell, log):
+        assert said.startswith("LOOK AGAIN: 6 of 8 joints checked: rail, hand_finger held still without a column"), said
+        assert "E1" in said
+
+
+def test_an_ok_states_the_joints_that_are_held_however_they_are_held(cell, parts):
+    log = log_of(parts, tw.load("ur5").joint_names)
+    for said in words_of_all_ways(cell, log):
+        assert said.startswith("OK") and "6 of 8 joints checked, and rail, hand_finger held still" in said, said
+    assert "held still" not in tw.check("ur5", log).headline
+
+
+def test_a_held_joint_with_its_own_column_leaves_other_columns_undoubted(cell, parts):
+    log = log_of(parts, [*tw.load("ur5").joint_names, "rail", "hand_finger"], unused=["E1"])
+    assert tw.check(cell, log, lock={"rail": 0, "hand_finger": 0}).verdict.ok
+
+
+def test_a_locked_part_is_held_in_the_cell_that_it_joins(parts):
+    rail = tw.load(parts / "rail.urdf", lock={"rail": 0.5})
+    arm = tw.load("ur5")
+    held = rail.attach(arm, frame="carriage", prefix="arm_").model.locked
+    assert dict(held) == {"rail": ()} and dict(arm.attach(rail, prefix="b_").model.locked) == {"b_rail": ()}
+
+
+def test_limits_of_held_joints_are_ignored_with_a_note_and_other_names_refused(cell, parts):
+    log, table = log_of(parts, tw.load("ur5").joint_names), parts / "limits.csv"
+    table.write_text("joint,velocity,effort\nrail,4,2000\nshoulder_lift_joint,,50\n")
+    for said in words_of_all_ways(cell, log, limits=str(table)):
+        assert said.startswith("OVER LIMIT: shoulder_lift_joint"), said
+    code, said = torques(cell, log, "--lock-missing", "--limits", table)
+    assert code == 1 and "Limits of locked joints are ignored: rail." in said
+    lock = {"rail": 0, "hand_finger": 0}
+    assert (
+        tw.check(cell, log, lock=lock, limits={"rail": 2000.0, "shoulder_lift_joint": 50.0}).verdict.word
+        == "OVER LIMIT"
+    )
+
+    table.write_text("joint,velocity,effort\nrial,4,2000\n")
+    with pytest.raises(tw.ValueRangeError, match="no joint named 'rial'"):
+        tw.check(cell, log, lock=lock, limits=table)
+    with pytest.raises(tw.UnknownNameError, match="rial"):
+        tw.check(cell, log, lock=lock, limits={"rial": 4.0})
+
+
+@pytest.mark.parametrize("naming", NAMINGS)
+def test_lock_missing_holds_what_the_columns_of_an_arm_leave_over(cell, parts, naming):
+    log = log_of(parts, NAMINGS[naming](tw.load("ur5").joint_names))
+    missing, typed = torques(cell, log, "--lock-missing"), torques(cell, log, "--lock", "rail=0,hand_finger=0")
+    assert missing == typed and missing[1].startswith("OK"), missing
+
+
+def test_lock_missing_holds_nothing_where_numbered_columns_may_be_either_arm(parts):
+    cell = joined(parts, "ur5@carriage:left_", "ur5@carriage+0,1,0,0,0,0:right_")
+    code, said = torques(cell, log_of(parts, [f"q{k}" for k in range(6)]), "--lock-missing")
+    assert code == 2 and "no column for" in said

@@ -177,7 +177,7 @@ def test_locked_joints_are_no_columns_left_over(tmp_path):
     """Seven columns of another prefix, and the robot's last two joints held still."""
     path = written(tmp_path / "log.csv", ["time", *(f"fer_joint{k}" for k in range(1, 7))], TIME, Q)
     robot = tw.load(named(PANDA)).lock({"panda_joint5": 0.0, "panda_joint6": 0.0})
-    log = MotionLog.open(path, robot.model, locked=["panda_joint5", "panda_joint6"])
+    log = MotionLog.open(path, robot.model)
     assert np.array_equal(log.motion(log.table).q, Q[:, :4])
 
 

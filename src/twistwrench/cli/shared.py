@@ -321,22 +321,15 @@ def open_motion(
 
     columns = parse_columns(log.columns, logs or [str(path)])
     file = open_motion_file(path, log.topic, log.episode)
-    missing: list[str] = []
-
-    def without_column(model: Model) -> list[str]:
-        missing[:] = joints_without_column(file, model, columns=columns)
-        return missing
-
-    held = without_column if log.lock_missing else None
-    robot, locked = options.load_and_locked(stiff=not moves_motors(file), held=held)
+    held = partial(joints_without_column, file, columns=columns) if log.lock_missing else None
+    robot, _ = options.load_and_locked(stiff=not moves_motors(file), held=held)
     if stands:
         from ..reports.support.standing_log import robot_of_log
 
         robot = robot_of_log(robot, file, columns)
     reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": log.rate}
     reading["gain"] = current_gains(log.gain, robot.model, options.drives)
-    still = [name for name in missing if name in locked]
-    return robot, MotionLog.open(file, robot.model, locked=locked, held=still, plan=log.plan, **reading)
+    return robot, MotionLog.open(file, robot.model, plan=log.plan, **reading)
 
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:

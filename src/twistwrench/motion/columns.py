@@ -168,7 +168,7 @@ class Assignment:
             own = [c for c in found.free if found.split[c][0] == follower.name]
             found.mimic_joints += [(follower, Choice(c, found.split[c][1])) for c in own[:1]]
         mimic = [choice.column for _, choice in found.mimic_joints]
-        of_locked = [k for k in found.free if _belongs(found.split[k][0], reading.locked)]
+        of_locked = [k for k in found.free if belongs(found.split[k][0], reading.locked)]
         if len(found.given["tau"]) < len(found.names["tau"]):
             # Torques are only compared with others, so some joints may lack them.
             found.free += [choice.column for choice in found.given["tau"].values()]
@@ -486,8 +486,8 @@ class Assignment:
             Argument("lock", few),
         )
 
-    def of_arms(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
-        """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs.
+    def logged_arm(self, unused: Sequence[str]) -> list[str]:
+        """Coordinates of the arm, or of all arms, that have columns, in a robot that has joints beside them; or none.
 
         Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
         """
@@ -499,10 +499,18 @@ class Assignment:
             fitting = [every]
         beside = [name for name in names if fitting and name not in fitting[0]]
         if len(fitting) != 1 or len(beside) > _MOST_BESIDE or any(_joint(name) != name for name in beside):
+            return []
+        return fitting[0]
+
+    def of_arms(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
+        """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs."""
+        group = self.logged_arm(unused)
+        if not group:
             return None
-        group = fitting[0]
-        which = f"the arm{'s' if len(group) == len(every) > len(groups[0]) else ''}"
-        if len(group) < len(every):
+        arms = [self.names["q"][k] for arm in self.arms for k in arm]
+        beside = [name for name in self.names["q"] if name not in group]
+        which = f"the arm{'s' if len(group) == len(arms) > len(self.arms[0]) else ''}"
+        if len(group) < len(arms):
             which = f"one arm, {group[0]} to {group[-1]}"
         have = "has" if len(beside) == 1 else "have"
         rest = " and ".join([", ".join(beside[:-1]), beside[-1]] if len(beside) > 1 else beside)
@@ -550,7 +558,8 @@ class Assignment:
                 )
 
 
-def _belongs(text: str, locked: Sequence[str]) -> bool:
+def belongs(text: str, locked: Sequence[str]) -> bool:
+    """True if the name of a column is that of a locked joint, or of a quantity of it."""
     return any(text == j or text.startswith(f"{j}.") for j in locked) or NamedJoints(locked).meaning(text) is not None
 
 
@@ -574,6 +583,7 @@ def absent_joints(
         texts = {k: found.split[k][0] for k in found.free}
         by_prefix = most_by_prefix(candidates(texts).get("q", []), names)
         present = {name for name, column in zip(names, by_prefix, strict=True) if column is not None}
+    present = present or {*found.logged_arm(unused=())}
     return tuple(j for j in joints if not any(n == j or n.startswith(f"{j}.") for n in present))
 
 

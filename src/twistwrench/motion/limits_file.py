@@ -1,6 +1,6 @@
 """Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
-Bearings have the columns ``axial,radial,tilting`` [N, N, N m].
+Bearings have the columns ``axial,radial,tilting`` [N, N, N m]. Rows of locked joints are ignored.
 
 The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored. A page
 lists the limits used.
@@ -90,7 +90,10 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         if found[kind].shape != (model.nv,):
             raise ShapeError(f"limits: {kind} has shape {found[kind].shape}; give ({model.nv},), one for each joint.")
     joints, stated = Coordinates.from_model(model), np.zeros(model.nv, bool)
+    of_locked = tuple(joint for joint in efforts if joint in model.all_locked)
     for joint, effort in efforts.items():
+        if joint in of_locked:
+            continue
         if joint not in joints.velocity_names:
             raise UnknownNameError.from_choices("joint", joint, joints.velocity_names)
         k = _check(joint, {"effort": effort}, joints, set(), "limits")
@@ -105,7 +108,7 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
                 f"limits: the {kind} limit of {joint!r} cannot be a limit. Give a number above 0, or inf."
             )
     with_unit = np.zeros((len(KINDS), model.nv), bool)
-    return StatedLimits(**found, stated=stated | ("effort" in kinds), with_unit=with_unit)
+    return StatedLimits(**found, stated=stated | ("effort" in kinds), with_unit=with_unit, of_locked=of_locked)
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
@@ -125,12 +128,16 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
     joints = Coordinates.from_model(model)
     found = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
     seen: set[str] = set()
+    of_locked: list[str] = []
     stated, with_unit = np.zeros(model.nv, bool), np.zeros((len(KINDS), model.nv), bool)
     for line, cells in rows:
         row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
         if row.get("leader"):
             continue
         joint = row.get("velocity_name") or row["joint"]
+        if row["joint"] in model.all_locked:
+            of_locked.append(joint)
+            continue
         values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in KINDS if row.get(kind)}
         k = _check(joint, values, joints, seen, where)
         if "effort" in values:
@@ -155,7 +162,7 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
                 f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
                 f"{printed(found['upper'][k])}. Swap them."
             )
-    return StatedLimits(**found, stated=stated, with_unit=with_unit)
+    return StatedLimits(**found, stated=stated, with_unit=with_unit, of_locked=tuple(of_locked))
 
 
 def _factor(unit: str, part: str, turns: bool, where: str) -> float:
@@ -230,6 +237,12 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
 
 
 # ── Limits used
+
+
+def notes_on_limits(limits: Limits) -> Iterator[str]:
+    """Note on limits that were given of joints that are locked."""
+    if isinstance(limits, StatedLimits) and limits.of_locked:
+        yield f"Limits of locked joints are ignored: {', '.join(limits.of_locked)}."
 
 
 def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = False) -> Iterator[Setting]:

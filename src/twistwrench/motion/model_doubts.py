@@ -129,15 +129,14 @@ def assumptions(
     model: Model,
     payloads: Sequence[Payload],
     *,
-    held: Sequence[str] = (),
     friction: bool = True,
     unjudged: Limits | None = None,
     mass: str | None = None,
 ) -> list[str]:
     """Assumptions of a verdict as clauses, the most consequential first.
 
-    ``held`` joints have no column in the log; ``friction`` is False if left out on request. Acceleration and jerk limits in
-    ``unjudged`` are listed. ``mass`` is the text of the payload's mass, for a page that sets it; default its number.
+    ``friction`` is False if left out on request. Acceleration and jerk limits in ``unjudged`` are listed. ``mass`` is the
+    text of the payload's mass, for a page that sets it; default its number.
     """
     clauses = []
     if unjudged and (unknown := without_velocity_limit(model, unjudged)):
@@ -146,9 +145,9 @@ def assumptions(
     kinds = [kind for kind in ("acceleration", "jerk") if unjudged and np.isfinite(getattr(unjudged, kind)).any()]
     if kinds:
         clauses.append(f"limits of {' and '.join(kinds)} are not judged")
-    if held:
-        joints = len(model.leaders) + len(held)
-        clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")
+    if model.locked:
+        joints = len(model.leaders) + len(model.locked)
+        clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(model.locked, 4)} held still")
     if any(p.mass and p.frame is None for p in payloads) and model.tip is not None:
         tip = model.frame(model.tip)
         ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]

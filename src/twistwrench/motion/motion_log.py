@@ -27,8 +27,8 @@ from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
 from ..mechanics.model.model import Model
 from . import log_table
-from .column_names import PARTS, date_note, is_called_seconds, time_column
-from .columns import Columns, MimicJointColumn, Reading
+from .column_names import PARTS, date_note, is_called_seconds, split_unit, time_column
+from .columns import Columns, MimicJointColumn, Reading, belongs
 from .contradictions import Contradictions, stamp_doubts
 from .coordinates import Coordinates
 from .log_table import slices, table_of, windows, without_times
@@ -208,8 +208,8 @@ class MotionLog:
     """Assignment of the file's columns."""
     coordinates: Coordinates
     """Names and units of the robot's coordinates."""
-    held: tuple[str, ...] = ()
-    """Joints held still because the file has no column for them."""
+    locked: tuple[str, ...] = ()
+    """Locked joints."""
     unused: tuple[str, ...] = ()
     """Unused varying columns, which may belong to these joints."""
     of_source: tuple[Doubt, ...] = ()
@@ -226,11 +226,9 @@ class MotionLog:
         model: Model,
         *,
         degrees: bool = False,
-        locked: Sequence[str] = (),
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
         gain: Mapping[str, float] | None = None,
-        held: Sequence[str] = (),
         topic: str | None = None,
         command_topic: str | None = None,
         episode: int | None = None,
@@ -245,14 +243,12 @@ class MotionLog:
             A CSV file (formats: see :meth:`CsvFile.open <twistwrench.motion.readers.csv_reader.CsvFile.open>`), an archive of
             ``simulate --npz``, npz, npy, MAT, HDF5, parquet, feather, MCAP, or a ROS bag (with the extra ``logs``);
             several files of one motion as ``a.csv+b.csv``.
-        locked : sequence of str, joints whose columns are ignored
         columns : {name: column}, optional, assignment of columns that cannot be found by name
             ``{"elbow": "pos3", "elbow.vel": "w3"}``; likewise ``.acc``, ``.tau``, ``.current`` and ``time``.
             ``{"log.csv:elbow": "pos4"}`` applies only to the file with that path or name.
         rate : float, optional, sampling rate of a file without a time column [Hz]
         gain : {joint: float}, optional, torque per ampere, for torque columns that are currents [N m/A]
             ``joint.current``: only for columns that are currents by name or unit.
-        held : sequence of str, joints of ``locked`` without a column in the file
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the reference of a controller's state
         command_topic : str, optional, topic of the commands in a ROS recording
         episode : int, optional, episode of a LeRobot dataset
@@ -295,15 +291,16 @@ class MotionLog:
         degrees = degrees or dataset == "degrees"
         coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
-        reading = Reading(file.path, columns, rate, degrees, gain, locked, commands)
+        reading = Reading(file.path, columns, rate, degrees, gain, model.all_locked, commands)
         found = Columns.from_header(file.header, coordinates, where, reading, file.first)
-        unused = varying_columns(file.header, found.extra, file.first) if held else ()
         doubts = _dataset_doubts(file, found, coordinates, degrees=degrees) if dataset else []
         if not columns and _FANUC.search(model.name.lower()) and {f"J{k}" for k in range(1, 7)} <= set(file.header):
             third = coordinates.names[2]
             doubts.append(doubt("fanuc-j3", [third], joint=third, column=Argument("columns", {third: "J3+J2"})))
         plan = plan or (isinstance(file, ArrayFile) and file.plan)
-        return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts), plan, degrees)
+        log = cls(file, found, coordinates, tuple(model.locked), (), tuple(doubts), plan, degrees)
+        unused = varying_columns(file.header, found.extra, file.first) if log.held else ()
+        return replace(log, unused=tuple(unused))
 
     @classmethod
     def from_motion(cls, motion: Motion) -> MotionLog:
@@ -337,6 +334,12 @@ class MotionLog:
         table = np.column_stack([motion.time, *given.values()])
         file = ArrayFile.from_table(Path("motion"), header, table, table.nbytes)
         return cls.open(file, motion.robot.model, plan=motion.plan)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Locked joints without a column in the file."""
+        named = [split_unit(column)[0] for column in self.columns.of_locked]
+        return tuple(joint for joint in self.locked if not any(belongs(name, [joint]) for name in named))
 
     @property
     def path(self) -> Path:
@@ -477,7 +480,7 @@ class MotionLog:
         """
         held, moved, last = self.held, len(self.coordinates.velocity_names), self._decoded
         words: dict[str, Any] = {
-            "checked": f"{moved} of {moved + len(held)}",
+            "checked": f"{moved} of {moved + len(self.locked)}",
             "held": listed(held, 6),
             "columns": listed(self.unused, 6),
         }

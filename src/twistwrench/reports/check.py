@@ -197,7 +197,7 @@ def check(
     reading: dict[str, Any] = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode}
     robot = question.robot_of(robot, motion, named, reading)
     motion = question.motion_of(robot, motion, at, degrees=degrees)
-    log = log_of(motion, robot, named=named, degrees=degrees, plan=plan, locked=tuple(lock or ()), **reading)
+    log = log_of(motion, robot, named=named, degrees=degrees, plan=plan, **reading)
     in_degrees = log.columns.in_degrees
     loads = {"payloads": payloads_of(payload), "wrenches": _wrenches(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)

@@ -68,10 +68,7 @@ def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headlin
     first, *others = judged.reasons or (_sure(report),)
     assumed = ""
     if judged.ok:
-        still = report.differentiation.trajectory.held
-        clauses = assumptions(
-            load.robot.model, load.payloads, held=still, friction=load.friction, unjudged=report.limits
-        )
+        clauses = assumptions(load.robot.model, load.payloads, friction=load.friction, unjudged=report.limits)
         assumed = assumed_words(clauses)
     margin, further = _payload_margin(report), []
     if margin is not None:
@@ -216,10 +213,10 @@ def verdict_data(
     arguments.
     """
     model, payload = load.robot.model, load.payloads[0] if load.payloads else Payload(1.0)
-    coordinates, held = Coordinates.from_model(model), () if report is None else report.differentiation.trajectory.held
+    coordinates = Coordinates.from_model(model)
     carried = replace(payload, mass=1.0)  # whose mass the page sets
     assumed = [
-        assumed_words(assumptions(model, p, held=held, friction=load.friction, unjudged=limits, mass="{mass}"))
+        assumed_words(assumptions(model, p, friction=load.friction, unjudged=limits, mass="{mass}"))
         for p in ((), (carried,))
     ]
     before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)

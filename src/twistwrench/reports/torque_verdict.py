@@ -18,6 +18,7 @@ from ..mechanics.model.limits import BEARINGS
 from ..mechanics.model.model import BASE
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
+from ..motion.limits_file import notes_on_limits
 from ..motion.load_case import cause_label, limit_doubts, limits_remedy, unlimited
 from ..motion.model_doubts import (
     PeakTorque,
@@ -486,6 +487,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
     yield from report.load.unit_hints
+    yield from notes_on_limits(report.limits)
     floating = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
     if report.held.support is not None:
         yield from support_notes(report.held.support)

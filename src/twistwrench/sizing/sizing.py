@@ -133,7 +133,7 @@ def size_drives(
             f"Load it without {spell(Argument('actuators'))}."
         )
     reading = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode, "degrees": degrees}
-    logs = {"named": named, "plan": plan, "locked": tuple(lock or ()), **reading}
+    logs = {"named": named, "plan": plan, **reading}
     load = LoadCase(arm, payloads_of(payload), friction=friction)
     loaded = load.with_load
     bare = bare_robot(loaded, drive_joints(loaded, listed))

@@ -188,6 +188,8 @@ class Additions:
     """Joints that the file's actuators drive."""
     mounted: bool = False
     """True if something is stated to hold the fixed root."""
+    locked: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Fixed joints that were locked, each with the joints that mimicked it."""
 
 
 def assemble(
@@ -239,6 +241,7 @@ def assemble(
         limits=limits, friction=friction, armature=armature,
         springs=tuple(spring for spring in springs if spring.terms),
         closures=additions.closures, motor_joints=frozenset(additions.motor_joints), mounted=additions.mounted,
+        locked={entry.name: additions.locked[entry.name] for entry in joints if entry.fixed and entry.name in additions.locked},
         mounts={entry.child: (entry.parent, entry.name) for entry in joints},
         defects=limit_remarks,
     )  # fmt: skip

@@ -146,6 +146,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     followers = {body.joint.name: body for body in model.bodies if body.follows}
     poses: dict[int, Array] = {}
     coordinates: dict[str, float] = {}
+    mimicking: dict[str, tuple[str, ...]] = {}
     for name, value in positions.items():
         if name in followers:
             leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
@@ -160,6 +161,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
         for i, body in enumerate(model.bodies):
             if body.v_index == moving[name].v_index:
                 poses[i] = body.joint.pose(body.ratio * q + body.offset)
+        mimicking[name] = tuple(n for n, body in followers.items() if body.v_index == moving[name].v_index)
     locked = set(coordinates)
     couplings = tuple(c for c in model.couplings if not set(c.joints) <= locked)
     refuse_coupled(replace(model, couplings=couplings), locked, "cannot be locked alone. Lock all of them, or none")
@@ -172,6 +174,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
         actuators={joint: a for joint, a in model.actuators.items() if joint not in locked | motors},
         couplings=couplings,
         mounted=model.mounted or fixes_base,
+        locked={**model.locked, **mimicking},
     )
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
 

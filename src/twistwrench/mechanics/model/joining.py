@@ -50,6 +50,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     additions.sites |= added.sites
     additions.springs += added.springs
     additions.closures |= added.closures
+    additions.locked |= added.locked
     for label, positions in added.configurations.items():
         present = additions.configurations.get(label, {})
         additions.configurations[label] = present | _without_root_joint(part, positions)
@@ -216,6 +217,7 @@ def _additions_with_prefix(additions: Additions, prefix: str) -> Additions:
         springs=[_spring_with_prefix(spring, prefix) for spring in additions.springs],
         configurations={name: _keys_with_prefix(q, prefix) for name, q in configurations.items()},
         motor_joints={prefix + name for name in additions.motor_joints},
+        locked={prefix + name: tuple(prefix + n for n in names) for name, names in additions.locked.items()},
     )  # fmt: skip
 
 

@@ -198,6 +198,8 @@ class StatedLimits(Limits):
     """(nv,) of bool: joints with an effort given by the user."""
     with_unit: Array = field(kw_only=True)
     """(kinds, nv) of bool, in the order of the fields of :class:`Limits`: limits that the user gave with their unit."""
+    of_locked: tuple[str, ...] = field(default=(), kw_only=True)
+    """Locked joints whose limits were given, and are ignored."""
 
     def has_unit(self, kind: str) -> Array:
         """True for each joint whose limit of a kind was given with its unit, so that the unit is not doubted.

@@ -144,7 +144,7 @@ class OfferedClosure:
 
 BASE = -1
 """Index of the fixed base."""
-_MAPPINGS = ("actuators", "configurations", "closures", "mounts")
+_MAPPINGS = ("actuators", "configurations", "closures", "mounts", "locked")
 """Fields made read-only."""
 
 
@@ -272,13 +272,16 @@ class Model:
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Parent link and joint of each link except the root, as described, including fixed joints. The parent of a floating
     base is the link ``""``."""
+    locked: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Joints that were locked, each with the joints that mimicked it; joints that the file fixes are not among them."""
 
     def __post_init__(self) -> None:
         if not self.armature.size:
             object.__setattr__(self, "armature", np.zeros(self.nv))
         for name in _MAPPINGS:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        arrays = [self.gravity, self.armature, *vars(self.limits).values(), *self.configurations.values()]
+        limits = [getattr(self.limits, kind.name) for kind in fields(Limits)]
+        arrays = [self.gravity, self.armature, *limits, *self.configurations.values()]
         arrays += [frame.pose for frame in self.all_frames.values()] + [c.motor_per_joint for c in self.couplings]
         for body in self.bodies:
             arrays += [body.placement, body.joint.axes]
@@ -333,6 +336,11 @@ class Model:
     def leaders(self) -> tuple[Body, ...]:
         """Bodies whose joints have coordinates of their own, in the order of q: all except followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+
+    @cached_property
+    def all_locked(self) -> tuple[str, ...]:
+        """Joints that were locked, and the joints that mimicked them."""
+        return (*self.locked, *(follower for followers in self.locked.values() for follower in followers))
 
     @cached_property
     def limited_followers(self) -> tuple[int, ...]:

@@ -57,7 +57,7 @@ class ModelParts:
     """Coupled drives; friction, armature and effort of their joints are those of the motors at the same indices."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     additions: Additions = field(default_factory=Additions)
-    """Sites, springs, configurations, closures, joints with motors, and what is stated about the base."""
+    """Sites, springs, configurations, closures, joints with motors, locked joints, and what is stated about the base."""
 
 
 def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
@@ -208,6 +208,7 @@ class _Disassembly:
             additions.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
         additions.closures = dict(model.closures)
         additions.motor_joints, additions.mounted = set(model.motor_joints), model.mounted
+        additions.locked = dict(model.locked)
 
 
 _NO_LIMITS = Limits(*(np.zeros(0),) * 4)

@@ -66,7 +66,7 @@ def with_base_held(robot: Robot) -> Robot:
         return robot
     root = next(body for body in robot.model.leaders if not body.joint.driven)
     held = edit.lock(robot.model, {root.joint.name: robot.neutral[root.places[0]]})
-    return Robot(replace(held, mounted=False))
+    return Robot(replace(held, mounted=False, locked=robot.model.locked))
 
 
 _FREE = 6
@@ -107,4 +107,4 @@ def standing_log(log: MotionLog, held: Robot, free: Robot, ground: Ground) -> Mo
     note = ReadingNote(f"The pose of the base is that in which these stay where they are: {stood or 'wheels'}.")
     columns = replace(found.columns, notes=(*log.notes, note))
     read = tuple(doubt for doubt in log.doubts() if doubt.kind not in {own.kind for own in found.doubts()})
-    return replace(found, columns=columns, of_source=read, held=log.held, unused=log.unused)
+    return replace(found, columns=columns, of_source=read, locked=log.locked, unused=log.unused)
