@@ -206,3 +206,67 @@ def test_lock_missing_holds_nothing_where_numbered_columns_may_be_either_arm(par
     cell = joined(parts, "ur5@carriage:left_", "ur5@carriage+0,1,0,0,0,0:right_")
     code, said = torques(cell, log_of(parts, [f"q{k}" for k in range(6)]), "--lock-missing")
     assert code == 2 and "no column for" in said
+
+
+# ── Cells without a single tip, and columns in another order than the joints
+
+GRIPPER = (
+    """<robot name="gripper"><link name="palm"><inertial><mass value="1"/>
+  <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+    + "".join(
+        f"""<link name="{side}"><inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link><joint name="{side}_finger" type="prismatic"><parent link="palm"/><child link="{side}"/>
+  <axis xyz="0 1 0"/><limit lower="0" upper="0.04" effort="100" velocity="0.1"/></joint>"""
+        for side in ("left", "right")
+    )
+    + "</robot>"
+)
+
+
+@pytest.fixture
+def with_gripper(parts):
+    (parts / "gripper.urdf").write_text(GRIPPER)
+    return joined(parts, "ur5@carriage", f"{parts / 'gripper.urdf'}@tool0")
+
+
+def test_the_message_of_a_payload_without_a_frame_is_to_be_copied(with_gripper, parts):
+    """The palm carries both fingers, so it is the first frame that the payload may be at."""
+    log = log_of(parts, tw.load(with_gripper).joint_names, 0.01 * curves(9))
+    code, said = torques(with_gripper, log, "--payload", "0.5")
+    assert code == 2 and "It may be one of palm, ee_link, left, right." in said
+    option = re.search(r"Write (--payload \S+), or load with (--tip \S+)\.", said)
+    for given in (option[1].split(), ["--payload", "0.5", *option[2].split()]):
+        code, answer = torques(with_gripper, log, *given)
+        assert code in (0, 1) and "0.5 kg" in answer, answer
+    with pytest.raises(tw.FrameError, match=re.escape("payload='0.5@palm'")):
+        tw.check(with_gripper, log, payload=0.5)
+    with pytest.raises(tw.FrameError, match="tip='palm'"):
+        tw.load(with_gripper).jacobian(np.zeros(9))
+
+
+def test_a_joined_cell_without_a_single_tip_states_the_options(with_gripper):
+    run = CliRunner().invoke(
+        main, ["join", str(with_gripper.parent / "again.urdf"), str(with_gripper), "planar_2r@carriage"]
+    )
+    said = " ".join(run.stdout.split())
+    assert "--payload 4@palm, or the robot a tip, --tip palm" in said and "no single tip" in said
+    assert "--tip" not in CliRunner().invoke(main, ["join", str(with_gripper.parent / "b.urdf"), "ur5"]).stdout
+
+
+def test_a_named_column_of_the_rail_leaves_the_others_in_their_order(parts):
+    """Columns of a controller: six joints, then the rail."""
+    cell, names = joined(parts, "ur5@carriage"), [*(f"J{k}" for k in range(1, 7)), "E1"]
+    q = curves(7)
+    log = log_of(parts, names, q * [1, 1, 1, 1, 1, 1, 1000])
+    read = tw.Motion.from_file(log, tw.load(cell), columns={"rail": "E1 [mm]"})
+    np.testing.assert_allclose(read.q, np.column_stack([q[:, 6], q[:, :6]]), atol=1e-12)
+
+
+def test_a_list_of_columns_in_another_order_names_the_column_that_the_rail_has(parts):
+    cell, names = joined(parts, "ur5@carriage"), [*(f"J{k}" for k in range(1, 7)), "E1"]
+    log = log_of(parts, names, np.column_stack([100.0 * curves(6), curves(1)]))
+    said = torques(cell, log, "--columns", ",".join(names), "--degrees")[1]
+    assert said.startswith("LOOK AGAIN: rail goes to") and "rail has the column J1" in said
+    assert "--columns 'rail=COLUMN'" in said
+    named = ",".join(f"{joint}={column}" for joint, column in zip(tw.load(cell).joint_names, names, strict=True))
+    assert "By the order" not in torques(cell, log, "--columns", named, "--degrees")[1]

@@ -131,6 +131,8 @@ class Assignment:
         """Name and unit of each column; joint names that end in brackets are kept whole."""
         self.given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
         """Columns of each part of the motion, by coordinate index."""
+        self.requested_names: dict[str, set[int]] = {part: set() for part in PARTS}
+        """Indices of the coordinates whose columns the caller named, by part."""
         self.notes: list[str] = []
         self.degrees = reading.degrees
         self.time: Choice | None = None
@@ -159,6 +161,7 @@ class Assignment:
         found.time = found.assign_time(requested.pop(("time", 0), None), reading.rate, look)
         for (part, k), choice in requested.items():
             found.assign(part, k, choice)
+            found.requested_names[part].add(k)
         found.assign_by_exact_name()
         found.assign_by_words()
         found.assign_by_rules([*reading.locked, *(follower.name for follower in coordinates.mimic_joints)])
@@ -400,13 +403,18 @@ class Assignment:
                 self.assign_group("command", group, others)
 
     def assign_group(self, meant: str, found: Sequence[Candidate], others: Sequence[str]) -> list[str]:
-        """Assign columns of one quantity by the first rule that matches all joints; returns their names, or none."""
-        part, names = ("tau", self.names["tau"]) if meant == CURRENT else (meant, self.names[meant])
-        if self.given[part]:
+        """Assign columns of one quantity by the first rule that matches all joints; returns their names, or none.
+
+        Joints whose columns the caller named are left out of the rule.
+        """
+        part = "tau" if meant == CURRENT else meant
+        if self.given[part].keys() - self.requested_names[part]:
             return []
+        remaining = [k for k in range(len(self.names[part])) if k not in self.given[part]]
+        names = [self.names[part][k] for k in remaining]
         chosen = ((rule, columns) for rule, of in RULES.items() if (columns := of(found, names, others)))
         rule, columns = next(chosen, ("", []))
-        for k, (column, _, unit) in enumerate(columns):
+        for k, (column, _, unit) in zip(remaining, columns, strict=bool(columns)):
             self.assign(part, k, Choice(column, self.split[column][1] or unit or ("A" if meant == CURRENT else None)))
         cells = [self.cells[c.column] for c in columns]
         if len(cells) > 1:
@@ -636,6 +644,8 @@ class Columns:
     """Columns of mimic joints."""
     of_motors: bool = False
     """True if torques of coupled joints are motor torques."""
+    listed: bool = False
+    """True if the caller listed the columns in the order of the coordinates."""
 
     @classmethod
     def from_header(
@@ -685,6 +695,7 @@ class Columns:
             ),
             notes=tuple(found.notes),
             of_motors=found.of_motors,
+            listed=any(key.rpartition(":")[2].startswith(ORDER) for key in reading.columns or ()),
             mimic_joints=tuple(
                 MimicJointColumn(
                     follower,

@@ -18,7 +18,7 @@ from ..core.answers.sentences import sentence
 from ..core.arguments import finite, parse_numbers
 from ..core.arguments import number as number_of
 from ..core.doubts import Doubt
-from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
+from ..core.errors import FrameError, ShapeError, UnknownNameError, ValueRangeError
 from ..core.numbers import number, printed, quantity, rounded_down, seconds
 from ..core.text import Argument, in_the_shell, listed, spell
 from ..core.typing import Array
@@ -172,6 +172,17 @@ class Payload:
         return SpatialInertia.from_com(self.mass, self.place) if self.body is None else self.body
 
 
+def no_tip_for_payload(model: Model, mass: float) -> str:
+    """Message for a payload [kg] without a frame on a robot without a single tip."""
+    first, *_ = tips = model.possible_tips
+    named = spelled(Argument("payload", f"{printed(mass)}@{first}"))
+    return (
+        f"robot {model.name!r} has no single tip, so the frame of the payload must be named. It may be one of "
+        f"{listed(tips, _MAX_TIPS)}. Write {named}, or load with {spelled(Argument('tip', first))}."
+    )
+
+
+_MAX_TIPS = 12
 _HEAVY, _FEWEST_GRAMS = 10.0, 10.0
 """Multiple of the robot's moving mass from which a payload may be in grams, and least number of grams."""
 
@@ -210,7 +221,9 @@ class LoadCase:
         robot = self.robot
         for load in self.payloads:
             frame = robot.model.tip if load.frame is None else load.frame
-            robot.model.frame(frame)  # raises for unknown frames and a missing tip
+            if frame is None:
+                raise FrameError(no_tip_for_payload(robot.model, load.mass))
+            robot.model.frame(frame)  # raises for unknown frames
             robot = robot.with_payload(load.inertia, frame=frame)
         for frame in self.wrenches:
             robot.model.frame(frame)

@@ -21,7 +21,7 @@ from ..core.errors import TrajectoryError, ValueRangeError
 from ..core.estimation.single_row_glitches import OVERLAP
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
-from ..core.text import Argument, Placeholder, ReadingNote, listed
+from ..core.text import Argument, Placeholder, ReadingNote, listed, spelled
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
@@ -485,13 +485,31 @@ class MotionLog:
             "columns": listed(self.unused, 6),
         }
         misread = [doubt("unused-columns", held, **words)] if self.unused else []
-        found = last.contradictions.doubts(limits, glitches=glitches, origin=self.origin)
+        found = [
+            self._with_listed_column(each)
+            for each in last.contradictions.doubts(limits, glitches=glitches, origin=self.origin)
+        ]
         left_out = *last.duplicates.doubts(), *stamp_doubts(last.stamps, left_out=True)
         judged = limits
         if limits is not None and own is not None:
             judged = replace(limits, velocity=np.where(limits.has_unit("velocity"), own.velocity, limits.velocity))
         steps = last.steps.doubts(judged, self.origin, found)
         return (*misread, *self.of_source, *found, *steps, *last.mimic_joints, *left_out)
+
+    def _with_listed_column(self, found: Doubt) -> Doubt:
+        """Doubt with the column of its joint, if that is the caller's by the order of a list, which may be another order."""
+        names, places = self.coordinates.names, self.columns.places["q"]
+        named = [joint for joint in found.joints if joint in names]
+        if not self.columns.listed or not found.refuses or not named or places is None:
+            return found
+        joint = named[0]
+        column = self.columns.header[int(places[names.index(joint)])]
+        order, name = spelled(Argument("columns")), spelled(Argument("columns", {joint: "COLUMN"}))
+        return replace(
+            found,
+            sentence=f"{found.sentence}. By the order of {order}, {joint} has the column {column}; if it has another, "
+            f"name it, {name}",
+        )
 
     def _steady_clock(self, table: Array) -> float | None:
         """Replace rounded stamps by a steady clock and return its rate [Hz]; the first rows show the rounding."""

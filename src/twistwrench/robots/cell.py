@@ -16,7 +16,7 @@ from ..core.answers.answer import Answer
 from ..core.errors import FrameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number
-from ..core.text import listed
+from ..core.text import Argument, listed, spelled
 from ..core.typing import Array
 from ..core.verdict import Reason, Verdict, Word
 from ..formats.urdf import rotation_of_rpy
@@ -167,10 +167,13 @@ class RobotCell(Answer):
         base = "" if _joints(model) == len(model.leaders) else "a floating base, "
         counts = f"{len(model.bodies)} moving bodies, {_joints(model)} joints, {base}{number(model.moving_mass)} kg that move"
         content = f"{self.robot.name} has {counts}, and {tip}."
+        further = [Line(content)] if self.doubts else []
+        if model.tip is None:
+            further.append(Line(_without_tip(model)))
         if self.doubts:
-            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=[Line(content)])
+            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=further)
         else:
-            yield Headline(Word.DONE, content)
+            yield Headline(Word.DONE, content, further=further)
         yield ""
         masses = [part.robot.model.moving_mass + part.robot.model.base_inertia.mass for part in self.parts]
         yield Table(
@@ -253,7 +256,7 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
     for part in left:
         frame = part.frame or _tip_of(cell, part)
         if part.frame is None and (beside := _tips_beside(cell.model, frame)):
-            remedy = f"name the frame, {part.robot.name}@FRAME"
+            remedy = f"name the frame, {part.file or part.robot.name}@FRAME"
             doubts.append(
                 Reason(f"{part.robot.name} stands at {frame}, and {listed(beside, 4)} is a tip too; {remedy}", remedy)
             )
@@ -297,9 +300,16 @@ def _tip_of(cell: Robot, part: PlacedRobot) -> str:
     if cell.tip is None:
         raise FrameError(
             f"{part.robot.name} has no frame, and the cell so far has several tips: {listed(cell.model.leaves, 8)}. "
-            f"Name one, {part.robot.name}@{cell.model.leaves[0]}."
+            f"Name one, {part.file or part.robot.name}@{cell.model.leaves[0]}."
         )
     return cell.tip
+
+
+def _without_tip(model: Model) -> str:
+    """Sentence on a cell that ends in several frames, of which none is the default frame."""
+    first, *_ = tips = model.possible_tips
+    payload, tip = spelled(Argument("payload", f"4@{first}")), spelled(Argument("tip", first))
+    return f"A payload needs a frame, {payload}, or the robot a tip, {tip}. Possible tips: {listed(tips, 8)}."
 
 
 def _joints(model: Model) -> int:

@@ -326,9 +326,10 @@ def _frame_of(robot: Robot, frame: str | None) -> str:
     """
     if frame is None and robot.tip is None:
         require_fixed_base(robot, "the largest payload")  # a frame does not help there
+        first, *_ = tips = robot.model.possible_tips
         raise FrameError(
-            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: {argument('frame', 'FRAME')}. "
-            f"Its leaves: {listed(robot.model.leaves)}."
+            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: {argument('frame', first)}. "
+            f"It may be one of {listed(tips, 12)}."
         )
     try:
         robot.model.frame(frame)

@@ -142,6 +142,8 @@ class OfferedClosure:
 
 # ── Model: moving bodies, joints and frames
 
+_MAX_TIPS = 12
+"""Most frames that may be the tip in a message."""
 BASE = -1
 """Index of the fixed base."""
 _MAPPINGS = ("actuators", "configurations", "closures", "mounts", "locked")
@@ -471,6 +473,15 @@ class Model:
             body = self.bodies[body].parent
         return bodies
 
+    @cached_property
+    def possible_tips(self) -> tuple[str, ...]:
+        """Frames that may be the tip: links that carry several moving joints, farthest from the base first, then the leaves."""
+        carriers = [self.mounts.get(b.link, ("", ""))[0] for b in self.bodies if b.joint.moves_body]
+        several = [link for link in dict.fromkeys(carriers) if carriers.count(link) > 1 and link in self.frames]
+        moving = [link for link in several if self.frames[link].body != BASE]
+        farthest = sorted(moving, key=lambda link: -len(self.ancestors(self.frames[link].body)))
+        return tuple(dict.fromkeys([*farthest, *self.leaves]))
+
     def frame(self, name: str | None) -> Frame:
         """Frame by name; None: the tip.
 
@@ -490,9 +501,10 @@ class Model:
         """
         if name is None:
             if self.tip is None:
+                first, *_ = tips = self.possible_tips
                 raise FrameError(
-                    f"robot {self.name!r} has no single tip, so the frame must be named. "
-                    f"Its leaves: {listed(self.leaves)}. Load with {argument('tip')}, or name the frame in the call."
+                    f"robot {self.name!r} has no single tip, so the frame must be named. It may be one of "
+                    f"{listed(tips, _MAX_TIPS)}. Load with {argument('tip', first)}, or name the frame in the call."
                 )
             name = self.tip
         try:
