@@ -270,3 +270,32 @@ def test_a_list_of_columns_in_another_order_names_the_column_that_the_rail_has(p
     assert "--columns 'rail=COLUMN'" in said
     named = ",".join(f"{joint}={column}" for joint, column in zip(tw.load(cell).joint_names, names, strict=True))
     assert "By the order" not in torques(cell, log, "--columns", named, "--degrees")[1]
+
+
+def test_a_cell_in_place_of_its_robot_is_answered_with_the_robot(parts):
+    cell = tw.join(str(parts / "rail.urdf"), "ur5@carriage")
+    log = log_of(parts, cell.robot.joint_names)
+    with pytest.raises(tw.RobotFileError, match=r"not from RobotCell\. Pass its \.robot\."):
+        tw.check(cell, log)
+    assert tw.check(cell.robot, log).verdict.ok
+
+
+def test_the_question_for_the_frame_of_a_part_has_the_part_as_it_was_given(parts):
+    given = [str(parts / "rail.urdf"), "ur5@carriage", str(parts / "hand.urdf")]
+    assert f"{given[2]}@FRAME" in tw.join(*given).headline
+
+
+def test_a_rectangle_is_of_feet_and_not_of_wheels(cell, parts):
+    log = log_of(parts, tw.load(cell).joint_names)
+    with pytest.raises(tw.ValueRangeError, match="LENGTHxWIDTH@FRAME, is of feet"):
+        tw.check(cell, log, wheels="0.3x0.2@carriage")
+
+
+def test_joints_that_a_short_table_counts_are_below_the_share_that_it_states(cell, parts):
+    """Of 15 joints those with the smallest shares are counted."""
+    log = log_of(parts, tw.load(cell).joint_names)
+    report = tw.check(cell, log)
+    shares = sorted(100 * abs(joint.peak / joint.limit) for joint in report.joints)
+    count, most = re.search(r"(\d+) more below (\d+) %", torques(cell, log, "--bolts", "4x0.3")[1]).groups()
+    largest = shares[int(count) - 1]
+    assert largest < int(most) <= largest + 1

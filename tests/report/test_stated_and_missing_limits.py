@@ -680,3 +680,36 @@ def test_fingers_have_at_most_four_joints(tmp_path, depth, doubted):
     (tmp_path / "hand.urdf").write_text(small(35).replace("</robot>", f"{fingers}</robot>"))
     found = tw.doctor(tmp_path / "hand.urdf", only="placeholder-limits").findings
     assert bool(found) == doubted
+
+
+def sliding(effort, mass=40.0):
+    """A rail with its carriage, which need not carry anything."""
+    return (
+        '<robot name="rail"><link name="track"/>'
+        f'<link name="carriage"><inertial><mass value="{mass}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="rail" type="prismatic"><parent link="track"/><child link="carriage"/><axis xyz="1 0 0"/>'
+        f'<limit lower="-1" upper="1" effort="{effort}" velocity="1.5"/></joint></robot>'
+    )
+
+
+@pytest.mark.parametrize(("effort", "doubted"), [(2000, False), (3900, False), (3950, True)])
+def test_a_rail_pulls_with_up_to_ten_times_its_weight(tmp_path, effort, doubted):
+    """40 kg weigh 392 N; the rail that pulls with 2000 N has the same word alone and under an arm."""
+    (tmp_path / "rail.urdf").write_text(sliding(effort))
+    assert bool(tw.doctor(tmp_path / "rail.urdf", only="placeholder-limits").findings) == doubted
+    if not doubted:
+        tw.join(str(tmp_path / "rail.urdf"), "ur5@carriage").write(tmp_path / "cell.urdf")
+        assert not tw.doctor(tmp_path / "cell.urdf", only="placeholder-limits").findings
+
+
+@pytest.mark.parametrize(("text", "unit"), [(sliding(5000), "N"), (small(35), "N m")])
+def test_the_message_of_doubted_efforts_names_the_header_that_confirms_them(run, tmp_path, text, unit):
+    (tmp_path / "robot.urdf").write_text(text)
+    code, said = run("doctor", "robot.urdf", "--only", "placeholder-limits")
+    assert code == 1 and f"name their unit in its header, 'effort [{unit}]'" in " ".join(said.split()), said
+    tw.info(tmp_path / "robot.urdf").to_csv(tmp_path / "same.csv")
+    table = (tmp_path / "same.csv").read_text()
+    for header, expected in (("effort", 1), (f"effort [{unit}]", 0)):
+        (tmp_path / "limits.csv").write_text(table.replace(",effort,", f",{header},"))
+        assert run("doctor", "robot.urdf", "--only", "placeholder-limits", "--limits", "limits.csv")[0] == expected

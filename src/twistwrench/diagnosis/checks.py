@@ -14,7 +14,7 @@ from ..formats.edit import Edit
 from ..formats.xml import Element
 from ..mechanics.model.limits import StatedLimits
 from ..motion.credible_values import arm_entries, credible_limits, placeholder_limits
-from ..motion.load_case import limits_remedy
+from ..motion.load_case import confirmed_efforts, limits_remedy
 from ..motion.plausibility import BY_WEIGHT
 from ..robot import Robot
 from . import mass_checks as masses
@@ -122,9 +122,10 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Effort limits that are probably placeholders: far above the torques due to weight."""
     if said := placeholder_limits(Robot(robot.model), robot.model.limits):
+        remedy = f"{limits_remedy(robot.model.source)}; {confirmed_efforts(robot.model)}"
         yield Finding(
             "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, said,
-            repair=FileRepair("advice", f"take the efforts from the data sheet, or {limits_remedy(robot.model.source)}"),
+            repair=FileRepair("advice", f"take the efforts from the data sheet, or {remedy}"),
         )  # fmt: skip
 
 

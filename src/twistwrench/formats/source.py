@@ -42,8 +42,9 @@ def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
 def path_given(source: object) -> Path:
     """Path of a robot file; raises RobotFileError for anything else."""
     if not isinstance(source, str | os.PathLike):
+        remedy = "Pass its .robot." if hasattr(source, "robot") else "Pass a str or a Path."
         raise RobotFileError(
-            f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. Pass a str or a Path."
+            f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. {remedy}"
         )
     if isinstance(source, str) and (not source.strip() or "\n" in source):
         beginning = f"it begins with {source.strip()[:20]!r}" if source.strip() else "it is empty"

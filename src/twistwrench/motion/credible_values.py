@@ -127,6 +127,8 @@ _NO_WEIGHT = 1e-6
 """Gravity torque over effort of turning joints whose axes are vertical: rounding."""
 _LARGE, _LIGHT = 1000.0, 50.0
 """Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
+_PULL = 10.0
+"""Force of a sliding joint taken for a placeholder, in weights of the moving links: drives of rails pull with less."""
 _CHAIN, _FINGER = 3, 4
 """Minimum number of joints of an arm before it branches, and maximum number of joints in series of a finger."""
 _SETS = {
@@ -152,7 +154,8 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     """Sentence, without a full stop, on efforts of a file or a table that are probably not motor limits; empty if none.
 
     Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
-    joints of a light robot have 1000 N m or more. If no turning joint bears weight, as in a SCARA, the weight measures nothing.
+    joints of a light robot have 1000 N m or more; a sliding joint's is then also 10 times the robot's
+    weight. If no turning joint bears weight, as in a SCARA, the weight measures nothing.
     Joints with actuators are left out, and so are efforts given with their unit: the user has confirmed these.
     """
     model = robot.model
@@ -160,7 +163,9 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     if not (driven & ~limits.has_unit("effort")).any() or model.actuators or model.couplings:
         return ""
     effort = limits.effort
-    large = driven & np.isfinite(effort) & (effort >= _LARGE)
+    turning = Coordinates.from_model(model).angular_velocity
+    least = np.where(turning, _LARGE, max(_LARGE, _PULL * STRENGTH * model.moving_mass))
+    large = driven & np.isfinite(effort) & (effort >= least)
     if 2 * large.sum() >= driven.sum() and model.moving_mass < _LIGHT:
         return (
             f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
@@ -170,8 +175,8 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
         return ""
     share = weight_share(robot, chain, effort)
-    turning = [k for k in chain if Coordinates.from_model(model).angular_velocity[k]]
-    if not 0 < share < _USUAL or not turning or weight_share(robot, turning, effort) < _NO_WEIGHT:
+    bearing = [k for k in chain if turning[k]]
+    if not 0 < share < _USUAL or not bearing or weight_share(robot, bearing, effort) < _NO_WEIGHT:
         return ""
     least, most = float(effort[chain].min()), float(effort[chain].max())
     what = (

@@ -63,9 +63,14 @@ def limits_remedy(robot: str = "ROBOT") -> str:
     return f"write a table with {command}, fill in its efforts, and add {spell(Argument('limits', 'limits.csv'))}"
 
 
-_OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
-_OF_TABLE = "if the efforts of the table are right, name their unit in its header, 'effort [N m]'"
 _LISTED = 6
+_OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
+
+
+def confirmed_efforts(model: Model, *, of: str = "the robot") -> str:
+    """Remedy for efforts that are doubted and right: the header of a limits file that states their unit."""
+    turning = bool((driven_entries(model) & Coordinates.from_model(model).angular_velocity).any())
+    return f"if the efforts of {of} are right, name their unit in its header, 'effort [{unit_of('tau', turning)}]'"
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
@@ -96,7 +101,10 @@ def placeholder_doubt(robot: Robot, limits: Limits) -> str:
     if not (found := placeholder_limits(robot, limits)):
         return ""
     typed = isinstance(limits, StatedLimits) and limits.stated.any()
-    remedy = _OF_TABLE if typed else limits_remedy(robot.model.source)
+    if typed:
+        remedy = confirmed_efforts(robot.model, of="the table")
+    else:
+        remedy = f"{limits_remedy(robot.model.source)}; {confirmed_efforts(robot.model)}"
     return Reason(f"{found}; {remedy}", remedy)
 
 

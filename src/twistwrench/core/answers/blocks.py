@@ -376,6 +376,10 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str, rows: int |
     return short
 
 
+_PERCENT, _ROUNDING = 100.0, 1e-9
+"""Percent of a whole, and rounding error of a percentage."""
+
+
 def shorten_table(table: Table, hint: str, rows: int | None = None) -> list[Block]:
     """Table with its most important rows, at most ``rows``, in their order, and a line that counts the others."""
     count = len(table.styles)
@@ -395,7 +399,7 @@ def shorten_table(table: Table, hint: str, rows: int | None = None) -> list[Bloc
     if not hint:
         return [short]
     largest = shares[omitted[0]] if table.of_limits else 0.0
-    bound = f" below {percent_of_limit(largest)}" if largest > 0 else ""
+    bound = f" below {math.floor(_PERCENT * largest + _ROUNDING) + 1} %" if largest > 0 else ""
     return [short, Line((f"{len(omitted)} more{bound}: {hint}", Style.QUIET))]
 
 

@@ -227,6 +227,13 @@ def _normal(robot: Robot, given: ArrayLike | None) -> Array:
 
 
 def _wheel(robot: Robot, frame: str, friction: float, option: str, normal: Array) -> Contact:
+    if "@" in frame and frame not in robot.model.all_frames:
+        raise ValueRangeError(
+            f"{{0}}: {frame!r} is not a frame. Wheels and casters touch the ground at a point of each frame; a rectangle, "
+            "LENGTHxWIDTH@FRAME, is of {1}.",
+            Argument(option),
+            Argument("feet"),
+        )
     _check_frame(robot, frame, option)
     return wheel(robot, frame, friction, normal=normal)
 
