@@ -164,8 +164,8 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
         return ""
     effort = limits.effort
     turning = Coordinates.from_model(model).angular_velocity
-    least = np.where(turning, _LARGE, max(_LARGE, _PULL * STRENGTH * model.moving_mass))
-    large = driven & np.isfinite(effort) & (effort >= least)
+    least_large = np.where(turning, _LARGE, max(_LARGE, _PULL * STRENGTH * model.moving_mass))
+    large = driven & np.isfinite(effort) & (effort >= least_large)
     if 2 * large.sum() >= driven.sum() and model.moving_mass < _LIGHT:
         return (
             f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
