@@ -183,10 +183,10 @@ class Payload:
 def no_tip_for_payload(model: Model, mass: float) -> str:
     """Message for a payload [kg] without a frame on a robot without a single tip."""
     first, *_ = tips = model.possible_tips
-    named = spelled(Argument("payload", f"{printed(mass)}@{first}"))
+    named = spell(Argument("payload", f"{printed(mass)}@{first}"))
     return (
         f"robot {model.name!r} has no single tip, so the frame of the payload must be named. It may be one of "
-        f"{listed(tips, _MAX_TIPS)}. Write {named}, or load with {spelled(Argument('tip', first))}."
+        f"{listed(tips, _MAX_TIPS)}. Write {named}, or load with {spell(Argument('tip', first))}."
     )
 
 

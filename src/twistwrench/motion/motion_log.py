@@ -21,7 +21,7 @@ from ..core.errors import TrajectoryError, ValueRangeError
 from ..core.estimation.single_row_glitches import OVERLAP
 from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
-from ..core.text import Argument, Placeholder, ReadingNote, listed, spelled
+from ..core.text import Argument, Placeholder, ReadingNote, listed, spell
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.limits import Limits
@@ -504,7 +504,7 @@ class MotionLog:
             return found
         joint = named[0]
         column = self.columns.header[int(places[names.index(joint)])]
-        order, name = spelled(Argument("columns")), spelled(Argument("columns", {joint: "COLUMN"}))
+        order, name = spell(Argument("columns")), spell(Argument("columns", {joint: "COLUMN"}))
         return replace(
             found,
             sentence=f"{found.sentence}. By the order of {order}, {joint} has the column {column}; if it has another, "

@@ -16,7 +16,7 @@ from ..core.answers.answer import Answer
 from ..core.errors import FrameError, ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number
-from ..core.text import Argument, listed, spelled
+from ..core.text import Argument, listed, spell
 from ..core.typing import Array
 from ..core.verdict import Reason, Verdict, Word
 from ..formats.urdf import rotation_of_rpy
@@ -308,7 +308,7 @@ def _tip_of(cell: Robot, part: PlacedRobot) -> str:
 def _without_tip(model: Model) -> str:
     """Sentence on a cell that ends in several frames, of which none is the default frame."""
     first, *_ = tips = model.possible_tips
-    payload, tip = spelled(Argument("payload", f"4@{first}")), spelled(Argument("tip", first))
+    payload, tip = spell(Argument("payload", f"4@{first}")), spell(Argument("tip", first))
     return f"A payload needs a frame, {payload}, or the robot a tip, {tip}. Possible tips: {listed(tips, 8)}."
 
 
